@@ -1,0 +1,172 @@
+"""Polygon meshes as they come in, and the quad mesh with its topology that everything else works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+TOPOLOGY = ("_edges", "_edge_uses", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonMesh:
+    """Any polygon mesh, unchecked: what a file or Blender gives.
+
+    vertices : (V, 3) float, metres (or unit-less, before scaling)
+    corners : (C,) int, vertex index of every face corner, face after face
+    sizes : (F,) int, number of corners of every face
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class QuadMesh:
+    """A clean quad mesh: manifold, consistently oriented, no degenerate quads. Made by ``check.as_quad_mesh``.
+
+    vertices : (V, 3) float64, metres
+    quads : (F, 4) int, vertex indices, counter-clockwise seen from outside
+
+    Side k of a quad runs from its corner k to its corner (k+1) % 4. Edges are numbered by ascending vertex pair.
+    """
+
+    vertices: np.ndarray
+    quads: np.ndarray
+
+    def moved(self, vertices: np.ndarray) -> QuadMesh:
+        """The same quads with other vertex positions (V, 3), metres; the topology is shared, not computed again."""
+        other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
+        for name in TOPOLOGY:
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
+        return other
+
+    # -- topology ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
+        sides = np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=2).reshape(-1, 2)
+        low, high = sides.min(axis=1).astype(np.int64), sides.max(axis=1).astype(np.int64)
+        keys, of_side = np.unique(low * len(self.vertices) + high, return_inverse=True)
+        pairs = np.stack([keys // len(self.vertices), keys % len(self.vertices)], axis=1)
+        return pairs, of_side.reshape(-1, 4)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """(E, 2) int: the vertices of every edge, the smaller index first."""
+        return self._edges[0]
+
+    @property
+    def quad_edges(self) -> np.ndarray:
+        """(F, 4) int: the edge under side k of every quad."""
+        return self._edges[1]
+
+    @property
+    def edge_quads(self) -> np.ndarray:
+        """(E, 2) int: the quads on both sides of every edge; -1 where there is none.
+
+        Column 0 is the quad that runs along the edge from its smaller to its larger vertex, if there is one.
+        """
+        return self._edge_uses[0]
+
+    @property
+    def edge_sides(self) -> np.ndarray:
+        """(E, 2) int: which side (0-3) of the quads in ``edge_quads`` lies on the edge; -1 where there is none."""
+        return self._edge_uses[1]
+
+    @cached_property
+    def _edge_uses(self) -> tuple[np.ndarray, np.ndarray]:
+        quads = np.full((len(self.edges), 2), -1, dtype=np.int64)
+        sides = np.full((len(self.edges), 2), -1, dtype=np.int64)
+        face, side = np.divmod(np.arange(self.quads.size), 4)
+        edge = self.quad_edges.ravel()
+        column = (self.quads.ravel() > np.roll(self.quads, -1, axis=1).ravel()).astype(np.int64)
+        quads[edge, column] = face
+        sides[edge, column] = side
+        return quads, sides
+
+    @cached_property
+    def neighbours(self) -> np.ndarray:
+        """(F, 4) int: the quad across every side; -1 at the border."""
+        pair = self.edge_quads[self.quad_edges]
+        own = np.arange(len(self.quads))[:, None]
+        return np.where(pair[..., 0] == own, pair[..., 1], pair[..., 0])
+
+    @property
+    def border(self) -> np.ndarray:
+        """(E,) bool: edges with a quad on one side only."""
+        return (self.edge_quads < 0).any(axis=1)
+
+    @cached_property
+    def valence(self) -> np.ndarray:
+        """(V,) int: number of edges at every vertex."""
+        return np.bincount(self.edges.ravel(), minlength=len(self.vertices))
+
+    @cached_property
+    def on_border(self) -> np.ndarray:
+        """(V,) bool: vertices on the border."""
+        mask = np.zeros(len(self.vertices), dtype=bool)
+        mask[self.edges[self.border].ravel()] = True
+        return mask
+
+    @property
+    def irregular(self) -> np.ndarray:
+        """(V,) bool: inner vertices without 4 edges. Border vertices with other than 3 are irregular but for valence 2."""
+        inner = ~self.on_border & (self.valence != 4) & (self.valence > 0)
+        return inner | (self.on_border & (self.valence > 3))
+
+    @cached_property
+    def dual(self) -> np.ndarray:
+        """(D, 2) int: pairs of quads that share an edge; row d belongs to ``dual_edges[d]``."""
+        return self.edge_quads[self.dual_edges]
+
+    @cached_property
+    def dual_edges(self) -> np.ndarray:
+        """(D,) int: the edges that are not on the border."""
+        return np.flatnonzero(~self.border)
+
+    @cached_property
+    def body_of(self) -> np.ndarray:
+        """(F,) int: the connected body that every quad belongs to."""
+        n = len(self.quads)
+        a, b = self.dual.T
+        return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+
+    # -- geometry ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def edge_lengths(self) -> np.ndarray:
+        """(E,) metres."""
+        return np.linalg.norm(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]], axis=1)
+
+    @cached_property
+    def median_edge(self) -> float:
+        """Median edge length, metres."""
+        return float(np.median(self.edge_lengths))
+
+    @cached_property
+    def centroids(self) -> np.ndarray:
+        """(F, 3) metres: mean of the four corners; the target positions of the spirals' centres."""
+        return self.vertices[self.quads].mean(axis=1)
+
+    @cached_property
+    def area_vectors(self) -> np.ndarray:
+        """(F, 3) square metres: half the cross product of the diagonals; its length is the (projected) area."""
+        p = self.vertices[self.quads]
+        return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+
+    @cached_property
+    def areas(self) -> np.ndarray:
+        """(F,) square metres."""
+        return np.linalg.norm(self.area_vectors, axis=1)
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """(F, 3) unit normals."""
+        return self.area_vectors / np.maximum(self.areas, 1e-300)[:, None]

@@ -1,0 +1,127 @@
+"""Every setting of the program: default, bounds, unit and help text, each said once.
+
+The engine works in SI units; ``unit`` is the unit of the value in the dataclass ("m", "rad", or "" for a pure number).
+People are shown millimetres and degrees: ``SHOWN`` holds the factor and the symbol, used by the Blender settings and by
+the command line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import Field, dataclass, field, fields
+from typing import Any
+
+from .errors import FlexMapsError
+
+SHOWN: dict[str, tuple[float, str]] = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"), "": (1.0, "")}
+
+
+def setting(
+    default: Any,
+    label: str,
+    help: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    unit: str = "",
+    choices: tuple[tuple[str, str, str], ...] = (),
+) -> Any:
+    """Declare a dataclass field with what the user interfaces need to show it.
+
+    ``choices`` are (identifier, label, help) triples for a string setting.
+    """
+    return field(
+        default=default,
+        metadata={"label": label, "help": help, "low": low, "high": high, "unit": unit, "choices": choices},
+    )
+
+
+def shown(f: Field, value: float) -> str:
+    """``value`` of the field ``f`` as a person reads it, e.g. ``"2 mm"``."""
+    factor, symbol = SHOWN[f.metadata["unit"]]
+    return f"{value * factor:g}{' ' if symbol == 'mm' else ''}{symbol}"
+
+
+class Params:
+    """Base of all settings: refuses values outside their bounds."""
+
+    def __post_init__(self) -> None:
+        for f in fields(self):  # type: ignore[arg-type]
+            value, meta = getattr(self, f.name), f.metadata
+            if meta["choices"]:
+                if value not in {c[0] for c in meta["choices"]}:
+                    raise FlexMapsError(
+                        f"{meta['label']}: '{value}' is not one of {', '.join(c[0] for c in meta['choices'])}"
+                    )
+                continue
+            if isinstance(value, bool | str):
+                continue
+            if not math.isfinite(value):
+                raise FlexMapsError(f"{meta['label']} is {value}; give a finite number")
+            # a relative slack of 1e-6: Blender's float32 properties land a hair outside their own bounds
+            low, high = meta["low"], meta["high"]
+            if low is not None and value < low - 1e-6 * abs(low):
+                raise FlexMapsError(f"{meta['label']} {shown(f, value)} is below its smallest value {shown(f, low)}")
+            if high is not None and value > high + 1e-6 * abs(high):
+                raise FlexMapsError(f"{meta['label']} {shown(f, value)} is above its largest value {shown(f, high)}")
+
+
+@dataclass(frozen=True)
+class RegulariseParams(Params):
+    """Making the quads squarer before they are flattened (Pietroni et al. 2015)."""
+
+    iterations: int = setting(60, "Iterations", "Rounds of fitting squares and averaging them", low=0, high=1000)
+    boundary: bool = setting(True, "Keep the border", "Move border vertices only along the border of an open surface")
+
+
+@dataclass(frozen=True)
+class LayoutParams(Params):
+    """How large and how regular the patches may become (FlexMaps section 4)."""
+
+    distortion_limit: float = setting(
+        0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged patch", low=0.001, high=1.0
+    )
+    compactness_limit: float = setting(
+        5.0, "Compactness limit", "Largest perimeter / sqrt(area) of a patch; a square has 4", low=3.6, high=50.0
+    )
+    neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a patch", low=1, high=10)
+    patch_min: int = setting(6, "Smallest patch", "Fewest quads in a patch, where the surface allows", low=1, high=1000)
+    symmetric: bool = setting(True, "Keep symmetry", "Give a symmetric surface a symmetric layout where possible")
+
+
+@dataclass(frozen=True)
+class SpiralParams(Params):
+    """The fabricable range of the spirals (FlexMaps section 5)."""
+
+    thickness: float = setting(0.002, "Thickness", "Thickness of the sheet", low=0.0001, high=0.05, unit="m")
+    width_min: float = setting(0.001, "Smallest width", "Width of the thinnest arm", low=0.0002, high=0.1, unit="m")
+    width_max: float = setting(0.002, "Largest width", "Width of the thickest arm", low=0.0002, high=0.1, unit="m")
+    twist_min: float = setting(0.0, "Smallest twist", "Winding angle of the stiffest spiral", low=0.0, high=4 * math.pi, unit="rad")
+    twist_max: float = setting(2 * math.pi, "Largest twist", "Winding angle of the softest spiral, where it can be cut", low=0.0, high=4 * math.pi, unit="rad")
+    slot_min: float = setting(0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m")
+    blend: float = setting(0.15, "Blend", "Share of an arm's end over which two neighbours merge smoothly", low=0.01, high=0.5)
+    fillet: float = setting(0.0001, "Fillet", "Radius of the inside corners at the hub; at least half of the kerf", low=0.0, high=0.005, unit="m")
+    clockwise: bool = setting(False, "Clockwise", "Wind the spirals the other way round")
+
+
+@dataclass(frozen=True)
+class SheetParams(Params):
+    """The sheets that are cut, and how the panels lie on them."""
+
+    sheet_width: float = setting(0.6, "Sheet width", "Width of the sheet of material", low=0.01, high=10.0, unit="m")
+    sheet_height: float = setting(0.4, "Sheet height", "Height of the sheet of material", low=0.01, high=10.0, unit="m")
+    margin: float = setting(0.005, "Margin", "Free border of the sheet", low=0.0, high=0.5, unit="m")
+    spacing: float = setting(0.003, "Spacing", "Free distance between panels", low=0.0, high=0.1, unit="m")
+    tolerance: float = setting(0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m")
+    labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
+    label_height: float = setting(0.0025, "Label height", "Largest letter height of a label", low=0.0005, high=0.1, unit="m")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of the main job together."""
+
+    regularise: RegulariseParams = field(default_factory=RegulariseParams)
+    layout: LayoutParams = field(default_factory=LayoutParams)
+    spiral: SpiralParams = field(default_factory=SpiralParams)
+    sheet: SheetParams = field(default_factory=SheetParams)

@@ -1,0 +1,35 @@
+"""One mechanism for progress and cancelling, for scripts, modal operators and batch builds alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from .errors import Cancelled
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Reports how far a stage has come, and raises ``Cancelled`` once a stop is wanted.
+
+    ``report(fraction, text)`` receives the overall fraction in [0, 1]; ``stopped()`` is asked at every call.
+    ``part(lo, hi)`` gives a stage its share of the whole.
+    """
+
+    report: Callable[[float, str], None] | None = None
+    stopped: Callable[[], bool] | None = None
+    lo: float = 0.0
+    hi: float = 1.0
+
+    def __call__(self, fraction: float, text: str = "") -> None:
+        if self.stopped is not None and self.stopped():
+            raise Cancelled(text)
+        if self.report is not None:
+            self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
+
+    def part(self, lo: float, hi: float) -> Progress:
+        span = self.hi - self.lo
+        return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi)
+
+
+SILENT = Progress()
