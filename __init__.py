@@ -1,1 +1,26 @@
-"""FlexMaps for Blender: from a quad mesh to flat sheets that spring into its shape."""
+"""FlexMaps: flat panels of elastic spirals that spring into the surface you drew.
+
+The same folder is Blender's extension and a plain Python package: Blender is only imported inside ``register``.
+"""
+
+VERSION = (0, 1, 0)
+
+
+def register() -> None:
+    """Called by Blender when the extension is enabled; imports no numerics, so that enabling is quick."""
+    from . import operators, panels
+    from .bridge import settings
+
+    settings.register()
+    operators.register()
+    panels.register()
+
+
+def unregister() -> None:
+    """Called by Blender when the extension is disabled; a running job is stopped first."""
+    from . import operators, panels
+    from .bridge import settings
+
+    panels.unregister()
+    operators.unregister()
+    settings.unregister()

@@ -25,15 +25,14 @@ def setting(
     high: float | None = None,
     unit: str = "",
     choices: tuple[tuple[str, str, str], ...] = (),
+    folder: bool = False,
 ) -> Any:
     """Declare a dataclass field with what the user interfaces need to show it.
 
-    ``choices`` are (identifier, label, help) triples for a string setting.
+    ``choices`` are (identifier, label, help) triples for a string setting; ``folder`` marks a string that names one.
     """
-    return field(
-        default=default,
-        metadata={"label": label, "help": help, "low": low, "high": high, "unit": unit, "choices": choices},
-    )
+    meta = {"label": label, "help": help, "low": low, "high": high, "unit": unit, "choices": choices, "folder": folder}
+    return field(default=default, metadata=meta)
 
 
 def shown(f: Field, value: float) -> str:
@@ -125,3 +124,39 @@ class Settings:
     layout: LayoutParams = field(default_factory=LayoutParams)
     spiral: SpiralParams = field(default_factory=SpiralParams)
     sheet: SheetParams = field(default_factory=SheetParams)
+
+
+@dataclass(frozen=True)
+class RemeshParams(Params):
+    """Making quads out of any mesh in Blender, and the size at which the piece is made."""
+
+    quads: int = setting(1500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
+    smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
+    edge: float = setting(0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m")
+
+
+@dataclass(frozen=True)
+class ExportParams(Params):
+    """Which files are written, and where."""
+
+    folder: str = setting("//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True)
+    svg: bool = setting(True, "SVG", "Write the sheets as SVG, with a layer and a colour per operation")
+    dxf: str = setting(
+        "R2010",
+        "DXF",
+        "Write the sheets as DXF",
+        choices=(
+            ("NONE", "None", "No DXF file"),
+            ("R2010", "R2010", "For current programs"),
+            ("R12", "R12", "For old programs and machines"),
+            ("BOTH", "Both", "R2010 and R12"),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class ObjectSettings(Settings):
+    """All settings that an object in Blender carries with it."""
+
+    remesh: RemeshParams = field(default_factory=RemeshParams)
+    export: ExportParams = field(default_factory=ExportParams)

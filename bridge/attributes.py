@@ -1,0 +1,178 @@
+"""Reading and writing named values on a Blender mesh, in object mode and in edit mode alike.
+
+In edit mode Blender keeps the mesh in a BMesh of its own: reading goes through a temporary copy of it, writing goes into
+it, so that edit mode is never left and its undo holds every change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+
+PREFIX = "flexmaps_"
+
+# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers)
+KINDS: dict[str, tuple[str, int, type, str]] = {
+    "FLOAT": ("value", 1, np.float32, "float"),
+    "INT": ("value", 1, np.int32, "int"),
+    "BOOLEAN": ("value", 1, np.bool_, "bool"),
+    "FLOAT2": ("vector", 2, np.float32, "uv"),
+    "FLOAT_COLOR": ("color", 4, np.float32, "float_color"),
+}
+
+
+@contextmanager
+def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """The object's mesh with the state that the user sees, edit mode included."""
+    if not obj.data.is_editmode:
+        yield obj.data
+        return
+    copy = bpy.data.meshes.new(".flexmaps")
+    try:
+        bmesh.from_edit_mesh(obj.data).to_mesh(copy)
+        yield copy
+    finally:
+        bpy.data.meshes.remove(copy)
+
+
+def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """The values of an attribute, (N,) or (N, 2 or 4); ``None`` where there is none of a kind we write."""
+    attribute = mesh.attributes.get(name)
+    if attribute is None or attribute.data_type not in KINDS:
+        return None
+    prop, width, dtype, _ = KINDS[attribute.data_type]
+    values = np.empty(len(attribute.data) * width, dtype=dtype)
+    attribute.data.foreach_get(prop, values)
+    return values.reshape(-1, width) if width > 1 else values
+
+
+def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+    """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
+    if obj.data.is_editmode:
+        _put_bmesh(obj.data, name, domain, kind, values)
+        return
+    mesh = obj.data
+    attribute = mesh.attributes.get(name)
+    if attribute is not None and (attribute.domain != domain or attribute.data_type != kind):
+        mesh.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        if kind == "FLOAT2":
+            if mesh.uv_layers.new(name=name, do_init=False) is None:
+                raise FlexMapsError(f"The mesh has no room for another UV map; remove one, so that '{name}' can be made")
+        else:
+            mesh.attributes.new(name, kind, domain)
+        attribute = mesh.attributes[name]
+    prop, _, dtype, _ = KINDS[kind]
+    attribute.data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
+    mesh.update()
+
+
+def _sequence(bm: bmesh.types.BMesh, domain: str) -> Any:
+    return {"POINT": bm.verts, "EDGE": bm.edges, "FACE": bm.faces, "CORNER": bm.loops}[domain]
+
+
+def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+    bm = bmesh.from_edit_mesh(mesh)
+    layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
+    layer = layers.get(name)
+    if layer is None:
+        _remove_bmesh(bm, name)
+        layer = layers.new(name)
+    rows = np.asarray(values, dtype=KINDS[kind][2]).tolist()
+    if domain == "CORNER":
+        loops = (loop for face in bm.faces for loop in face.loops)
+        if kind == "FLOAT2":
+            for loop, row in zip(loops, rows, strict=True):
+                loop[layer].uv = row
+        else:
+            for loop, row in zip(loops, rows, strict=True):
+                loop[layer] = row
+    else:
+        for element, row in zip(_sequence(bm, domain), rows, strict=True):
+            element[layer] = row
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+
+
+def remove(obj: bpy.types.Object, name: str) -> None:
+    """Remove an attribute where there is one."""
+    if obj.data.is_editmode:
+        _remove_bmesh(bmesh.from_edit_mesh(obj.data), name)
+        bmesh.update_edit_mesh(obj.data)
+    elif name in obj.data.attributes:
+        obj.data.attributes.remove(obj.data.attributes[name])
+
+
+def _remove_bmesh(bm: bmesh.types.BMesh, name: str) -> None:
+    for domain in ("POINT", "EDGE", "FACE", "CORNER"):
+        for _, _, _, kind in KINDS.values():
+            layers = getattr(_sequence(bm, domain).layers, kind, None)
+            if layers is not None and name in layers:
+                layers.remove(layers[name])
+
+
+def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:
+    """Mark the UV seams, (E,) bool in the order of Blender's edges."""
+    if obj.data.is_editmode:
+        bm = bmesh.from_edit_mesh(obj.data)
+        for edge, seam in zip(bm.edges, seams.tolist(), strict=True):
+            edge.seam = seam
+        bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
+    else:
+        obj.data.edges.foreach_set("use_seam", np.ascontiguousarray(seams, dtype=bool))
+        obj.data.update()
+
+
+def put_positions(obj: bpy.types.Object, positions: np.ndarray) -> None:
+    """Move the vertices, (V, 3) in the object's own frame."""
+    if obj.data.is_editmode:
+        bm = bmesh.from_edit_mesh(obj.data)
+        for vertex, position in zip(bm.verts, positions.tolist(), strict=True):
+            vertex.co = position
+        bm.normal_update()
+        bmesh.update_edit_mesh(obj.data, destructive=False)
+    else:
+        obj.data.vertices.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+        obj.data.update()
+
+
+def select(obj: bpy.types.Object, faces: np.ndarray, edges: np.ndarray) -> None:
+    """Select these faces and edges of Blender's mesh and nothing else."""
+    mesh = obj.data
+    if mesh.is_editmode:
+        bm = bmesh.from_edit_mesh(mesh)
+        for sequence in (bm.verts, bm.edges, bm.faces):
+            sequence.ensure_lookup_table()
+            for element in sequence:
+                element.select = False
+        for sequence, wanted in ((bm.edges, edges), (bm.faces, faces)):
+            for index in wanted:
+                sequence[index].hide = False
+                sequence[index].select_set(True)
+        bm.select_flush_mode()
+        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+        return
+    faces_on, edges_on, points_on = (np.zeros(len(s), bool) for s in (mesh.polygons, mesh.edges, mesh.vertices))
+    faces_on[faces], edges_on[edges] = True, True
+    corners, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.edges.foreach_get("vertices", pairs)
+    starts, loop_edges = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.loops), np.int32)
+    mesh.polygons.foreach_get("loop_start", starts)
+    mesh.loops.foreach_get("edge_index", loop_edges)
+    face_of = np.searchsorted(starts, np.arange(len(corners)), side="right") - 1
+    chosen = faces_on[face_of]
+    edges_on[loop_edges[chosen]] = True
+    points_on[corners[chosen]] = True
+    points_on[pairs.reshape(-1, 2)[edges_on]] = True
+    mesh.polygons.foreach_set("select", faces_on)
+    mesh.edges.foreach_set("select", edges_on)
+    mesh.vertices.foreach_set("select", points_on)
+    mesh.update()

@@ -1,0 +1,103 @@
+"""The one background job: a worker thread runs engine code, the main thread polls, draws and writes.
+
+The worker never touches Blender's data. ``Job`` is the thread with its progress and its stop; ``run_here`` is the same
+work without a thread, for scripts and for Blender without a window.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ..engine.errors import Cancelled
+from ..engine.progress import Progress
+
+Work = Callable[[Progress], Any]
+
+# the job that runs now, if any; panels read it to draw the progress line
+current: Job | None = None
+
+
+class Job:
+    """Engine work in a thread: ``start``, then ask ``finished`` until it is, then take ``result`` or ``error``."""
+
+    def __init__(self, title: str, work: Work):
+        self.title = title
+        self.fraction = 0.0
+        self.text = ""
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._work = work
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
+
+    def start(self) -> None:
+        """Become the current job; raises ``RuntimeError`` while another one runs."""
+        global current
+        if current is not None:
+            raise RuntimeError(f"{current.title} is still running")
+        current = self
+        self._thread.start()
+
+    @property
+    def finished(self) -> bool:
+        return not self._thread.is_alive()
+
+    @property
+    def stopping(self) -> bool:
+        return self._stop.is_set()
+
+    def stop(self) -> None:
+        """Ask the work to end at its next progress report."""
+        self._stop.set()
+
+    def end(self) -> None:
+        """Stop if it still runs, wait for the thread, and make room for the next job."""
+        global current
+        self.stop()
+        if self._thread.ident is not None:
+            self._thread.join()
+        if current is self:
+            current = None
+
+    def _run(self) -> None:
+        try:
+            self.result = self._work(Progress(self._report, self._stop.is_set))
+        except BaseException as error:  # carried to the main thread, which knows what to do with it
+            self.error = error
+
+    def _report(self, fraction: float, text: str) -> None:
+        self.fraction, self.text = fraction, text
+
+
+class Ticks:
+    """Prints progress for people who watch a console: a line per new text, and at most one a second in between."""
+
+    def __init__(self, title: str):
+        self._title = title
+        self._text: str | None = None
+        self._time = 0.0
+
+    def __call__(self, fraction: float, text: str) -> None:
+        now = time.monotonic()
+        if text == self._text and now - self._time < 1.0:
+            return
+        self._text, self._time = text, now
+        print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip(), file=sys.stdout, flush=True)
+
+
+def run_here(title: str, work: Work) -> Any:
+    """Run the work now, on this thread; Ctrl-C becomes ``Cancelled``."""
+    try:
+        return work(Progress(Ticks(title)))
+    except KeyboardInterrupt:
+        raise Cancelled(title) from None
+
+
+def stop_current(*_: object) -> None:
+    """End the current job and wait for it: before another file is loaded, and when the extension is disabled."""
+    if current is not None:
+        current.end()

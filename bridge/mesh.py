@@ -1,0 +1,271 @@
+"""Between a Blender mesh and the engine's types: the only conversions there are.
+
+Blender's mesh is the store between two buttons: UV seams are the cuts of the layout, a UV map holds the flat patches, face
+attributes hold what belongs to a quad:
+
+    seams             edge    where the surface is cut, to be edited by hand
+    flexmaps_cut      edge    the cuts that the flat patches were made for
+    flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
+    flexmaps_patch    face    number of the patch
+    flexmaps_energy   face    distortion E
+    flexmaps_square   face    distance from a square, Esq
+    flexmaps_width    face    width of the spiral's arms, millimetres
+    flexmaps_twist    face    twist of the spiral, degrees
+    flexmaps_colour   corner  colours of the overlay, for renders
+
+Engine coordinates are world coordinates in metres. Nothing here computes more than a change of frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ..engine.design import SpiralDesign
+from ..engine.errors import FlexMapsError
+from ..engine.flatten import FlatPatches
+from ..engine.layout import PatchLayout
+from ..engine.mesh import PolygonMesh, QuadMesh
+from ..engine.params import SpiralParams
+from . import attributes
+
+FLAT_NAMES = ("cut", "flat", "patch", "energy", "square")
+DESIGN_NAMES = ("width", "twist")
+
+# modifiers that leave the surface where it is
+HARMLESS = {"DATA_TRANSFER", "NORMAL_EDIT", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX"} | {
+    "VERTEX_WEIGHT_PROXIMITY",
+    "WEIGHTED_NORMAL",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A copy of what an object's mesh held when it was read; plain arrays, safe in another thread.
+
+    uid : Blender's id of the object for this session, which survives renaming
+    polygons : the polygons, metres, world axes, counter-clockwise seen from outside
+    positions : (V, 3) float32, vertices in the object's own frame
+    pairs : (E, 2) int, the vertices of Blender's edges
+    seams : (E,) bool, UV seams in the order of Blender's edges
+    loops : (C,) int, Blender's corner of every corner of ``polygons``
+    to_metres : (4, 4), from the object's frame to metres in world axes
+    values : attributes of ours by name, without the prefix, in Blender's order
+    """
+
+    uid: int
+    polygons: PolygonMesh
+    positions: np.ndarray
+    pairs: np.ndarray
+    seams: np.ndarray
+    loops: np.ndarray
+    to_metres: np.ndarray
+    values: dict[str, np.ndarray]
+
+    @cached_property
+    def edge_of(self) -> np.ndarray:
+        """(E,) int: Blender's edge of every edge of the engine, which numbers them by ascending vertex pair."""
+        corners, sizes = self.polygons.corners, self.polygons.sizes
+        following = np.arange(1, len(corners) + 1)
+        ends = np.cumsum(sizes)
+        following[ends - 1] = ends - sizes
+        engine = _keys(np.stack([corners, corners[following]], axis=1), len(self.positions))
+        blender = _keys(self.pairs, len(self.positions))
+        order = np.argsort(blender)
+        return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
+
+    def same_as(self, other: Surface) -> bool:
+        """Whether nothing that a stage reads has changed."""
+        a, b = self.polygons, other.polygons
+        pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]
+        return all(x.shape == y.shape and bool((x == y).all()) for x, y in pairs)
+
+
+def _keys(pairs: np.ndarray, n: int) -> np.ndarray:
+    return pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1)
+
+
+# -- which object ----------------------------------------------------------------------------------------------------
+
+
+def unusable(obj: bpy.types.Object | None) -> str | None:
+    """Why FlexMaps cannot work on this object, as a sentence; ``None`` if it can. Cheap enough for a panel."""
+    if obj is None:
+        return "Select a mesh object"
+    if obj.type != "MESH":
+        return f"'{obj.name}' is not a mesh; select one, or convert it to a mesh"
+    if obj.library is not None or obj.data.library is not None:
+        return f"'{obj.name}' is linked from another file; make it local first"
+    if obj.mode not in {"OBJECT", "EDIT"}:
+        return "Go to Object Mode or Edit Mode"
+    return None
+
+
+def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
+    """Why the mesh is not what is seen, as a sentence; ``None`` where no modifier changes the surface."""
+    for modifier in obj.modifiers:
+        if modifier.show_viewport and modifier.type not in HARMLESS:
+            return f"Apply or remove the modifier '{modifier.name}' first: the layout lives in the mesh itself"
+    return None
+
+
+def find(uid: int) -> bpy.types.Object:
+    """The object read earlier, whatever its name is now; raises ``FlexMapsError`` where it was deleted."""
+    for obj in bpy.data.objects:
+        if obj.session_uid == uid:
+            return obj
+    raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
+
+
+# -- surface ---------------------------------------------------------------------------------------------------------
+
+
+def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
+    """Everything the engine needs from an object; raises ``FlexMapsError`` where the object cannot be used."""
+    problem = unusable(obj) or changed_by_modifiers(obj)
+    if problem:
+        raise FlexMapsError(problem)
+    with attributes.readable(obj) as mesh:
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene))
+
+
+def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> PolygonMesh:
+    """The polygons that are seen, modifiers applied, metres and world axes."""
+    evaluated = obj.evaluated_get(depsgraph)
+    mesh = evaluated.to_mesh()
+    try:
+        return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> np.ndarray:
+    """(4, 4): from the object's frame to world axes in metres."""
+    matrix = np.array(obj.matrix_world, dtype=float)
+    matrix[:3] *= scene.unit_settings.scale_length
+    return matrix
+
+
+def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
+    if not len(mesh.polygons):
+        raise FlexMapsError("The mesh has no faces; add some, or select another object")
+    positions = np.empty(3 * len(mesh.vertices), np.float32)
+    pairs = np.empty(2 * len(mesh.edges), np.int32)
+    seams = np.empty(len(mesh.edges), bool)
+    corners = np.empty(len(mesh.loops), np.int32)
+    sizes = np.empty(len(mesh.polygons), np.int32)
+    mesh.vertices.foreach_get("co", positions)
+    mesh.edges.foreach_get("vertices", pairs)
+    mesh.edges.foreach_get("use_seam", seams)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    positions = positions.reshape(-1, 3)
+    loops = np.arange(len(corners))
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object is seen from the other side
+        starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
+        count = np.repeat(sizes, sizes)
+        loops = starts + (count - (loops - starts)) % count
+    vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64))
+    values = {}
+    for name in FLAT_NAMES + DESIGN_NAMES:
+        found = attributes.get(mesh, attributes.PREFIX + name)
+        if found is not None:
+            values[name] = found
+    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values)
+
+
+def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:
+    """Move the object's vertices to those of the engine's mesh; vertices of no quad stay."""
+    if obj.data.shape_keys is not None:
+        raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
+    inverse = np.linalg.inv(surface.to_metres)
+    positions = surface.positions.astype(float).copy()
+    positions[surface.polygons.corners] = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
+    attributes.put_positions(obj, positions)
+
+
+# -- layout, flat patches, design ------------------------------------------------------------------------------------
+
+
+def layout_of(surface: Surface, mesh: QuadMesh) -> PatchLayout:
+    """The layout that the seams tell."""
+    return PatchLayout(mesh, surface.seams[surface.edge_of] & ~mesh.border)
+
+
+def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
+    """The flat patches as they were last written, with the cuts of that time; ``None`` where there are none.
+
+    Raises ``FlexMapsError`` where the UV map was edited or the mesh has other faces than then.
+    """
+    if any(name not in surface.values for name in FLAT_NAMES):
+        return None
+    layout = PatchLayout(mesh, surface.values["cut"][surface.edge_of] & ~mesh.border)
+    corners = surface.values["flat"].astype(float)[surface.loops].reshape(-1, 4, 2) * 1e-3
+    points = np.zeros((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = corners
+    away = np.abs(points[layout.flat_corners] - corners).max(axis=(1, 2))
+    torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
+    if len(torn):
+        raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
+    points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
+    energy, square = (surface.values[name].astype(float) for name in ("energy", "square"))
+    return FlatPatches(layout, points, energy, square)
+
+
+def patch_centres(layout: PatchLayout, points: np.ndarray) -> np.ndarray:
+    """(N, 2) metres: the area centroid of every patch; points (P, 2) as in ``FlatPatches``."""
+    p = points[layout.flat_corners]
+    q = np.roll(p, -1, axis=1)
+    cross = p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+    area = np.bincount(layout.patch_of, cross.sum(axis=1)) * 3
+    moment = ((p + q) * cross[..., None]).sum(axis=1)
+    return np.stack([np.bincount(layout.patch_of, moment[:, k]) / area for k in range(2)], axis=1)
+
+
+def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
+    """The flat patches, which must belong to the seams of now; raises ``FlexMapsError`` where they do not."""
+    flat = flat_of(surface, mesh)
+    if flat is None:
+        raise FlexMapsError("There are no flat patches yet; press Merge or Flatten first")
+    changed = np.flatnonzero(flat.layout.cut != layout_of(surface, mesh).cut)
+    if len(changed):
+        raise FlexMapsError("The seams were edited; press Update from seams first", edges=changed)
+    return flat
+
+
+def design_of(surface: Surface, flat: FlatPatches, params: SpiralParams) -> SpiralDesign | None:
+    """The spirals as they were last written; ``None`` where there are none."""
+    if any(name not in surface.values for name in DESIGN_NAMES):
+        return None
+    width, twist = (surface.values[name].astype(float) for name in DESIGN_NAMES)
+    return SpiralDesign(flat, params, width * 1e-3, np.radians(twist))
+
+
+def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: np.ndarray) -> None:
+    """Seams, UV map and face attributes of the flat patches; centres (N, 2) metres say where the patches lie."""
+    cut = np.zeros(len(surface.pairs), bool)
+    cut[surface.edge_of] = flat.layout.cut
+    uv = np.empty((len(surface.loops), 2))
+    uv[surface.loops] = ((flat.corners + centres[flat.layout.patch_of][:, None]) * 1e3).reshape(-1, 2)
+    attributes.put(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
+    attributes.put(obj, "flexmaps_cut", "EDGE", "BOOLEAN", cut)
+    attributes.put(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
+    attributes.put(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
+    attributes.put(obj, "flexmaps_square", "FACE", "FLOAT", flat.square)
+    attributes.put_seams(obj, cut)
+
+
+def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
+    """Face attributes of the spirals."""
+    attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
+    attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.degrees(design.twist))
+
+
+def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
+    """Remove attributes that an earlier stage made out of date."""
+    for name in names:
+        attributes.remove(obj, attributes.PREFIX + name)
