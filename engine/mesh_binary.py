@@ -81,7 +81,9 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
                 raise ValueError
         except (KeyError, IndexError, ValueError):
             text = line.decode(errors="replace").strip()[:60]
-            raise FlexMapsError(f"{name}, line {number}: '{text}' does not belong in a PLY head; export it again") from None
+            raise FlexMapsError(
+                f"{name}, line {number}: '{text}' does not belong in a PLY head; export it again"
+            ) from None
     if order is None:
         raise FlexMapsError(f"{name} does not say whether it is text or binary; export it again")
     return order, elements, stop, len(lines) + 1
@@ -120,14 +122,22 @@ def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head
             short = next((n for n, words in own if len(words) < len(element.properties)), None)
             if short:
                 raise FlexMapsError(f"{name}, line {short}: too few numbers for a vertex; the file may be cut short")
-            vertices = numbers([[words[c] for c in columns] for _, words in own], lines, 3, name, "a vertex").reshape(-1, 3)
+            vertices = numbers([[words[c] for c in columns] for _, words in own], lines, 3, name, "a vertex").reshape(
+                -1, 3
+            )
             point_lines = lines
         elif element.name == b"face":
             faces = [_text_list(words, element, _face_list(element, name), name, n) for n, words in own]
             sizes = np.array([len(f) for f in faces], dtype=np.int64)
             corners = np.array([v for f in faces for v in f], dtype=np.int64)
             face_lines = lines
-    return RawMesh(vertices, corners, _no_small(sizes, lines_place(face_lines), name), lines_place(point_lines), lines_place(face_lines))
+    return RawMesh(
+        vertices,
+        corners,
+        _no_small(sizes, lines_place(face_lines), name),
+        lines_place(point_lines),
+        lines_place(face_lines),
+    )
 
 
 def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[int]:
@@ -187,8 +197,10 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
 
 
 def _cut_short(name: str, element: _Element) -> FlexMapsError:
-    return FlexMapsError(f"{name} is cut short: it ends within its {element.count} {element.name.decode(errors='replace')}"
-                         " elements; export it again")
+    return FlexMapsError(
+        f"{name} is cut short: it ends within its {element.count} {element.name.decode(errors='replace')}"
+        " elements; export it again"
+    )
 
 
 def _binary_lists(
@@ -253,12 +265,16 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
     elif data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
         points = _stl_text(data, name)
     elif len(data) >= 84 and len(data) < 84 + 50 * count:
-        raise FlexMapsError(f"{name} is cut short: it promises {count} triangles and holds {(len(data) - 84) // 50}; export it again")
+        raise FlexMapsError(
+            f"{name} is cut short: it promises {count} triangles and holds {(len(data) - 84) // 50}; export it again"
+        )
     else:
         raise FlexMapsError(f"{name} is neither text nor binary STL; export it again")
     if not np.isfinite(points).all():
         bad = int(np.argmin(np.isfinite(points).all(axis=1))) // 3
-        raise FlexMapsError(f"{name}, triangle {bad}: a coordinate is not a finite number; export it again", faces=[bad])
+        raise FlexMapsError(
+            f"{name}, triangle {bad}: a coordinate is not a finite number; export it again", faces=[bad]
+        )
     _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))  # number the vertices in the order in which they appear
     corners = rank[index.ravel()]

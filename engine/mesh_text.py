@@ -48,7 +48,9 @@ def numbers(rows: list[list[bytes]], lines: Sequence[int], width: int, name: str
     for row, line in zip(rows, lines, strict=True):
         text = b" ".join(row).decode(errors="replace")
         if len(row) < width:
-            raise FlexMapsError(f"{name}, line {line}: {what} needs {width} numbers, not '{text}'; the file may be cut short")
+            raise FlexMapsError(
+                f"{name}, line {line}: {what} needs {width} numbers, not '{text}'; the file may be cut short"
+            )
         try:
             [float(word) for word in row]
         except ValueError:
@@ -109,7 +111,9 @@ def parse_obj(data: bytes, name: str) -> RawMesh:
     zero = np.flatnonzero(index == 0)
     if len(zero):
         line = face_lines[int(np.searchsorted(np.cumsum(sizes), zero[0], side="right"))]
-        raise FlexMapsError(f"{name}, line {line}: vertex index 0; OBJ counts vertices from 1, so export the mesh again")
+        raise FlexMapsError(
+            f"{name}, line {line}: vertex index 0; OBJ counts vertices from 1, so export the mesh again"
+        )
     corners = np.where(index > 0, index - 1, before + index)
     return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines))
 
@@ -176,19 +180,25 @@ def parse_off(data: bytes, name: str) -> RawMesh:
     _refuse_small(sizes, face_lines, name)
     for size, (line, words) in zip(sizes, faces, strict=True):
         if len(words) <= size:
-            raise FlexMapsError(f"{name}, line {line}: the face promises {size} corners but has {len(words) - 1}; mend the line")
+            raise FlexMapsError(
+                f"{name}, line {line}: the face promises {size} corners but has {len(words) - 1}; mend the line"
+            )
     corners = integers([words[1 : size + 1] for size, (_, words) in zip(sizes, faces, strict=True)], face_lines, name)
     return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines))
 
 
-def _off_counts(rows: list[tuple[int, list[bytes]]], name: str) -> tuple[tuple[int, int], list[tuple[int, list[bytes]]]]:
+def _off_counts(
+    rows: list[tuple[int, list[bytes]]], name: str
+) -> tuple[tuple[int, int], list[tuple[int, list[bytes]]]]:
     """The promised numbers of vertices and faces, and the rows after the head."""
     line, words = rows[0]
     rest = rows[1:]
     if words[0].upper().endswith(b"OFF"):
         kind = words[0].upper()[:-3]
         if b"N4" in kind or kind.endswith(b"4") or (kind.endswith(b"N") and words[0].startswith(b"n")):
-            raise FlexMapsError(f"{name}, line {line}: only meshes in three dimensions can be read; export it as plain OFF")
+            raise FlexMapsError(
+                f"{name}, line {line}: only meshes in three dimensions can be read; export it as plain OFF"
+            )
         if b"BINARY" in (word.upper() for word in words):
             raise FlexMapsError(f"{name}, line {line}: binary OFF cannot be read; export it as text")
         words = words[1:]

@@ -1,0 +1,98 @@
+"""How the faces of an unchecked polygon mesh hang together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .mesh import PolygonMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """The sides of all faces; side c runs from corner c of the mesh to the next corner of the same face.
+
+    edges : (E, 2) int, vertices, the smaller first, by ascending vertex pair
+    face, edge, following : (C,) int, the face and edge of every side, and the vertex at its end
+    forward : (C,) bool, True where the side runs from the edge's smaller vertex to the larger
+    after : (C,) int, the side that follows in the same face
+    pairs : (D, 2) int, the two sides on every edge of exactly two sides
+    """
+
+    edges: np.ndarray
+    face: np.ndarray
+    edge: np.ndarray
+    following: np.ndarray
+    forward: np.ndarray
+    after: np.ndarray
+    pairs: np.ndarray
+
+
+def sides_of(polygons: PolygonMesh) -> Sides:
+    """The sides of a mesh whose indices are in range."""
+    corners, sizes = polygons.corners.astype(np.int64), polygons.sizes
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    after = np.arange(1, len(corners) + 1)
+    ends = np.cumsum(sizes)
+    after[ends - 1] = ends - sizes
+    following = corners[after]
+    low, high = np.minimum(corners, following), np.maximum(corners, following)
+    count = len(polygons.vertices)
+    keys, edge = np.unique(low * count + high, return_inverse=True)
+    edge = edge.reshape(-1)
+    order = np.argsort(edge, kind="stable")
+    starts = np.flatnonzero(np.bincount(edge, minlength=len(keys)) == 2)
+    first = np.searchsorted(edge[order], starts)
+    pairs = np.stack([order[first], order[first + 1]], axis=1) if len(starts) else np.zeros((0, 2), np.int64)
+    edges = np.stack([keys // max(count, 1), keys % max(count, 1)], axis=1)
+    return Sides(edges, face, edge, following, corners < following, after, pairs)
+
+
+def _components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+
+
+def bodies(sides: Sides, faces: int) -> np.ndarray:
+    """(F,) int: the body of every face, joined over edges, numbered from 0."""
+    order = np.argsort(sides.edge, kind="stable")
+    same = sides.edge[order][1:] == sides.edge[order][:-1]
+    return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
+
+
+def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
+    """Vertices whose corners fall into several fans, none of which shares an edge with another."""
+    start, end = np.arange(len(sides.face)), sides.after
+    one, two = sides.pairs.T
+    flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
+    a = np.concatenate([start[one], end[one]])
+    b = np.concatenate([np.where(flipped, end[two], start[two]), np.where(flipped, start[two], end[two])])
+    fan = _components(len(start), a, b)
+    fans = np.unique(np.stack([polygons.corners, fan], axis=1), axis=0)[:, 0]
+    return np.flatnonzero(np.bincount(fans) > 1)
+
+
+def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Faces to turn over, bodies that have only one side, and the edges between faces that disagree.
+
+    On the double cover every face is there twice, once turned over; a body is one-sided when its two copies hang
+    together. Of the two ways to make a body agree, the one that turns fewer faces is told.
+    """
+    one, two = sides.pairs.T
+    f, g = sides.face[one], sides.face[two]
+    agree = sides.forward[one] != sides.forward[two]
+    n = len(body)
+    a = np.concatenate([f, f + n])
+    b = np.concatenate([np.where(agree, g, g + n), np.where(agree, g + n, g)])
+    cover = _components(2 * n, a, b)
+    one_sided = np.unique(body[cover[:n] == cover[n:]])
+    # in a two-sided body, copy 0 of a face lies on the same sheet as its body's first face, or on the other
+    first = np.full(body.max() + 1, n)
+    np.minimum.at(first, body, np.arange(n))
+    turned = cover[:n] != cover[first][body]
+    share = np.bincount(body, turned) / np.bincount(body)
+    turned ^= (share > 0.5)[body]
+    turned &= ~np.isin(body, one_sided)
+    return np.flatnonzero(turned), one_sided, np.unique(sides.edge[one[~agree]])
