@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from .arap import FlatPatch, PatchProblem, corner_triangles, minimax, quad_energy, settle, square_energy
 from .layout import PatchLayout
+from .params import LayoutParams
+from .progress import SILENT, Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,3 +34,93 @@ class FlatPatches:
     def corners(self) -> np.ndarray:
         """(F, 4, 2) metres: the flat corners of every quad in its patch's frame."""
         return self.points[self.layout.flat_corners]
+
+    @cached_property
+    def outlines(self) -> tuple[np.ndarray, ...]:
+        """Flat vertices of every patch's outline, (m,) int, counter-clockwise, each once."""
+        return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
+
+
+def flatten(
+    layout: PatchLayout,
+    params: LayoutParams,
+    progress: Progress = SILENT,
+    previous: FlatPatches | None = None,
+) -> FlatPatches:
+    """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there."""
+    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    known = _known(previous, layout)
+    for patch, quads in enumerate(layout.patches):
+        progress(patch / len(layout.patches), "Flattening")
+        labels, corners = np.unique(layout.flat_corners[quads], return_inverse=True)
+        corners = corners.reshape(-1, 4)
+        kept = known.get(_key(layout, quads))
+        if kept is not None and previous is not None:
+            placed = np.empty((len(labels), 2))
+            placed[corners] = previous.corners[quads]
+        else:
+            problem = PatchProblem(layout.mesh, quads, corners)
+            flat = minimax(problem, settle(problem))
+            placed = in_frame(flat.points, corners)
+        points[labels] = placed
+    return measured(layout, points)
+
+
+def measured(layout: PatchLayout, points: np.ndarray) -> FlatPatches:
+    """FlatPatches with the energies that belong to given flat points (P, 2) metres."""
+    u = (points[:, 0] + 1j * points[:, 1])[layout.flat_corners]
+    tri = corner_triangles(layout.mesh)
+    d = np.roll(u, -1, axis=1) - u
+    before = np.roll(d, 1, axis=1)
+    a, b = tri.along * d + tri.against * before, tri.along_bar * d + tri.against_bar * before
+    return FlatPatches(layout, points, quad_energy(tri, a, b), square_energy(u))
+
+
+def in_frame(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Points (n,) complex moved to their patch's frame, (n, 2): area centroid at 0, longest extent along x.
+
+    corners : (q, 4) int, the quads of the patch
+    """
+    u = points[corners]
+    area = 0.5 * ((u[:, 2] - u[:, 0]).conj() * (u[:, 3] - u[:, 1])).imag
+    centre = u.mean(axis=1)
+    origin = (area * centre).sum() / area.sum()
+    hull = points - origin
+    turn = _longest_direction(hull)
+    hull = hull * turn
+    return np.stack([hull.real, hull.imag], axis=1)
+
+
+def _longest_direction(points: np.ndarray) -> complex:
+    """The turn that lays the narrowest bounding box along x; of the two ways round, the one with more to the left."""
+    angles = np.linspace(0.0, np.pi, 180, endpoint=False)
+    spun = points[None, :] * np.exp(-1j * angles)[:, None]
+    width, height = np.ptp(spun.real, axis=1), np.ptp(spun.imag, axis=1)
+    best = int(np.argmin(np.where(width >= height - 1e-12, np.round(width * height, 15), np.inf)))
+    return complex(np.exp(-1j * angles[best]))
+
+
+def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
+    return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
+
+
+def _known(previous: FlatPatches | None, layout: PatchLayout) -> dict[bytes, int]:
+    if previous is None or previous.layout.mesh is not layout.mesh:
+        return {}
+    return {_key(previous.layout, quads): i for i, quads in enumerate(previous.layout.patches)}
+
+
+def outline(layout: PatchLayout, patch: int) -> np.ndarray:
+    """(m,) int: the flat vertices on the outline of a disk patch, counter-clockwise, from its smallest one on."""
+    quads = layout.patches[patch]
+    quad, side = np.nonzero(layout.outline_sides[quads])
+    corners = layout.flat_corners[quads]
+    start, end = corners[quad, side], corners[quad, (side + 1) % 4]
+    following = dict(zip(start.tolist(), end.tolist(), strict=True))
+    walk = [int(start.min())]
+    while (vertex := following[walk[-1]]) != walk[0]:
+        walk.append(vertex)
+    return np.array(walk)
+
+
+__all__ = ["FlatPatch", "FlatPatches", "flatten", "in_frame", "measured", "outline"]

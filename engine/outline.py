@@ -1,0 +1,49 @@
+"""Is a flat patch injective? No flip, a disk and a simple outline together prove it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+ROUNDING = 8.0 * np.finfo(float).eps
+
+
+def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
+    """Does the outline of a disk patch neither cross nor touch itself?
+
+    points : (n,) complex, metres; corners : (q, 4) int; sides : (q, 4) bool, the sides on the outline.
+    Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
+    """
+    start = corners[sides]
+    end = np.roll(corners, -1, axis=1)[sides]
+    a, b = points[start], points[end]
+    x_low, x_high = np.minimum(a.real, b.real), np.maximum(a.real, b.real)
+    y_low, y_high = np.minimum(a.imag, b.imag), np.maximum(a.imag, b.imag)
+    near = (x_low[:, None] <= x_high) & (x_high[:, None] >= x_low) & (y_low[:, None] <= y_high) & (y_high[:, None] >= y_low)
+    one, two = np.nonzero(np.triu(near, 1))
+    # neighbours share a vertex and cannot cross but there, unless they fold onto each other
+    follow = (end[one] == start[two]) | (end[two] == start[one])
+    if _folded(a, b, start, end, one[follow], two[follow]):
+        return False
+    one, two = one[~follow], two[~follow]
+    left = _side(a[one], b[one], a[two]) * _side(a[one], b[one], b[two])
+    right = _side(a[two], b[two], a[one]) * _side(a[two], b[two], b[one])
+    return not bool(((left <= 0) & (right <= 0)).any())
+
+
+def _folded(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray) -> bool:
+    """Do two sides that share a vertex run back over each other?"""
+    swap = end[one] != start[two]
+    first, second = np.where(swap, two, one), np.where(swap, one, two)
+    turn = (b[second] - a[second]) * (b[first] - a[first]).conj()
+    return bool(((turn.real < 0) & (_side(a[first], b[first], b[second]) == 0)).any())
+
+
+def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Orientation of the triangles a, b, c: 1, -1, or 0 where rounding leaves it open."""
+    p, q = b - a, c - a
+    one, two = p.real * q.imag, p.imag * q.real
+    det = one - two
+    # the differences are rounded too: their error is a few units of the coordinates
+    scale = np.abs(a) + np.abs(b) + np.abs(c)
+    slack = ROUNDING * (np.abs(one) + np.abs(two) + scale * (np.abs(p) + np.abs(q)))
+    return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
