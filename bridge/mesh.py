@@ -13,7 +13,8 @@ attributes hold what belongs to a quad:
     flexmaps_twist    face    twist of the spiral, degrees
     flexmaps_colour   corner  colours of the overlay, for renders
 
-Engine coordinates are world coordinates in metres. Nothing here computes more than a change of frame.
+Engine coordinates are world coordinates in metres. Nothing here computes more than
+a change of frame.
 """
 
 from __future__ import annotations
@@ -26,20 +27,15 @@ import numpy as np
 
 from ..engine.design import SpiralDesign
 from ..engine.errors import FlexMapsError
-from ..engine.flatten import FlatPatches
+from ..engine.flatten import FlatPatches, measured
 from ..engine.layout import PatchLayout
 from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import SpiralParams
 from . import attributes
+from .objects import changed_by_modifiers, unusable
 
 FLAT_NAMES = ("cut", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
-
-# modifiers that leave the surface where it is
-HARMLESS = {"DATA_TRANSFER", "NORMAL_EDIT", "UV_PROJECT", "UV_WARP", "VERTEX_WEIGHT_EDIT", "VERTEX_WEIGHT_MIX"} | {
-    "VERTEX_WEIGHT_PROXIMITY",
-    "WEIGHTED_NORMAL",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,38 +82,6 @@ class Surface:
 
 def _keys(pairs: np.ndarray, n: int) -> np.ndarray:
     return pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1)
-
-
-# -- which object ----------------------------------------------------------------------------------------------------
-
-
-def unusable(obj: bpy.types.Object | None) -> str | None:
-    """Why FlexMaps cannot work on this object, as a sentence; ``None`` if it can. Cheap enough for a panel."""
-    if obj is None:
-        return "Select a mesh object"
-    if obj.type != "MESH":
-        return f"'{obj.name}' is not a mesh; select one, or convert it to a mesh"
-    if obj.library is not None or obj.data.library is not None:
-        return f"'{obj.name}' is linked from another file; make it local first"
-    if obj.mode not in {"OBJECT", "EDIT"}:
-        return "Go to Object Mode or Edit Mode"
-    return None
-
-
-def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
-    """Why the mesh is not what is seen, as a sentence; ``None`` where no modifier changes the surface."""
-    for modifier in obj.modifiers:
-        if modifier.show_viewport and modifier.type not in HARMLESS:
-            return f"Apply or remove the modifier '{modifier.name}' first: the layout lives in the mesh itself"
-    return None
-
-
-def find(uid: int) -> bpy.types.Object:
-    """The object read earlier, whatever its name is now; raises ``FlexMapsError`` where it was deleted."""
-    for obj in bpy.data.objects:
-        if obj.session_uid == uid:
-            return obj
-    raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
 
 
 # -- surface ---------------------------------------------------------------------------------------------------------
@@ -199,7 +163,7 @@ def layout_of(surface: Surface, mesh: QuadMesh) -> PatchLayout:
 def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     """The flat patches as they were last written, with the cuts of that time; ``None`` where there are none.
 
-    Raises ``FlexMapsError`` where the UV map was edited or the mesh has other faces than then.
+    Raises ``FlexMapsError`` where the UV map or the surface was changed since.
     """
     if any(name not in surface.values for name in FLAT_NAMES):
         return None
@@ -212,8 +176,12 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     if len(torn):
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
     points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
-    energy, square = (surface.values[name].astype(float) for name in ("energy", "square"))
-    return FlatPatches(layout, points, energy, square)
+    flat = measured(layout, points)
+    stored = surface.values["energy"].astype(float)
+    moved = np.flatnonzero(np.abs(flat.energy - stored) > 1e-4 + 0.02 * stored)
+    if len(moved):
+        raise FlexMapsError("The surface was changed after it was flattened; press Flatten to do it anew", faces=moved)
+    return flat
 
 
 def patch_centres(layout: PatchLayout, points: np.ndarray) -> np.ndarray:

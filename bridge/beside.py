@@ -1,0 +1,200 @@
+"""The flat patches and the spirals as objects beside the model, in a collection of the model's own.
+
+They are pictures: made anew by every stage that changes them, never read back. Everything lies in the world's xy plane,
+at the height of the model's lowest point, to the right of it.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..engine.flatten import FlatPatches
+from . import colours
+
+SEAM_COLOURS = 12
+LINE = 0.03  # half the thickness of a drawn line, in quad edges
+
+
+def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
+    """The collection that belongs to the object, made where it is missing; it follows the object's name."""
+    found = existing(obj)
+    if found is None:
+        found = bpy.data.collections.new(f"FlexMaps {obj.name}")
+        scene.collection.children.link(found)
+    elif found.name != f"FlexMaps {obj.name}":
+        found.name = f"FlexMaps {obj.name}"
+    found["flexmaps_owner"] = obj.name
+    obj["flexmaps_collection"] = found
+    return found
+
+
+def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
+    """The object's collection, if it has one of its own: a duplicate of an object must not take the original's."""
+    found = obj.get("flexmaps_collection")
+    if not isinstance(found, bpy.types.Collection):
+        return None
+    owner = bpy.data.objects.get(found.get("flexmaps_owner", ""))
+    if owner is not None and owner != obj and owner.get("flexmaps_collection") == found:
+        return None
+    return found
+
+
+def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "spirals", "sheets")) -> None:
+    """Remove what was laid out beside the object, by kind."""
+    found = existing(obj)
+    if found is None:
+        return
+    for other in list(found.objects):
+        if other.get("flexmaps_kind") in kinds:
+            data = other.data
+            bpy.data.objects.remove(other)
+            if data is not None and data.users == 0:
+                (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
+
+
+def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> np.ndarray:
+    """(3,) metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
+    box = np.array([obj.matrix_world @ v for v in map(_vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    low, high = box.min(axis=0), box.max(axis=0)
+    return np.array([high[0] + gap, high[1], low[2]])
+
+
+def _vector(corner: object) -> object:
+    from mathutils import Vector
+
+    return Vector(corner)
+
+
+def add(
+    obj: bpy.types.Object, scene: bpy.types.Scene, kind: str, name: str, data: bpy.types.ID, place: np.ndarray
+) -> bpy.types.Object:
+    """Put data that is in metres into the object's collection, at a place (3,) in metres."""
+    unit = scene.unit_settings.scale_length
+    made = bpy.data.objects.new(f"{obj.name} {name}", data)
+    made["flexmaps_kind"] = kind
+    made.location = place / unit
+    made.scale = (1.0 / unit,) * 3
+    collection_of(obj, scene).objects.link(made)
+    return made
+
+
+# -- flat patches ------------------------------------------------------------------------------------------------------
+
+
+def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: np.ndarray) -> None:
+    """The patches as one mesh, and their outlines as lines; the two sides of a seam have the same colour.
+
+    centres : (N, 2) metres, where the origin of every patch lies
+    """
+    clear(obj)
+    edge = flat.layout.mesh.median_edge
+    place = origin(obj, scene, 3 * edge)
+    points = np.zeros((len(flat.points), 3))
+    points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
+    mesh = quads(f"{obj.name} panels", points, flat.layout.flat_corners)
+    paint(mesh, np.repeat(colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of], 4, axis=0))
+    mesh.materials.append(material("FlexMaps panel", None))
+    add(obj, scene, "panels", "panels", mesh, place)
+
+    sides = flat.layout.outline_sides
+    ids, starts, ends = _outline(flat, sides)
+    runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
+    curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
+    for k in range(SEAM_COLOURS):
+        curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colours.of_seams(SEAM_COLOURS)[k]))
+    curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
+    for spline, (_, seam) in zip(curve.splines, runs, strict=True):
+        spline.material_index = seam % SEAM_COLOURS if seam >= 0 else SEAM_COLOURS
+    add(obj, scene, "seams", "seams", curve, place)
+
+
+def _outline(flat: FlatPatches, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
+    quad, side = np.nonzero(sides)
+    corners = flat.layout.flat_corners
+    seam = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]
+    return seam, corners[quad, side], corners[quad, (side + 1) % 4]
+
+
+def _runs(ids: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
+    """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
+    at = {int(s): i for i, s in enumerate(starts)}
+    following = np.array([at.get(int(e), -1) for e in ends])
+    same = (following >= 0) & (ids[following] == ids)
+    has_before = np.zeros(len(ids), bool)
+    has_before[following[same]] = True
+    result, seen = [], np.zeros(len(ids), bool)
+    for first in np.concatenate([np.flatnonzero(~has_before), np.flatnonzero(has_before)]):
+        run, i = [], int(first)
+        while i >= 0 and not seen[i]:
+            seen[i] = True
+            run.append(i)
+            i = int(following[i]) if same[i] else -1
+        if run:
+            result.append(np.array(run))
+    return result
+
+
+# -- data --------------------------------------------------------------------------------------------------------------
+
+
+def quads(name: str, points: np.ndarray, corners: np.ndarray) -> bpy.types.Mesh:
+    """A mesh of quads, quickly: points (V, 3), corners (F, 4)."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
+    mesh.loops.add(corners.size)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(corners, dtype=np.int32).ravel())
+    mesh.polygons.add(len(corners))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, corners.size, 4, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    return mesh
+
+
+def paint(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
+    """The colour of every corner, (C, 3) linear, as the attribute that our materials and the overlay use."""
+    attribute = mesh.attributes.get("flexmaps_colour")
+    if attribute is None:
+        attribute = mesh.attributes.new("flexmaps_colour", "FLOAT_COLOR", "CORNER")
+    rgba = np.ones((len(rgb), 4), np.float32)
+    rgba[:, :3] = rgb
+    attribute.data.foreach_set("color", rgba.ravel())
+    mesh.attributes.active_color_name = "flexmaps_colour"
+
+
+def lines(name: str, polylines: list[np.ndarray], radius: float) -> bpy.types.Curve:
+    """A curve object's data of round lines through points (n, 3) each, closed where first and last are the same."""
+    curve = bpy.data.curves.new(name, "CURVE")
+    curve.dimensions = "3D"
+    curve.bevel_depth = radius
+    curve.bevel_resolution = 2
+    for points in polylines:
+        closed = len(points) > 2 and bool((points[0] == points[-1]).all())
+        points = points[:-1] if closed else points
+        spline = curve.splines.new("POLY")
+        spline.points.add(len(points) - 1)
+        spline.points.foreach_set("co", np.c_[points, np.ones(len(points))].astype(np.float32).ravel())
+        spline.use_cyclic_u = closed
+    return curve
+
+
+def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+    """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
+    found = bpy.data.materials.get(name)
+    if found is not None:
+        return found
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    shader = made.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.55
+    if rgb is None:
+        source = made.node_tree.nodes.new("ShaderNodeAttribute")
+        source.attribute_name = "flexmaps_colour"
+        source.location = (-300, 200)
+        made.node_tree.links.new(source.outputs["Color"], shader.inputs["Base Color"])
+    else:
+        colour = (*map(float, rgb), 1.0)
+        shader.inputs["Base Color"].default_value = colour
+        made.diffuse_color = colour
+    return made

@@ -1,0 +1,44 @@
+"""What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
+
+The blocks are those of report.json ("checks", "layout", "spirals", "sheets"); a stage that has not run is absent.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+import bpy
+
+NAME = "flexmaps_report"
+STAGES = ("checks", "layout", "spirals", "sheets")
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str) -> dict[str, Any]:
+    return json.loads(text)
+
+
+def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
+    """The blocks that are there; do not change the returned dict."""
+    text = mesh.get(NAME)
+    return _parsed(text) if isinstance(text, str) else {}
+
+
+def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
+    """Put the block of a stage, and drop those of the stages after it, which it made out of date."""
+    kept = {name: value for name, value in read(mesh).items() if STAGES.index(name) < STAGES.index(stage)}
+    kept[stage] = block
+    mesh[NAME] = json.dumps(kept)
+
+
+def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
+    """Drop the block of a stage and those after it."""
+    kept = {name: value for name, value in read(mesh).items() if STAGES.index(name) < STAGES.index(stage)}
+    mesh[NAME] = json.dumps(kept)
+
+
+def write_checks(mesh: bpy.types.Mesh, findings: list[dict[str, Any]]) -> None:
+    """Put the findings of the check; they make nothing out of date."""
+    mesh[NAME] = json.dumps(dict(read(mesh)) | {"checks": findings})

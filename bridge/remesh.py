@@ -1,0 +1,187 @@
+"""Quads from any mesh, with Blender's own tools: QuadriFlow, after a voxel remesh where the mesh is no clean surface."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+
+# voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
+VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
+
+
+def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool) -> bpy.types.Object:
+    """A new object of about ``count`` quads in the shape that is seen of ``obj``, in the same place.
+
+    A clean surface, open or closed, goes straight to QuadriFlow; anything else (several parts that overlap, edges of three
+    faces, mixed normals) becomes one closed surface first. Raises ``FlexMapsError`` where neither works, and leaves
+    nothing behind then.
+    """
+    depsgraph = context.evaluated_depsgraph_get()
+    mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph))
+    if not len(mesh.polygons):
+        bpy.data.meshes.remove(mesh)
+        raise FlexMapsError(f"'{obj.name}' has no faces; select an object with a surface")
+    mesh.name = f"{obj.name} quads"
+    made = bpy.data.objects.new(mesh.name, mesh)
+    made.matrix_world = obj.matrix_world.copy()
+    for collection in obj.users_collection or (context.scene.collection,):
+        collection.objects.link(made)
+    try:
+        _clean(mesh)
+        if not _manifold(mesh):
+            _voxels(context, made, count)
+        _quadriflow(context, made, count, smooth)
+    except FlexMapsError:
+        mesh = made.data
+        bpy.data.objects.remove(made)
+        bpy.data.meshes.remove(mesh)
+        raise
+    return made
+
+
+def _clean(mesh: bpy.types.Mesh) -> None:
+    """Only the shape goes on: no attributes, materials or marks of the old faces; corners at one place become one."""
+    import bmesh
+
+    bm = bmesh.new()
+    bm.from_mesh(mesh)
+    size = max((v.co.length for v in bm.verts), default=1.0)
+    bmesh.ops.remove_doubles(bm, verts=bm.verts, dist=1e-6 * size)
+    bmesh.ops.delete(bm, geom=[v for v in bm.verts if not v.link_faces], context="VERTS")
+    for layers in (bm.faces.layers, bm.edges.layers, bm.loops.layers):
+        for kind in ("float", "int", "bool", "uv", "float_color"):
+            sequence = getattr(layers, kind, None)
+            for layer in list(sequence.values()) if sequence is not None else ():
+                sequence.remove(layer)
+    for edge in bm.edges:
+        edge.seam = False
+    for face in bm.faces:
+        face.hide = False
+    mesh.clear_geometry()
+    bm.to_mesh(mesh)
+    bm.free()
+    for key in list(mesh.keys()):
+        del mesh[key]
+
+
+def _manifold(mesh: bpy.types.Mesh) -> bool:
+    """Whether it is one body with at most two faces an edge, which run along it in opposite directions."""
+    corners, sizes = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.polygons), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    following = np.arange(1, len(corners) + 1)
+    ends = np.cumsum(sizes)
+    following[ends - 1] = ends - sizes
+    a, b = corners.astype(np.int64), corners[following].astype(np.int64)
+    directed = a * len(mesh.vertices) + b
+    if len(np.unique(directed)) < len(directed):
+        return False
+    from ..engine.check_topology import sides_of, split_vertices
+    from ..engine.layout import groups
+    from ..engine.mesh import PolygonMesh
+
+    polygons = PolygonMesh(np.zeros((len(mesh.vertices), 3)), a, sizes.astype(np.int64))
+    if len(split_vertices(polygons, sides_of(polygons))):
+        return False
+    return len(np.unique(groups(len(mesh.vertices), a, b)[a])) == 1
+
+
+def _voxels(context: bpy.types.Context, obj: bpy.types.Object, count: int) -> None:
+    """One closed surface around everything, with voxels as fine as give a clean one."""
+    mesh = obj.data
+    area = sum(polygon.area for polygon in mesh.polygons)
+    edge = (area / count) ** 0.5
+    original = mesh.copy()
+    try:
+        for factor in VOXELS:
+            obj.data.clear_geometry()
+            _copy_geometry(original, obj.data)
+            obj.data.remesh_voxel_size = factor * edge
+            obj.data.remesh_voxel_adaptivity = 0.0
+            with _only(context, obj):
+                bpy.ops.object.voxel_remesh()
+            _keep_largest(obj.data)
+            if len(obj.data.polygons) >= 50 and _manifold(obj.data):
+                return
+    finally:
+        bpy.data.meshes.remove(original)
+    raise FlexMapsError(
+        "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is inside"
+    )
+
+
+def _copy_geometry(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
+    import bmesh
+
+    bm = bmesh.new()
+    bm.from_mesh(source)
+    bm.to_mesh(target)
+    bm.free()
+
+
+def _keep_largest(mesh: bpy.types.Mesh) -> None:
+    """Drop shells inside the body and crumbs beside it: bodies whose extent is under a tenth of the largest one's."""
+    import bmesh
+
+    bm = bmesh.new()
+    bm.from_mesh(mesh)
+    bodies, seen = [], set()
+    for start in bm.verts:
+        if start.index in seen:
+            continue
+        body, stack = [], [start]
+        seen.add(start.index)
+        while stack:
+            vertex = stack.pop()
+            body.append(vertex)
+            for edge in vertex.link_edges:
+                other = edge.other_vert(vertex)
+                if other.index not in seen:
+                    seen.add(other.index)
+                    stack.append(other)
+        bodies.append(body)
+    if len(bodies) > 1:
+        largest = max(bodies, key=len)
+        bmesh.ops.delete(bm, geom=[v for body in bodies if body is not largest for v in body], context="VERTS")
+        bm.to_mesh(mesh)
+    bm.free()
+
+
+def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool) -> None:
+    before = len(obj.data.polygons)
+    with _only(context, obj):
+        result = bpy.ops.object.quadriflow_remesh(
+            mode="FACES",
+            target_faces=count,
+            use_mesh_symmetry=False,
+            use_preserve_sharp=False,
+            use_preserve_boundary=True,
+            smooth_normals=smooth,
+            seed=0,
+        )
+    if "FINISHED" not in result:
+        raise FlexMapsError(f"QuadriFlow could not remesh the {before} faces; repair the mesh, or give another quad count")
+
+
+class _only:
+    """Selects one object and makes it active while Blender's own operators work on it."""
+
+    def __init__(self, context: bpy.types.Context, obj: bpy.types.Object):
+        self._context, self._obj = context, obj
+
+    def __enter__(self) -> None:
+        layer = self._context.view_layer
+        self._active = layer.objects.active
+        self._selected = [o for o in layer.objects if o.select_get()]
+        for other in self._selected:
+            other.select_set(False)
+        layer.objects.active = self._obj
+        self._obj.select_set(True)
+
+    def __exit__(self, *_: object) -> None:
+        self._obj.select_set(False)
+        for other in self._selected:
+            other.select_set(True)
+        self._context.view_layer.objects.active = self._active

@@ -1,0 +1,31 @@
+"""The operators: one file a stage. Each reads the mesh, runs the engine, writes the mesh."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..bridge import job
+from . import check, export, layout, overlay, regularise, remesh, spirals
+
+MODULES = (check, remesh, regularise, layout, spirals, export, overlay)
+CLASSES = [cls for module in MODULES for cls in module.CLASSES]
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.app.handlers.load_pre.append(_before_load)
+    overlay.register()
+
+
+def unregister() -> None:
+    job.stop_current()
+    overlay.unregister()
+    bpy.app.handlers.load_pre.remove(_before_load)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+
+
+@bpy.app.handlers.persistent
+def _before_load(*_: object) -> None:
+    job.stop_current()

@@ -1,0 +1,74 @@
+"""Is the mesh fit for it? And showing the faces that a finding speaks of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.errors import FlexMapsError
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .stage import Stage, Work, reveal
+
+
+class Check(Stage, bpy.types.Operator):
+    """Look for everything that would stop the job or spoil the piece"""
+
+    bl_idname = "flexmaps.check"
+    bl_label = "Check"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        def work(progress: Progress) -> Any:
+            from ..engine import check
+
+            progress(0.0, "Looking at every face")
+            return [finding.as_dict() | {"edges": list(finding.edges)} for finding in check.findings(surface.polygons)]
+
+        return work
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        notes.write_checks(obj.data, result)
+        errors = [finding for finding in result if finding["severity"] == "error"]
+        if errors:
+            raise FlexMapsError(errors[0]["message"], faces=errors[0]["faces"], edges=errors[0]["edges"])
+        quads = f"{len(surface.polygons.sizes)} quads"
+        return f"{quads}, {len(result)} warnings" if result else f"{quads}, nothing to complain about"
+
+
+class ShowFinding(bpy.types.Operator):
+    """Select the faces that this is about"""
+
+    bl_idname = "flexmaps.show_finding"
+    bl_label = "Show faces"
+    bl_options = {"REGISTER", "UNDO"}
+
+    index: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        obj = context.object
+        return obj is not None and obj.type == "MESH" and bool(notes.read(obj.data).get("checks"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge import mesh
+
+        obj = context.object
+        findings = notes.read(obj.data)["checks"]
+        if self.index >= len(findings):
+            return {"CANCELLED"}
+        finding = findings[self.index]
+        try:
+            surface = mesh.read_surface(obj, context.scene)
+            if any(f >= len(surface.polygons.sizes) for f in finding["faces"]):
+                raise FlexMapsError("The mesh was changed since; press Check again")
+            reveal(context, obj, surface, finding["faces"], finding["edges"])
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, finding["message"])
+        return {"FINISHED"}
+
+
+CLASSES = (Check, ShowFinding)

@@ -1,0 +1,104 @@
+"""Trace, merge, flatten, update from seams: everything that changes where the surface is cut."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .stage import Stage, Work
+
+
+class LayoutStage(Stage):
+    """What these stages write: seams, the flat patches, and what they cost."""
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge import arrange, beside, mesh
+
+        flat, block = result
+        centres = arrange.side_by_side(flat)
+        mesh.write_flat(obj, surface, flat, centres)
+        mesh.forget(obj, mesh.DESIGN_NAMES)
+        beside.show_flat(obj, context.scene, flat, centres)
+        notes.write(obj.data, "layout", block)
+        return f"{block['patches']} patches, largest distortion {block['energy_max']:.3f}"
+
+
+class Trace(LayoutStage, bpy.types.Operator):
+    """Cut the surface along straight lines of quads, from every irregular vertex on. Seams that are there are replaced"""
+
+    bl_idname = "flexmaps.trace"
+    bl_label = "Trace"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        def work(progress: Progress) -> Any:
+            from ..engine import check, flatten, trace
+
+            layout = trace.trace(check.as_quad_mesh(surface.polygons), settings.layout, progress.part(0.0, 0.7))
+            flat = flatten.flatten(layout, settings.layout, progress.part(0.7, 1.0))
+            return flat, flatten.layout_report(flat)
+
+        return work
+
+
+class Merge(LayoutStage, bpy.types.Operator):
+    """Join patches as long as they stay within the limits; begins with the seams, or traces first where there are none"""
+
+    bl_idname = "flexmaps.merge"
+    bl_label = "Merge"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        from ..bridge import mesh
+
+        def work(progress: Progress) -> Any:
+            from ..engine import check, flatten, merge, trace
+
+            quads = check.as_quad_mesh(surface.polygons)
+            layout = mesh.layout_of(surface, quads)
+            if not layout.cut.any():
+                layout = trace.trace(quads, settings.layout, progress.part(0.0, 0.1))
+            flat = merge.merge(trace.make_disks(layout), settings.layout, progress.part(0.1, 1.0))
+            return flat, flatten.layout_report(flat)
+
+        return work
+
+
+class Flatten(LayoutStage, bpy.types.Operator):
+    """Flatten all patches between the seams anew; a patch that is no disk is cut open"""
+
+    bl_idname = "flexmaps.flatten"
+    bl_label = "Flatten"
+    reuse = False
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        from ..bridge import mesh
+
+        def work(progress: Progress) -> Any:
+            from ..engine import check, flatten, trace
+
+            progress(0.0, "Reading the seams")
+            quads = check.as_quad_mesh(surface.polygons)
+            layout = trace.make_disks(mesh.layout_of(surface, quads))
+            previous = mesh.flat_of(surface, quads) if self.reuse else None
+            flat = flatten.flatten(layout, settings.layout, progress, previous=previous)
+            return flat, flatten.layout_report(flat)
+
+        return work
+
+
+class UpdateFromSeams(Flatten, bpy.types.Operator):
+    """Flatten the patches whose seams were edited with Mark Seam and Clear Seam; the others stay as they are"""
+
+    bl_idname = "flexmaps.update_from_seams"
+    bl_label = "Update from seams"
+    reuse = True
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return None if "layout" in notes.read(obj.data) else "Trace, merge or flatten first"
+
+
+CLASSES = (Trace, Merge, Flatten, UpdateFromSeams)

@@ -1,0 +1,48 @@
+"""Make the quads squarer."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .stage import Stage, Work
+
+
+class Regularise(Stage, bpy.types.Operator):
+    """Move the vertices along the surface so that the quads become squarer; flat patches made before are dropped"""
+
+    bl_idname = "flexmaps.regularise"
+    bl_label = "Regularise"
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return "Remove the shape keys first: they fix the vertices" if obj.data.shape_keys else None
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        def work(progress: Progress) -> Any:
+            from ..engine import check, regularise
+
+            before = check.as_quad_mesh(surface.polygons)
+            return before, regularise.regularise(before, settings.regularise, progress)
+
+        return work
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        import numpy as np
+
+        from ..bridge import beside, mesh
+
+        before, after = result
+        mesh.write_vertices(obj, surface, after)
+        mesh.forget(obj, mesh.FLAT_NAMES + mesh.DESIGN_NAMES)
+        beside.clear(obj)
+        notes.drop_from(obj.data, "layout")
+        moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
+        return f"Vertices moved by up to {moved / before.median_edge:.0%} of an edge"
+
+
+CLASSES = (Regularise,)

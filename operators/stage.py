@@ -1,0 +1,220 @@
+"""What all stages have in common: read the mesh, run the engine beside Blender, write the mesh.
+
+With a window the engine runs in the background job: a timer polls, draws the progress, and writes at the end; ESC stops.
+Called from a script, or in Blender without a window, the same engine call runs at once and prints its progress.
+An error of the user's selects the culprits, is reported, and leaves the mesh as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge import job
+from ..engine.errors import Cancelled, FlexMapsError
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+
+if TYPE_CHECKING:
+    from ..bridge.mesh import Surface
+
+Work = Callable[[Progress], Any]
+
+
+class Stage:
+    """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
+
+    A stage gives ``prepare``, which returns the engine work as a function of a ``Progress``, and ``finish``, which writes
+    the result into the object and returns the line that the user reads.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}
+    bl_label = ""
+    report: Any
+
+    _job: job.Job | None = None
+    _timer: Any = None
+    _surface: Surface | None = None
+
+    # -- what a stage says ---------------------------------------------------------------------------------------------
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        """Why this stage cannot run on a usable object, as a sentence; asked at every redraw, so it must be cheap."""
+        return None
+
+    def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
+        """The engine work; the returned function must not touch Blender's data."""
+        raise NotImplementedError
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, result: Any) -> str:
+        """Write the result, on the main thread; everything that can fail comes before the first write."""
+        raise NotImplementedError
+
+    # -- how it runs -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = why_not(cls, context.object)
+        if problem:
+            cls.poll_message_set(problem)  # type: ignore[attr-defined]
+        return problem is None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            work = self._read(context)
+            return self._write(context, job.run_here(self.bl_label, work))
+        except Cancelled:
+            return self._cancelled()
+        except FlexMapsError as error:
+            return self._refused(context, error)
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        if bpy.app.background:
+            return self.execute(context)
+        try:
+            work = self._read(context)
+        except FlexMapsError as error:
+            return self._refused(context, error)
+        self._job = job.Job(self.bl_label, work)
+        self._job.start()
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(0.1, window=context.window)
+        manager.progress_begin(0, 100)
+        manager.modal_handler_add(self)
+        show_progress(context, self._job)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+        assert self._job is not None
+        if event.type == "ESC" and event.value == "PRESS":
+            self._job.stop()
+            show_progress(context, self._job)
+            return {"RUNNING_MODAL"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        if not self._job.finished:
+            show_progress(context, self._job)
+            return {"PASS_THROUGH"}
+        done = self._job
+        self._clear(context)
+        try:
+            if done.error is not None:
+                raise done.error
+            return self._write(context, done.result)
+        except Cancelled:
+            return self._cancelled()
+        except FlexMapsError as error:
+            return self._refused(context, error)
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Called by Blender when a file is loaded or the window closes while the job runs."""
+        self._clear(context)
+
+    # -- the steps ---------------------------------------------------------------------------------------------------------
+
+    def _read(self, context: bpy.types.Context) -> Work:
+        from ..bridge import mesh, settings
+
+        obj = context.object
+        if obj is None:
+            raise FlexMapsError("Select a mesh object")
+        self._surface = mesh.read_surface(obj, context.scene)
+        return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
+
+    def _write(self, context: bpy.types.Context, result: Any) -> set[str]:
+        from ..bridge import mesh
+        from ..bridge.objects import find
+
+        assert self._surface is not None
+        obj = find(self._surface.uid)
+        if not mesh.read_surface(obj, context.scene).same_as(self._surface):
+            raise FlexMapsError(f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again")
+        message = self.finish(context, obj, self._surface, result)
+        redraw(context)
+        self.report({"INFO"}, message)
+        return {"FINISHED"}
+
+    def _clear(self, context: bpy.types.Context) -> None:
+        if self._job is None:
+            return
+        self._job.end()
+        self._job = None
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            self._timer = None
+        context.window_manager.progress_end()
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+        redraw(context)
+
+    def _cancelled(self) -> set[str]:
+        self.report({"WARNING"}, f"{self.bl_label} was stopped; nothing was changed")
+        return {"CANCELLED"}
+
+    def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
+        from ..bridge.objects import find
+
+        if self._surface is not None and (error.faces or error.edges):
+            try:
+                reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
+            except FlexMapsError:
+                pass  # the object is gone: there is nothing to select
+        redraw(context)
+        self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
+
+
+def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
+    """Why a stage cannot run on the object now, as a sentence; ``None`` if it can."""
+    from ..bridge.objects import changed_by_modifiers, unusable
+
+    if job.current is not None:
+        return f"{job.current.title} is running; wait for it, or stop it with ESC"
+    problem = unusable(obj)
+    if problem is None and obj is not None:
+        problem = changed_by_modifiers(obj) or stage.obstacle(obj)
+    return problem
+
+
+def reveal(
+    context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, faces: list[int], edges: list[int]
+) -> None:
+    """Select faces and edges, given in the engine's numbers, where the user sees them.
+
+    With a window that is edit mode, in face mode or, for edges alone, in edge mode.
+    """
+    import numpy as np
+
+    from ..bridge import attributes
+
+    if not bpy.app.background and context.view_layer.objects.active == obj:
+        if obj.mode != "EDIT":
+            bpy.ops.object.mode_set(mode="EDIT")
+        context.tool_settings.mesh_select_mode = (False, not faces, bool(faces))
+    culprits = np.asarray(edges, dtype=int)
+    attributes.select(obj, np.asarray(faces, dtype=int), surface.edge_of[culprits] if len(culprits) else culprits)
+
+
+def show_progress(context: bpy.types.Context, running: job.Job) -> None:
+    """The status bar, the cursor and the sidebar say how far the job is."""
+    context.window_manager.progress_update(int(100 * running.fraction))
+    if context.workspace is not None:
+        context.workspace.status_text_set(progress_line(running) + "    ESC: stop")
+    redraw(context)
+
+
+def progress_line(running: job.Job) -> str:
+    if running.stopping:
+        return f"{running.title}: stopping"
+    return f"{running.title}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+
+
+def redraw(context: bpy.types.Context) -> None:
+    """Draw every 3D view again, for the sidebar and the overlay."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
