@@ -99,7 +99,8 @@ class SpiralParams(Params):
     twist_max: float = setting(2 * math.pi, "Largest twist", "Winding angle of the softest spiral, where it can be cut", low=0.0, high=4 * math.pi, unit="rad")
     slot_min: float = setting(0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m")
     blend: float = setting(0.15, "Blend", "Share of an arm's end over which two neighbours merge smoothly", low=0.01, high=0.5)
-    fillet: float = setting(0.0001, "Fillet", "Radius of the inside corners at the hub; at least half of the kerf", low=0.0, high=0.005, unit="m")
+    fillet: float = setting(0.00015, "Fillet", "Radius of the inside corners at the hub; at least half of the kerf, and of the smallest slot if the slot is to be that wide at its root too", low=0.0, high=0.005, unit="m")
+    curvature_top: float = setting(98.0, "Curvature top", "Percentile of the curvature that gets the softest spirals; 100 takes the very largest", low=50.0, high=100.0)
     clockwise: bool = setting(False, "Clockwise", "Wind the spirals the other way round")
 
 

@@ -1,0 +1,220 @@
+"""Curves made of circular arcs: fitting smooth curves by biarcs, and what a curve of arcs knows about itself.
+
+A curve is a polyline with a bulge per segment, the tangent of a quarter of the arc's angle, positive when the arc turns
+left and 0 for a straight segment. DXF takes such curves as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One curve of arcs.
+
+    points : (N, 2) metres
+    bulge : (N,) of the segment from point i to point i + 1; the last one closes a closed curve and is unused in an open one
+    closed : whether it returns to its first point
+    """
+
+    points: np.ndarray
+    bulge: np.ndarray
+    closed: bool = True
+
+    def _segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Start, end (S, 2) and bulge (S,) of every segment."""
+        if self.closed:
+            return self.points, np.roll(self.points, -1, axis=0), self.bulge
+        return self.points[:-1], self.points[1:], self.bulge[:-1]
+
+    @property
+    def length(self) -> float:
+        """Metres along the arcs."""
+        a, b, bulge = self._segments()
+        chord, quarter = np.linalg.norm(b - a, axis=1), np.arctan(np.abs(bulge))
+        # arc = chord * half-angle / sin(half-angle)
+        half = 2.0 * quarter
+        return float((chord * np.where(half > 1e-9, half / np.maximum(np.sin(half), 1e-300), 1.0)).sum())
+
+    @property
+    def area(self) -> float:
+        """Signed area in square metres, positive for a counter-clockwise curve."""
+        a, b, bulge = self._segments()
+        polygon = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+        chord2, angle = ((b - a) ** 2).sum(axis=1), 4.0 * np.arctan(bulge)
+        # segment between chord and arc: r^2 (angle - sin angle) / 2, with r = chord / (2 sin(angle / 2))
+        safe = np.where(np.abs(angle) > 1e-4, angle, 1.0)
+        share = np.where(np.abs(angle) > 1e-4, (safe - np.sin(safe)) / (8.0 * np.sin(0.5 * safe) ** 2), angle / 12.0)
+        return float(polygon + (chord2 * share).sum())
+
+    def moved(self, rotation: float, shift: np.ndarray) -> Curve:
+        """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
+        cos, sin = np.cos(rotation), np.sin(rotation)
+        return Curve(self.points @ np.array([[cos, sin], [-sin, cos]]) + shift, self.bulge, self.closed)
+
+    def sampled(self, tolerance: float = 1e-5) -> np.ndarray:
+        """(M, 2) metres: points on the curve whose chords stray from the arcs by at most ``tolerance``."""
+        a, b, bulge = self._segments()
+        chord, angle = np.linalg.norm(b - a, axis=1), 4.0 * np.arctan(bulge)
+        radius = 0.5 * chord / np.maximum(np.abs(np.sin(0.5 * angle)), 1e-12)
+        step = 2.0 * np.arccos(np.clip(1.0 - tolerance / np.maximum(radius, 1e-12), 0.0, 1.0))
+        count = np.maximum(np.ceil(np.abs(angle) / np.maximum(step, 1e-9)).astype(int), 1)
+        count[np.abs(bulge) < 1e-12] = 1
+        which = np.repeat(np.arange(len(a)), count)
+        inner = (np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)) / count[which]
+        points = arc_points(a[which], b[which], bulge[which], inner[:, None])[:, 0]
+        return points if self.closed else np.concatenate([points, self.points[-1:]])
+
+
+def arc_points(a: np.ndarray, b: np.ndarray, bulge: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(S, M, 2): points on the arcs from ``a`` to ``b`` (S, 2) at the shares (S, M) of their angle."""
+    half = 2.0 * np.arctan(bulge)[:, None]
+    flat = np.abs(half) < 1e-9
+    safe = np.where(flat, 1.0, half)
+    # the chord to the point at share u has length |chord| sin(u half) / sin(half) and is turned by (u - 1) half
+    scale = np.where(flat, share, np.sin(share * safe) / np.sin(safe))
+    turn = (share - 1.0) * half
+    chord = b - a
+    x = scale * (np.cos(turn) * chord[:, :1] - np.sin(turn) * chord[:, 1:])
+    y = scale * (np.sin(turn) * chord[:, :1] + np.cos(turn) * chord[:, 1:])
+    return a[:, None] + np.stack([x, y], axis=-1)
+
+
+def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolate points (C, K+1, 2) and tangents of C curves by two arcs per span, with a common tangent everywhere.
+
+    Returns the nodes (C, 2K, 2), without every curve's last point, and the bulges (C, 2K). The joint inside a span is
+    that of the biarc with equal tangent lengths (Bolton 1975).
+    """
+    tangents = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
+    p0, p1, t0, t1 = points[:, :-1], points[:, 1:], tangents[:, :-1], tangents[:, 1:]
+    v, t = p1 - p0, t0 + t1
+    vv, vt, turn = (v * v).sum(-1), (v * t).sum(-1), 2.0 * (1.0 - (t0 * t1).sum(-1))
+    # d solves turn d^2 + 2 (v.t) d - v.v = 0; this form of the root is stable for parallel tangents
+    d = vv / (vt + np.sqrt(vt * vt + turn * vv))
+    joint = 0.5 * (p0 + p1 + d[..., None] * (t0 - t1))
+    first = _bulge(t0, joint - p0)
+    second = _bulge(p1 - joint, t1)
+    nodes = np.stack([p0, joint], axis=2).reshape(len(points), -1, 2)
+    return nodes, np.stack([first, second], axis=2).reshape(len(points), -1)
+
+
+def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Bulge of the arc whose chord and tangent enclose the angle from ``a`` to ``b``: half of the arc's angle."""
+    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(-1))
+    return np.tan(0.5 * angle)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Many open curves of arcs in one heap; the last point of a curve is left out, for the next curve begins there.
+
+    points, bulge : (N, 2) metres and (N,)
+    start : (C + 1,) where every curve begins
+    """
+
+    points: np.ndarray
+    bulge: np.ndarray
+    start: np.ndarray
+
+
+Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)
+
+
+def fit(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted:
+    """Fit C curves by as few biarcs as stay within ``tolerance`` (metres) of them.
+
+    ``evaluate(which, t)`` gives points and derivatives (C', M, 2) of the curves ``which`` at the parameters (C', M);
+    ``ends`` (C, 2) are the parameters of their first and last points. Spans are spread so that every one strays equally.
+    """
+    count = len(ends)
+    even = np.linspace(0.0, 1.0, 49)
+    sizes = np.zeros(count, dtype=np.int64)
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    everyone = np.arange(count)
+    t = ends[:, :1] + even * (ends[:, 1:] - ends[:, :1])
+    samples, tangents = evaluate(everyone, t)
+    weight, need = _spread(samples, tangents * np.sign(ends[:, 1] - ends[:, 0])[:, None, None], tolerance)
+    open_ = everyone
+    for spans in SPANS:
+        now = open_ if spans == SPANS[-1] else open_[need[open_] <= spans]
+        if not len(now):
+            continue
+        marks = _inverse(weight[now], np.linspace(0.0, 1.0, spans + 1))
+        fine = _inverse(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
+        # the true curve at the marks and at points in between, where the arcs are compared with it
+        grid = ends[now, :1] + np.concatenate([marks, fine], axis=1) * (ends[now, 1:] - ends[now, :1])
+        p, d = evaluate(now, grid)
+        d = d * np.sign(ends[now, 1] - ends[now, 0])[:, None, None]
+        nodes, bulge = biarcs(p[:, : spans + 1], d[:, : spans + 1])
+        stray = _stray(nodes, p[:, spans], bulge, p[:, spans + 1 :], spans)
+        good = (stray <= tolerance) | (spans == SPANS[-1])
+        found.append((now[good], nodes[good], bulge[good]))
+        sizes[now[good]] = 2 * spans
+        open_ = np.setdiff1d(open_, now[good], assume_unique=True)
+    start = np.concatenate([[0], np.cumsum(sizes)])
+    points, bulges = np.empty((start[-1], 2)), np.empty(start[-1])
+    for which, nodes, bulge in found:
+        place = start[which][:, None] + np.arange(nodes.shape[1])
+        points[place], bulges[place] = nodes, bulge
+    return Fitted(points, bulges, start)
+
+
+def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """How much fitting effort lies before every sample (C, M), 0..1, and a guess (C,) of the spans that are needed.
+
+    A biarc strays from a curve by about |d curvature / ds| length^3 / 324, so spans follow the cube root of that.
+    """
+    step = np.linalg.norm(np.diff(samples, axis=1), axis=-1)
+    a, b = tangents[:, :-1], tangents[:, 1:]
+    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(-1))
+    curvature = turn / np.maximum(step, 1e-15)
+    change = np.abs(np.gradient(curvature, axis=1)) / np.maximum(step, 1e-15)
+    change = np.maximum(change, np.roll(change, 1, axis=1) * 0.5)
+    effort = np.cbrt(change) * step
+    whole = effort.sum(axis=1, keepdims=True)
+    # a small even share keeps the marks distinct on straight pieces
+    effort = effort + (0.05 * whole + 1e-9) * step / np.maximum(step.sum(axis=1, keepdims=True), 1e-15)
+    total = np.concatenate([np.zeros((len(step), 1)), np.cumsum(effort, axis=1)], axis=1)
+    need = np.floor(0.8 * whole[:, 0] / np.cbrt(324.0 * tolerance))
+    return total / total[:, -1:], np.clip(need, 1, SPANS[-1])
+
+
+def _inverse(weight: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """(C, L): where the ascending rows of ``weight`` (C, M), given on an even grid of [0, 1], reach the ``levels`` (L,)."""
+    cells = weight.shape[1] - 1
+    cell = np.clip((weight[:, None, :] < levels[None, :, None]).sum(axis=2) - 1, 0, cells - 1)
+    lo, hi = np.take_along_axis(weight, cell, axis=1), np.take_along_axis(weight, cell + 1, axis=1)
+    return np.clip((cell + (levels - lo) / np.maximum(hi - lo, 1e-15)) / cells, 0.0, 1.0)
+
+
+def _stray(nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int) -> np.ndarray:
+    """(C,) metres: largest distance of the true points (C, 6 spans + 1, 2) from the arcs."""
+    a = nodes.reshape(-1, 2)
+    b = np.concatenate([nodes[:, 1:], last[:, None]], axis=1).reshape(-1, 2)
+    k = bulge.reshape(-1)
+    # points of a span are compared with both of its arcs; the nearer one counts
+    p = np.stack([true[:, i : i + 6 * spans - 5 : 6] for i in range(1, 6)], axis=2)  # (C, spans, 5, 2)
+    p = np.repeat(p[:, :, None], 2, axis=2).reshape(-1, 5, 2)
+    chord = b - a
+    size = np.maximum(np.linalg.norm(chord, axis=1), 1e-15)
+    along = ((p - a[:, None]) * chord[:, None]).sum(-1) / size[:, None]
+    across = (chord[:, None, 0] * (p - a[:, None])[..., 1] - chord[:, None, 1] * (p - a[:, None])[..., 0]) / size[:, None]
+    half = 0.5 * size[:, None]
+    sag = half * k[:, None]
+    distance = _circle_distance(along - half, across, half, sag)
+    return distance.reshape(len(nodes), spans, 2, 5).min(axis=2).max(axis=(1, 2))
+
+
+def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.ndarray) -> np.ndarray:
+    """Distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is the straight line."""
+    # power of the point over 2r: |power| / (r + distance to the centre), multiplied through by 2 sag
+    power = (x * x + y * y - half * half) * 2.0 * sag - 2.0 * y * (half * half - sag * sag)
+    twice = half * half + sag * sag  # 2 r |sag|
+    centre = np.hypot(2.0 * sag * x, 2.0 * sag * y - (half * half - sag * sag))
+    return np.abs(power) / (twice + centre)

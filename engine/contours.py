@@ -1,0 +1,196 @@
+"""Outlines of the panels: one closed curve of arcs round every panel and one round every hole (FlexMaps section 5).
+
+Nothing is united from polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad: it runs
+from the joint of the one arm along its left edge to the hub, round a fillet, and out along the right edge of the other.
+At a joint the edge goes on in the neighbouring quad; at a cut it goes across the arm's end. So the slots of all quads are
+the links of closed chains: one round every inner flat vertex, and one round the panel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .arcs import Curve, Fitted, fit
+from .errors import FlexMapsError
+from .mesh import QuadMesh
+from .spiral import LEFT, RIGHT, Arms, edge, mates
+
+
+@dataclass(frozen=True, eq=False)
+class Hubs:
+    """Where consecutive arms part. Entry k belongs to the slot between arm k and arm k + 1.
+
+    left : (F, 4) t on the left edge of arm k where the fillet begins
+    right : (F, 4) t on the right edge of arm k + 1 where it ends
+    centre : (F, 4, 2) metres, the fillet's centre
+    fillet : metres, its radius
+    missed : (F, 4) bool, true where there is no room for a slot
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    centre: np.ndarray
+    fillet: float
+    missed: np.ndarray
+
+
+def hubs(arms: Arms, fillet: float) -> Hubs:
+    """Find the roots of all slots by Newton's method, followed from straight arms (twist 0) to their full twist."""
+    following = np.roll(np.arange(4), -1)
+    opening = (arms.angle[:, following] - arms.angle) % (2.0 * np.pi)
+    away = 0.5 * arms.width[:, None] + fillet
+    reach = away * (1.0 + np.cos(opening)) / np.maximum(np.sin(opening), 1e-3)
+    left, right = 1.0 - reach / arms.radius, 1.0 - reach / arms.radius[:, following]
+    top = float(np.abs(arms.wind).max(initial=0.0))
+    for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
+        left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=12)
+    centre = edge(arms, left[..., None], LEFT, fillet)[0][:, :, 0]
+    missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
+    return Hubs(left, right, centre, fillet, missed)
+
+
+def _newton(
+    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float, rounds: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Improve both parameters (F, 4); also returns the distance (F, 4) in metres that was left before the last round."""
+    miss = np.empty(0)
+    for _ in range(rounds):
+        a, da = (x[:, :, 0] for x in edge(arms, left[..., None], LEFT, fillet))
+        b, db = (np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet))
+        gap = b - a
+        miss = np.linalg.norm(gap, axis=-1)
+        det = da[..., 1] * db[..., 0] - da[..., 0] * db[..., 1]
+        det = np.where(np.abs(det) < 1e-20, 1e-20, det)
+        # a + da x = b + db y
+        x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
+        y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
+        left = np.clip(left + np.clip(x, -0.08, 0.08), 0.0, 0.9999)
+        right = np.clip(right + np.clip(y, -0.08, 0.08), 0.0, 0.9999)
+    return left, right, miss
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The curves of one panel in its patch's frame: counter-clockwise outside, clockwise holes; material on the left."""
+
+    outer: Curve
+    holes: tuple[Curve, ...]
+
+
+def outlines(mesh: QuadMesh, joined: np.ndarray, patch_of: np.ndarray, arms: Arms, root: Hubs, tolerance: float) -> list[Outline]:
+    """One outline per patch.
+
+    joined : (F, 4) bool, whether side k carries on into the neighbouring quad; patch_of : (F,) the patch of every quad.
+    Raises ``FlexMapsError`` where a spiral has no room in its quad.
+    """
+    tight = np.flatnonzero(root.missed.any(axis=1))
+    if len(tight):
+        raise FlexMapsError(
+            f"{len(tight)} of {len(mesh.quads)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
+            faces=tight,
+        )
+    fitted = _edges(arms, root, tolerance)
+    chains = _chains(mesh, joined)
+    pieces = _pieces(arms, root, fitted, joined)
+    outer: dict[int, Curve] = {}
+    holes: dict[int, list[Curve]] = {}
+    for chain in chains:
+        points = np.concatenate([pieces[c][0] for c in chain])
+        bulge = np.concatenate([pieces[c][1] for c in chain])
+        curve = Curve(points, bulge)
+        patch = int(patch_of[chain[0] // 4])
+        if curve.area > 0.0:
+            if patch in outer:
+                raise FlexMapsError(f"Patch {patch + 1} overlaps itself once its spirals are drawn; cut it in two", faces=np.flatnonzero(patch_of == patch))
+            outer[patch] = curve
+        else:
+            holes.setdefault(patch, []).append(curve)
+    return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
+
+
+def _edges(arms: Arms, root: Hubs, tolerance: float) -> Fitted:
+    """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
+    count = arms.radius.size
+    zero = np.zeros(count)
+    left = np.stack([zero, root.left.ravel()], axis=1)
+    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), zero], axis=1)
+    each = Arms(  # one "quad" per arm edge, so that any subset can be evaluated; the four arms of it are all the same arm
+        *(np.tile(x, (2, *[1] * (x.ndim - 1))) for x in _flattened(arms))
+    )
+    side = np.repeat([LEFT, RIGHT], count)[:, None, None]
+
+    def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        point, tangent = edge(each.of(which), t[:, None], side[which])
+        return point[:, 0], tangent[:, 0]
+
+    return fit(evaluate, np.concatenate([left, right]), tolerance)
+
+
+def _flattened(arms: Arms) -> tuple[np.ndarray, ...]:
+    """The fields of ``Arms`` with one arm per quad: (4 F, ...) and (4 F, 1, ...)."""
+    return (
+        np.repeat(arms.centre, 4, axis=0),
+        arms.radius.reshape(-1, 1),
+        arms.angle.reshape(-1, 1),
+        np.repeat(arms.wind, 4),
+        np.repeat(arms.width, 4),
+        np.asarray(arms.joint_width).reshape(-1, 1),
+        arms.pull.reshape(-1, 1, 2),
+        arms.share.reshape(-1, 1),
+    )
+
+
+def _pieces(arms: Arms, root: Hubs, fitted: Fitted, joined: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
+
+    With the arm's blunt end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
+    """
+    t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
+    p_left, d_left = (x[:, :, 0] for x in edge(arms, t_left, LEFT))
+    _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, t_right, RIGHT))
+    # from inwards on the left edge to outwards on the right edge of the next arm: always a turn to the right
+    turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
+    turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
+    bulge = np.tan(0.25 * turn)
+    end = edge(arms, np.zeros((*arms.radius.shape, 1)), RIGHT)[0][:, :, 0]
+    start, count = fitted.start, arms.radius.size
+    pieces = []
+    for f in range(len(arms.centre)):
+        for j in range(4):
+            k = (j - 1) % 4
+            a, b = 4 * f + k, count + 4 * f + j
+            left, right = slice(start[a], start[a + 1]), slice(start[b], start[b + 1])
+            points, bulges = [fitted.points[left]], [fitted.bulge[left]]
+            if root.fillet > 0.0:
+                points.append(p_left[f, k][None])
+                bulges.append(bulge[f, k : k + 1])
+            points.append(fitted.points[right])
+            bulges.append(fitted.bulge[right])
+            if not joined[f, j]:
+                points.append(end[f, j][None])
+                bulges.append(np.zeros(1))
+            pieces.append((np.concatenate(points), np.concatenate(bulges)))
+    return pieces
+
+
+def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
+    """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot."""
+    quad, side = mates(mesh)
+    own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4
+    # corner j starts side j; the neighbour's side runs the other way, so the same vertex is its corner side + 1
+    following = np.where(joined, 4 * quad + (side + 1) % 4, own).ravel().tolist()
+    seen = [False] * len(following)
+    chains = []
+    for first in range(len(following)):
+        if seen[first]:
+            continue
+        chain, at = [], first
+        while not seen[at]:
+            seen[at] = True
+            chain.append(at)
+            at = following[at]
+        chains.append(chain)
+    return chains

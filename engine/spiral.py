@@ -1,0 +1,196 @@
+"""The shape of the four-armed spirals in real quads: centre lines, widths and edges of every arm (FlexMaps section 5).
+
+Arm k of a quad runs from the middle of its side k (t = 0) to the quad's centre (t = 1), the mean of its corners. Outside
+the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with a radius R_k and a starting angle A_k of
+its own. Over the blend, both arms that meet at an edge turn to one common direction and width, so that their edges run
+on smoothly from one quad into the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .flatten import FlatPatches
+from .mesh import QuadMesh
+from .params import SpiralParams
+
+if TYPE_CHECKING:
+    from .design import SpiralDesign
+
+LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
+
+# the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
+_CROSSING_MIN = 0.1
+# what must be left of the radius of curvature of an arm's inner edge, as a share of that of its centre line
+_INNER_RADIUS_MIN = 0.3
+_BLEND_MAX = 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """All arms as numbers. Every function of this module takes t of shape (F, 4, N), in [0, 1], and returns (F, 4, N, ...).
+
+    centre : (F, 2) metres
+    radius : (F, 4) metres, from the centre to the middle of side k
+    angle : (F, 4) radians, direction from the centre to the middle of side k, ascending within a quad
+    wind : (F,) radians, twist with the sign of the sense of rotation
+    width : (F,) metres, away from the joints
+    joint_width : (F, 4) metres, at the joint
+    pull : (F, 4, 2) metres, what the blend adds to the derivative of the centre line at the joint
+    share : (F, 4), share of t over which arm and joint are blended
+    """
+
+    centre: np.ndarray
+    radius: np.ndarray
+    angle: np.ndarray
+    wind: np.ndarray
+    width: np.ndarray
+    joint_width: np.ndarray
+    pull: np.ndarray
+    share: np.ndarray
+
+    def unblended(self, wind: np.ndarray) -> Arms:
+        """The same arms as pure spirals of another winding angle (F,)."""
+        return replace(
+            self,
+            wind=wind,
+            pull=np.zeros_like(self.pull),
+            joint_width=np.broadcast_to(self.width[:, None], self.radius.shape),
+        )
+
+    def of(self, quads: np.ndarray) -> Arms:
+        """The arms of some quads only."""
+        return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
+
+
+def mates(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+    """The quad (F, 4) and its side (F, 4) across every side; at the border the quad and the side themselves."""
+    own = np.arange(len(mesh.quads))[:, None]
+    quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
+    across = np.where(quads[..., 0] == own, 1, 0)[..., None]
+    quad = np.take_along_axis(quads, across, axis=2)[..., 0]
+    side = np.take_along_axis(sides, across, axis=2)[..., 0]
+    border = quad < 0
+    return np.where(border, own, quad), np.where(border, np.arange(4), side)
+
+
+def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> Arms:
+    """The arms of the spirals with these widths (F,) in metres and twists (F,) in radians, joints blended."""
+    corners = flat.corners
+    centre = corners.mean(axis=1)
+    spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
+    angle = np.arctan2(spokes[..., 1], spokes[..., 0])
+    # ascending: the middles of the sides go round the centre once, counter-clockwise
+    angle = angle[:, :1] + np.concatenate([np.zeros((len(angle), 1)), np.cumsum(np.diff(angle) % (2 * np.pi), axis=1)], 1)
+    radius = np.linalg.norm(spokes, axis=2)
+    wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
+    width = np.asarray(width, dtype=float)
+    quad, side = mates(flat.layout.mesh)
+    pure = Arms(
+        centre, radius, angle, wind, width,
+        joint_width=0.5 * (width[:, None] + width[quad]),
+        pull=np.zeros_like(spokes),
+        share=np.full(radius.shape, params.blend),
+    )  # fmt: skip
+    return _with_room(replace(pure, pull=_pulls(pure, corners, quad, side)))
+
+
+def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """What turns both arms of every joint to their common direction, (F, 4, 2) metres.
+
+    The common direction is the mean of both arms' outward tangents per unit of radius, each measured against its own
+    copy of the shared edge. So the mean of the twists counts, and the strongly wound arm is hardly bent.
+    """
+    along = np.roll(corners, -1, axis=1) - corners
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    out = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    _, inward, _ = centre_line(pure, np.zeros((*pure.radius.shape, 1)))
+    inward = inward[:, :, 0]
+    tangent = -inward / pure.radius[..., None]
+    local = np.stack([(tangent * along).sum(-1), (tangent * out).sum(-1)], axis=-1)
+    common = local + local[quad, side]
+    common[..., 1] = np.maximum(common[..., 1], _CROSSING_MIN * np.abs(common[..., 0]))
+    common /= np.linalg.norm(common, axis=-1, keepdims=True)
+    turned = common[..., :1] * along + common[..., 1:] * out
+    return -turned * np.linalg.norm(inward, axis=-1, keepdims=True) - inward
+
+
+def _with_room(blended: Arms) -> Arms:
+    """Lengthen the blends that turn so sharply that an arm's inner edge would fold."""
+    u = np.linspace(0.0, 1.0, 13)
+    for _ in range(6):
+        t = blended.share[..., None] * u
+        _, d1, d2 = centre_line(blended, t)
+        curvature = np.abs(_cross(d1, d2)) / (d1**2).sum(-1) ** 1.5
+        tight = (1.0 - 0.5 * width_at(blended, t)[0] * curvature).min(axis=-1) < _INNER_RADIUS_MIN
+        tight &= blended.share < _BLEND_MAX
+        if not tight.any():
+            break
+        blended = replace(blended, share=np.where(tight, np.minimum(1.4 * blended.share, _BLEND_MAX), blended.share))
+    return blended
+
+
+def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2) metres."""
+    radius, wind = arms.radius[..., None], arms.wind[:, None, None]
+    theta = arms.angle[..., None] + wind * t
+    cos, sin = np.cos(theta), np.sin(theta)
+    r = radius * (1.0 - t)
+    share = arms.share[..., None]
+    u = np.minimum(t / share, 1.0)
+    # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
+    h = share * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u)))
+    h1 = 1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))
+    h2 = u * (-36.0 + u * (96.0 - 60.0 * u)) / share
+    pull = arms.pull[:, :, None]
+    rw = r * wind
+    p = np.stack([r * cos, r * sin], axis=-1) + arms.centre[:, None, None] + pull * h[..., None]
+    d1 = np.stack([-radius * cos - rw * sin, -radius * sin + rw * cos], axis=-1) + pull * h1[..., None]
+    a, b = -2.0 * radius * wind, -rw * wind
+    d2 = np.stack([b * cos - a * sin, b * sin + a * cos], axis=-1) + pull * h2[..., None]
+    return p, d1, d2
+
+
+def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Width of the arms at t in metres, and its derivative, each (F, 4, N)."""
+    share = arms.share[..., None]
+    u = np.minimum(t / share, 1.0)
+    g = 1.0 + u**3 * (-10.0 + u * (15.0 - 6.0 * u))
+    g1 = -30.0 * (u * (1.0 - u)) ** 2 / share
+    change = (arms.joint_width - arms.width[:, None])[..., None]
+    return arms.width[:, None, None] + change * g, change * g1
+
+
+def edge(arms: Arms, t: np.ndarray, side: float | np.ndarray, away: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
+
+    ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t.
+    ``away`` shifts the points, in metres, at right angles away from the arm: where a cutter or a fillet of that radius
+    has its centre while it touches the edge.
+    """
+    p, d1, d2 = centre_line(arms, t)
+    width, slope = width_at(arms, t)
+    speed = np.linalg.norm(d1, axis=-1)
+    normal = np.asarray(side)[..., None] * np.stack([d1[..., 1], -d1[..., 0]], axis=-1) / speed[..., None]
+    curvature = side * _cross(d1, d2) / speed**3
+    point = p + normal * (0.5 * width)[..., None]
+    tangent = d1 * (1.0 + 0.5 * width * curvature)[..., None] + normal * (0.5 * slope)[..., None]
+    if away:
+        across = np.asarray(side)[..., None] * np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+        point = point + away * across / np.linalg.norm(across, axis=-1, keepdims=True)
+        tangent = tangent + d1 * (away * curvature)[..., None]
+    return point, tangent
+
+
+def centre_lines(design: SpiralDesign, samples: int) -> np.ndarray:
+    """Centre lines of all arms from joint to centre, (F, 4, samples, 2) metres, evenly spaced in t."""
+    shape = arms(design.flat, design.params, design.width, design.twist)
+    t = np.broadcast_to(np.linspace(0.0, 1.0, samples), (*shape.radius.shape, samples))
+    return centre_line(shape, t)[0]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
