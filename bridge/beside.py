@@ -6,11 +6,19 @@ at the height of the model's lowest point, to the right of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 
 from ..engine.flatten import FlatPatches
 from . import colours
+
+if TYPE_CHECKING:
+    from ..engine.arcs import Curve
+    from ..engine.design import SpiralDesign
+    from ..engine.sheets import Panel
 
 SEAM_COLOURS = 12
 LINE = 0.03  # half the thickness of a drawn line, in quad edges
@@ -198,3 +206,55 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
         shader.inputs["Base Color"].default_value = colour
         made.diffuse_color = colour
     return made
+
+
+# -- spirals -----------------------------------------------------------------------------------------------------------
+
+
+def show_spirals(
+    obj: bpy.types.Object, scene: bpy.types.Scene, design: SpiralDesign, panels: Sequence[Panel], centres: np.ndarray
+) -> None:
+    """Every panel as it will be cut, as a curve with the thickness of the sheet; replaces the plain flat patches.
+
+    panels : outline and holes of every patch, in the patch's own frame; centres : (N, 2) metres
+    """
+    clear(obj)
+    place = origin(obj, scene, 3 * design.flat.layout.mesh.median_edge)
+    palette = colours.of_patches(len(panels))
+    for k, panel in enumerate(panels):
+        curve = solid(f"{obj.name} panel {k + 1}", [panel.outline, *panel.holes], design.params.thickness)
+        curve.materials.append(material(f"FlexMaps patch {k + 1:02d}", palette[k]))
+        shift = np.array([*centres[k], 0.5 * design.params.thickness])
+        add(obj, scene, "spirals", f"panel {k + 1}", curve, place + shift)
+
+
+def solid(name: str, outlines: Sequence[Curve], thickness: float) -> bpy.types.Curve:
+    """A filled curve of arcs with a thickness; what lies inside the first outline is a hole."""
+    curve = bpy.data.curves.new(name, "CURVE")
+    curve.dimensions = "2D"
+    curve.fill_mode = "BOTH"
+    curve.extrude = 0.5 * thickness
+    curve.resolution_u = 3
+    for outline in outlines:
+        points, left, right = bezier(outline)
+        spline = curve.splines.new("BEZIER")
+        spline.bezier_points.add(len(points) - 1)
+        for attribute, values in (("co", points), ("handle_left", left), ("handle_right", right)):
+            flat = np.c_[values, np.zeros(len(values))].astype(np.float32)
+            spline.bezier_points.foreach_set(attribute, flat.ravel())
+        spline.use_cyclic_u = True
+    return curve
+
+
+def bezier(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Knots, left and right handles (N, 2) of a closed curve of arcs; an arc of 90 degrees strays by 0.03 % of its radius."""
+    a, b = curve.points, np.roll(curve.points, -1, axis=0)
+    # seen from the chord, an arc's tangents lean by half its angle; handle = 4/3 tan(angle / 4) radius
+    quarter = np.arctan(curve.bulge)
+    chord = (b - a)[:, 0] + 1j * (b - a)[:, 1]
+    length = np.where(np.abs(quarter) > 1e-9, 2.0 * curve.bulge / (3.0 * np.sin(np.where(quarter == 0, 1, 2 * quarter))), 1 / 3)
+    out = chord * length * np.exp(-2j * quarter)
+    into = chord * length * np.exp(2j * quarter)
+    right = a + np.stack([out.real, out.imag], axis=1)
+    left = np.roll(b - np.stack([into.real, into.imag], axis=1), 1, axis=0)
+    return a, left, right

@@ -74,18 +74,22 @@ class Job:
 
 
 class Ticks:
-    """Prints progress for people who watch a console: a line per new text, and at most one a second in between."""
+    """Prints progress for people who watch a console: a line per new step, and one a second in between.
+
+    What follows a colon in the text is a detail of the same step.
+    """
 
     def __init__(self, title: str):
         self._title = title
-        self._text: str | None = None
+        self._step: str | None = None
         self._time = 0.0
 
     def __call__(self, fraction: float, text: str) -> None:
         now = time.monotonic()
-        if text == self._text and now - self._time < 1.0:
+        step = text.partition(":")[0]
+        if step == self._step and now - self._time < 1.0:
             return
-        self._text, self._time = text, now
+        self._step, self._time = step, now
         print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip(), file=sys.stdout, flush=True)
 
 

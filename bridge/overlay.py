@@ -1,0 +1,227 @@
+"""Colours on the model for distortion, spirals and patches, with a legend; also as a colour attribute for renders.
+
+Drawn over the 3D view by a handler of our own, so that no setting of the user's viewport is touched: switched off, all is
+as it was before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+
+from . import attributes, colours
+
+# kind -> (attribute, label, unit)
+KINDS: dict[str, tuple[str, str, str]] = {
+    "ENERGY": ("flexmaps_energy", "Distortion E", ""),
+    "SQUARE": ("flexmaps_square", "Distance from a square", ""),
+    "WIDTH": ("flexmaps_width", "Width", "mm"),
+    "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
+    "PATCH": ("flexmaps_patch", "Patches", ""),
+}
+SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
+LIFT = 0.02  # how far the colours float above the surface, in edges
+
+
+@dataclass(frozen=True)
+class Legend:
+    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar."""
+
+    title: str
+    low: str = ""
+    high: str = ""
+    scale: np.ndarray | None = None
+
+
+def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
+    """(F, 3) linear colours of the quads, and their legend."""
+    _, label, unit = KINDS[kind]
+    if kind == "PATCH":
+        count = int(values.max()) + 1
+        return colours.of_patches(count)[values.astype(int)], Legend(f"{count} patches")
+    if kind in {"ENERGY", "SQUARE"}:
+        high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
+        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
+        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+    low, high = float(values.min()), float(values.max())
+    gap = "" if unit == "\N{DEGREE SIGN}" else " "
+    legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
+    return colours.on_scale(values, low, high, colours.MUCH), legend
+
+
+def store(obj: bpy.types.Object, kind: str) -> bool:
+    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run."""
+    with attributes.readable(obj) as mesh:
+        values = attributes.get(mesh, KINDS[kind][0])
+        sizes = np.empty(len(mesh.polygons), np.int32)
+        mesh.polygons.foreach_get("loop_total", sizes)
+    if values is None or len(values) != len(sizes):
+        return False
+    rgb, _ = painted(obj, kind, values)
+    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
+    attributes.put(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
+    if not obj.data.is_editmode:
+        obj.data.attributes.active_color_name = "flexmaps_colour"
+    return True
+
+
+# -- drawing in the 3D view --------------------------------------------------------------------------------------------
+
+_handles: list[Any] = []
+_cache: dict[tuple[int, str], tuple[Any, Legend] | None] = {}
+
+
+def register() -> None:
+    items = [("NONE", "None", "No colours")]
+    items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in KINDS.items()]
+    bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_redraw)
+    handlers = bpy.app.handlers
+    handlers.depsgraph_update_post.append(_changed)
+    handlers.load_pre.append(_forget)
+    handlers.undo_post.append(_forget)
+    handlers.redo_post.append(_forget)
+    if not bpy.app.background:
+        view = bpy.types.SpaceView3D
+        _handles.append(view.draw_handler_add(_draw_colours, (), "WINDOW", "POST_VIEW"))
+        _handles.append(view.draw_handler_add(_draw_legend, (), "WINDOW", "POST_PIXEL"))
+
+
+def unregister() -> None:
+    while _handles:
+        bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
+    handlers = bpy.app.handlers
+    handlers.depsgraph_update_post.remove(_changed)
+    for which in (handlers.load_pre, handlers.undo_post, handlers.redo_post):
+        which.remove(_forget)
+    _cache.clear()
+    del bpy.types.WindowManager.flexmaps_overlay
+
+
+def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
+    _cache.clear()
+    for window in manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+@bpy.app.handlers.persistent
+def _changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+    if _cache and any(isinstance(update.id, bpy.types.Mesh | bpy.types.Object) for update in depsgraph.updates):
+        _cache.clear()
+
+
+@bpy.app.handlers.persistent
+def _forget(*_: object) -> None:
+    _cache.clear()
+
+
+def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Legend] | None:
+    """The object, the batch to draw and the legend; ``None`` where nothing is to be drawn."""
+    obj, kind = context.object, context.window_manager.flexmaps_overlay
+    if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
+        return None
+    key = (obj.session_uid, kind)
+    if key not in _cache:
+        _cache[key] = _batch(obj, kind)
+    found = _cache[key]
+    return None if found is None else (obj, *found)
+
+
+def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Legend] | None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    corners, values = _quads(obj, KINDS[kind][0])
+    if values is None or not len(values):
+        return None
+    rgb, legend = painted(obj, kind, values)
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    edge = np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))
+    lifted = corners + LIFT * edge * normal[:, None]
+    light = 0.78 + 0.22 * normal @ np.array([0.27, -0.45, 0.85])  # enough to read the shape
+    srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
+    points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
+    rgba = np.repeat(np.c_[srgb, np.ones(len(srgb))], 6, axis=0).astype(np.float32)
+    return batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba}), legend
+
+
+def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | None]:
+    """Corner positions (F, 4, 3) in the object's frame and the values (F,) of a face attribute."""
+    nothing = np.zeros((0, 4, 3)), None
+    if obj.data.is_editmode:
+        import bmesh
+
+        bm = bmesh.from_edit_mesh(obj.data)
+        layer = bm.faces.layers.float.get(name) or bm.faces.layers.int.get(name)
+        if layer is None or any(len(face.verts) != 4 for face in bm.faces):
+            return nothing
+        corners = np.array([[v.co for v in face.verts] for face in bm.faces], dtype=float)
+        return corners, np.array([face[layer] for face in bm.faces])
+    mesh = obj.data
+    values = attributes.get(mesh, name)
+    if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
+        return nothing
+    points, index = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+    mesh.vertices.foreach_get("co", points)
+    mesh.loops.foreach_get("vertex_index", index)
+    return points.reshape(-1, 3)[index].reshape(-1, 4, 3).astype(float), values
+
+
+def _draw_colours() -> None:
+    import gpu
+
+    shown = _shown(bpy.context)
+    if shown is None:
+        return
+    obj, batch, _ = shown
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    with gpu.matrix.push_pop():
+        gpu.matrix.multiply_matrix(obj.matrix_world)
+        batch.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+
+
+def _draw_legend() -> None:
+    import blf
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shown = _shown(bpy.context)
+    if shown is None:
+        return
+    legend = shown[2]
+    unit = bpy.context.preferences.system.ui_scale
+    x, y, width, height = 90 * unit, 30 * unit, 180 * unit, 12 * unit
+    blf.size(0, 12 * unit)
+    blf.color(0, 1.0, 1.0, 1.0, 1.0)
+    _text(x, y + height + 22 * unit, legend.title)
+    if legend.scale is None:
+        return
+    steps = np.linspace(0.0, 1.0, 25)
+    anchors = np.linspace(0.0, 1.0, len(legend.scale))
+    rgb = np.stack([np.interp(steps, anchors, legend.scale[:, k]) for k in range(3)], axis=1)
+    strip = np.stack([np.repeat(x + width * steps, 2), np.tile([y + 14 * unit, y + 14 * unit + height], len(steps))], axis=1)
+    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch_for_shader(
+        shader, "TRI_STRIP", {"pos": np.c_[strip, np.zeros(len(strip))].astype(np.float32), "color": rgba.astype(np.float32)}
+    ).draw(shader)
+    _text(x, y, legend.low)
+    _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+
+
+def _text(x: float, y: float, text: str) -> None:
+    import blf
+
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
+    blf.position(0, x, y, 0)
+    blf.draw(0, text)
+    blf.disable(0, blf.SHADOW)

@@ -1,0 +1,64 @@
+"""Colours on the model: which number they show."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..bridge.objects import unusable
+
+
+class Overlay(bpy.types.Operator):
+    """Colour the quads by a number; press again to take the colours away"""
+
+    bl_idname = "flexmaps.overlay"
+    bl_label = "Overlay"
+    bl_options = {"REGISTER", "UNDO"}
+
+    kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Kind",
+        items=[
+            ("NONE", "None", "No colours"),
+            ("ENERGY", "E", "Distortion of every quad when it is flattened"),
+            ("SQUARE", "Esq", "How far every quad is from a square"),
+            ("PATCH", "Patches", "One colour per patch"),
+            ("WIDTH", "Width", "Width of the spirals' arms"),
+            ("TWIST", "Twist", "Twist of the spirals"),
+        ],
+        default="ENERGY",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(problem)
+        return problem is None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge import overlay
+
+        manager = context.window_manager
+        if self.kind == "NONE" or manager.flexmaps_overlay == self.kind:
+            manager.flexmaps_overlay = "NONE"
+            return {"FINISHED"}
+        if not overlay.store(context.object, self.kind):
+            stage = "Spirals" if self.kind in {"WIDTH", "TWIST"} else "Merge"
+            self.report({"ERROR"}, f"There is nothing to show yet; press {stage} first")
+            return {"CANCELLED"}
+        manager.flexmaps_overlay = self.kind
+        return {"FINISHED"}
+
+
+def register() -> None:
+    from ..bridge import overlay
+
+    overlay.register()
+
+
+def unregister() -> None:
+    from ..bridge import overlay
+
+    overlay.unregister()
+
+
+CLASSES = (Overlay,)

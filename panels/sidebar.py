@@ -1,0 +1,161 @@
+"""The tab in the 3D view's sidebar: one sub-panel a stage, in the order of the walk from mesh to sheets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import job, notes
+from ..bridge.objects import changed_by_modifiers, unusable
+from ..engine.params import ExportParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from .rows import choice_row, number, numbers, settings_rows, wrapped
+
+
+class Sidebar:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "FlexMaps"
+
+
+class MainPanel(Sidebar, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_main"
+    bl_label = "FlexMaps"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        running = job.current
+        if running is not None:
+            text = "stopping" if running.stopping else running.text or running.title
+            layout.progress(factor=running.fraction, text=f"{running.title}: {text}")
+            layout.label(text="ESC stops it and changes nothing", icon="EVENT_ESC")
+            return
+        obj = context.object
+        problem = unusable(obj)
+        if problem is not None:
+            wrapped(layout, context, problem, icon="INFO")
+            return
+        layout.label(text=obj.name, icon="MESH_DATA")
+        modifiers = changed_by_modifiers(obj)
+        if modifiers is not None:
+            wrapped(layout, context, modifiers, icon="MODIFIER")
+
+
+class StagePanel(Sidebar):
+    bl_parent_id = "FLEXMAPS_PT_main"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return unusable(context.object) is None
+
+
+class MeshPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_mesh"
+    bl_label = "Mesh"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.object.flexmaps
+        column = layout.column(align=True)
+        column.prop(settings.remesh, "quads")
+        column.prop(settings.remesh, "smooth")
+        column.operator("flexmaps.quad_remesh", icon="MOD_REMESH")
+        column = layout.column(align=True)
+        column.prop(settings.remesh, "edge")
+        column.operator("flexmaps.set_size", icon="FULLSCREEN_ENTER")
+        column = layout.column(align=True)
+        settings_rows(column, settings.regularise, RegulariseParams)
+        column.operator("flexmaps.regularise", icon="MOD_SMOOTH")
+        layout.operator("flexmaps.check", icon="CHECKMARK")
+        checks = notes.read(context.object.data).get("checks")
+        if checks == []:
+            layout.label(text="Nothing to complain about", icon="CHECKMARK")
+        for index, finding in enumerate(checks or ()):
+            box = layout.box()
+            icon = "ERROR" if finding["severity"] == "warning" else "CANCEL"
+            wrapped(box, context, finding["message"], icon=icon)
+            if finding["faces"] or finding["edges"]:
+                box.operator("flexmaps.show_finding", text="Show", icon="RESTRICT_SELECT_OFF").index = index
+
+
+class PatchPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_patches"
+    bl_label = "Patches"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings_rows(layout.column(align=True), obj.flexmaps.layout, LayoutParams)
+        row = layout.row(align=True)
+        row.operator("flexmaps.trace", icon="GRID")
+        row.operator("flexmaps.merge", icon="AUTOMERGE_ON")
+        column = layout.column(align=True)
+        column.operator("flexmaps.update_from_seams", icon="FILE_REFRESH")
+        column.operator("flexmaps.flatten", text="Flatten all", icon="UV")
+        block = notes.read(obj.data).get("layout")
+        if block is None:
+            return
+        limit = obj.flexmaps.layout.distortion_limit
+        grid = numbers(layout)
+        number(grid, "Patches", f"{block.get('patches')}")
+        number(grid, "Largest E", _decimals(block, "energy_max", 4), alert=block.get("energy_max", 0) > limit * 1.0001)
+        number(grid, "Seam mismatch", _percent(block, "seam_mismatch_max"))
+        number(grid, "Smallest neck", f"{block.get('neck_min_quads')} quads")
+        for name in ("flips", "overlaps"):
+            if block.get(name):
+                number(grid, name.capitalize(), str(block[name]), alert=True)
+        choice_row(layout, context.window_manager, "flexmaps_overlay", (("ENERGY", "E"), ("SQUARE", "Esq"), ("PATCH", "Patches")))
+
+
+class SpiralPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_spirals"
+    bl_label = "Spirals"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings_rows(layout.column(align=True), obj.flexmaps.spiral, SpiralParams)
+        layout.operator("flexmaps.spirals", icon="FORCE_VORTEX")
+        block = notes.read(obj.data).get("spirals")
+        if block is None:
+            return
+        grid = numbers(layout)
+        number(grid, "Spirals", str(block.get("count")))
+        number(grid, "Width", _range(block, "width_mm", " mm"))
+        number(grid, "Twist", _range(block, "twist_deg", "\N{DEGREE SIGN}"))
+        number(grid, "Smallest slot", _decimals(block, "slot_min_mm", 2, " mm"))
+        choice_row(layout, context.window_manager, "flexmaps_overlay", (("WIDTH", "Width"), ("TWIST", "Twist")))
+
+
+class ExportPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_export"
+    bl_label = "Export"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings_rows(layout.column(align=True), obj.flexmaps.sheet, SheetParams)
+        settings_rows(layout.column(align=True), obj.flexmaps.export, ExportParams)
+        layout.operator("flexmaps.export", icon="EXPORT")
+        block = notes.read(obj.data).get("sheets")
+        if block is None:
+            return
+        grid = numbers(layout)
+        number(grid, "Sheets", str(block.get("sheets")))
+        number(grid, "Filled", _percent(block, "fill"))
+        number(grid, "Cut length", _decimals(block, "cut_length_m", 1, " m"))
+        number(grid, "Files", str(len(block.get("files", ()))))
+
+
+def _decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> str:
+    value = block.get(key)
+    return "-" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def _percent(block: dict[str, Any], key: str) -> str:
+    value = block.get(key)
+    return "-" if value is None else f"{100 * value:.1f} %"
+
+
+def _range(block: dict[str, Any], key: str, unit: str) -> str:
+    values = block.get(key)
+    return "-" if not values else f"{values[0]:.3g} to {values[-1]:.3g}{unit}"
+
+
+CLASSES = (MainPanel, MeshPanel, PatchPanel, SpiralPanel, ExportPanel)
