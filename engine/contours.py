@@ -14,8 +14,9 @@ import numpy as np
 
 from .arcs import Curve, Fitted, fit
 from .errors import FlexMapsError
+from .layout import PatchLayout
 from .mesh import QuadMesh
-from .spiral import LEFT, RIGHT, Arms, edge, mates
+from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +81,48 @@ class Outline:
     holes: tuple[Curve, ...]
 
 
-def outlines(mesh: QuadMesh, joined: np.ndarray, patch_of: np.ndarray, arms: Arms, root: Hubs, tolerance: float) -> list[Outline]:
-    """One outline per patch.
+def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
+    """(F, 4) t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
 
-    joined : (F, 4) bool, whether side k carries on into the neighbouring quad; patch_of : (F,) the patch of every quad.
-    Raises ``FlexMapsError`` where a spiral has no room in its quad.
+    At a seam between two patches both ends meet when the panels lie side by side. At a cut inside a patch they face each
+    other in one panel, and must be at least ``slot`` metres apart there.
     """
+    quad, side = mates(layout.mesh)
+    inside = layout.outline_sides & (quad != np.arange(len(quad))[:, None]) & (layout.patch_of[quad] == layout.patch_of[:, None])
+    begin = np.zeros(inside.shape)
+    if not inside.any():
+        return begin
+    p, speed, _ = (x[:, :, 0] for x in centre_line(arms, begin[..., None]))
+    own = np.stack([edge(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
+    own, facing = own[inside], own[quad, side][inside]
+    apart = np.minimum(_from_segment(own, facing), _from_segment(facing, own))
+    begin[inside] = 0.5 * np.maximum(1.02 * slot - apart, 0.0) / np.linalg.norm(speed, axis=-1)[inside]
+    return np.maximum(begin, np.where(inside, begin[quad, side], 0.0))
+
+
+def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """(N,) smallest distance of points (N, K, 2) from segments (N, 2, 2)."""
+    a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
+    share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
+
+
+def outlines(layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance: float) -> list[Outline]:
+    """One outline per patch, as arcs within ``tolerance`` metres of the true curves.
+
+    ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
+    ``FlexMapsError`` with the faces where a spiral has no room in its quad.
+    """
+    mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     tight = np.flatnonzero(root.missed.any(axis=1))
     if len(tight):
         raise FlexMapsError(
             f"{len(tight)} of {len(mesh.quads)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
             faces=tight,
         )
-    fitted = _edges(arms, root, tolerance)
+    begin = ends(layout, arms, slot)
     chains = _chains(mesh, joined)
-    pieces = _pieces(arms, root, fitted, joined)
+    pieces = _pieces(arms, root, begin, _edges(arms, root, begin, tolerance), joined)
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
     for chain in chains:
@@ -111,12 +139,11 @@ def outlines(mesh: QuadMesh, joined: np.ndarray, patch_of: np.ndarray, arms: Arm
     return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
 
 
-def _edges(arms: Arms, root: Hubs, tolerance: float) -> Fitted:
+def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float) -> Fitted:
     """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
     count = arms.radius.size
-    zero = np.zeros(count)
-    left = np.stack([zero, root.left.ravel()], axis=1)
-    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), zero], axis=1)
+    left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
+    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
     each = Arms(  # one "quad" per arm edge, so that any subset can be evaluated; the four arms of it are all the same arm
         *(np.tile(x, (2, *[1] * (x.ndim - 1))) for x in _flattened(arms))
     )
@@ -143,7 +170,9 @@ def _flattened(arms: Arms) -> tuple[np.ndarray, ...]:
     )
 
 
-def _pieces(arms: Arms, root: Hubs, fitted: Fitted, joined: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _pieces(
+    arms: Arms, root: Hubs, begin: np.ndarray, fitted: Fitted, joined: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
 
     With the arm's blunt end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
@@ -155,7 +184,7 @@ def _pieces(arms: Arms, root: Hubs, fitted: Fitted, joined: np.ndarray) -> list[
     turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
     turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
     bulge = np.tan(0.25 * turn)
-    end = edge(arms, np.zeros((*arms.radius.shape, 1)), RIGHT)[0][:, :, 0]
+    end = edge(arms, begin[..., None], RIGHT)[0][:, :, 0]
     start, count = fitted.start, arms.radius.size
     pieces = []
     for f in range(len(arms.centre)):

@@ -115,6 +115,11 @@ class SheetParams(Params):
     tolerance: float = setting(0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m")
     labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
     label_height: float = setting(0.0025, "Label height", "Largest letter height of a label", low=0.0005, high=0.1, unit="m")
+    label_min: float = setting(0.0006, "Smallest letters", "Seam labels that would have to be smaller than this are left out", low=0.0001, high=0.1, unit="m")
+    oversize: str = setting(
+        "enlarge", "Too large panels", "What happens to a panel that is larger than the sheet",
+        choices=(("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"), ("error", "Stop", "Stop and name the patch")),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

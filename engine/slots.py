@@ -15,7 +15,7 @@ import numpy as np
 from .flatten import FlatPatches
 from .mesh import QuadMesh
 from .params import SpiralParams
-from .spiral import Arms, arms, centre_line, mates, width_at
+from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
 
 DEPTH = 0.5  # the share of every arm, from its tip, over which the slot beside it must stay open
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
@@ -122,3 +122,39 @@ def _rolled(arms: Arms, step: int) -> Arms:
     """The same arms, with arm k - step in the place of arm k."""
     rolled = {name: np.roll(getattr(arms, name), step, axis=1) for name in ("radius", "angle", "joint_width", "pull", "share")}
     return replace(arms, **rolled)
+
+
+def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) -> tuple[float, float]:
+    """Narrowest slot and narrowest piece of material in metres, measured between the true edges of the arms.
+
+    left, right : (F, 4) t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
+    At its root a slot is as wide as its fillet's diameter.
+    """
+    share = np.linspace(0.0, 0.9, 24)
+    own_right = np.roll(right, 1, axis=1)
+    t = share * np.minimum(left, own_right)[..., None]
+    bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
+    step = -1 if float(arms.wind.sum()) < 0.0 else 1
+    opening = (step * (arms.angle - np.roll(arms.angle, step, axis=1)))[..., None] % (2.0 * math.pi)
+    outer_end, inner_end = (own_right, np.roll(left, 1, axis=1)) if step > 0 else (left, np.roll(right, 0, axis=1))
+    t = share * outer_end[..., None]
+    s = np.minimum(t + opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None], inner_end[..., None])
+    side = RIGHT if step > 0 else LEFT
+    apart, lean = _apart(arms, side, t, _rolled(arms, step), -side, s, inner_end[..., None])
+    # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
+    slot = float(np.where(lean > 0.7, apart, CLEAR).min())
+    return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
+
+
+def _apart(
+    one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of edge points at t from the nearest point, near s and up to ``end``, of the other edge; and how parallel they are."""
+    p, dp = edge(one, t, side)
+    for _ in range(8):
+        q, dq = edge(two, s, other)
+        move = ((q - p) * dq).sum(-1) / np.maximum((dq * dq).sum(-1), 1e-30)
+        s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
+    q, dq = edge(two, s, other)
+    lean = np.abs((dp * dq).sum(-1)) / (np.linalg.norm(dp, axis=-1) * np.linalg.norm(dq, axis=-1))
+    return np.linalg.norm(p - q, axis=-1), lean

@@ -1,0 +1,166 @@
+"""Cut-ready sheets: the panels with their outlines, holes and labels, and where they lie on the sheets of material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .arcs import Curve
+from .contours import Outline, hubs, outlines
+from .design import SpiralDesign
+from .errors import FlexMapsError
+from .labels import Labels, make_labels
+from .packing import Packing, fits, least_box, pack
+from .params import SheetParams
+from .progress import SILENT, Progress
+from .slots import narrowest, slot_needed
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
+
+    number : what is engraved on it, patch + 1; patch : index of its patch in the layout
+    outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
+    """
+
+    number: int
+    patch: int
+    outline: Curve
+    holes: tuple[Curve, ...]
+    labels: tuple[Curve, ...]
+    area: float
+
+    def moved(self, rotation: float, shift: np.ndarray) -> Panel:
+        """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
+        return replace(
+            self,
+            outline=self.outline.moved(rotation, shift),
+            holes=tuple(c.moved(rotation, shift) for c in self.holes),
+            labels=tuple(c.moved(rotation, shift) for c in self.labels),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CutSheets:
+    """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
+
+    panels : one per patch
+    packing : sheet, rotation and shift of every panel, and the sizes of the sheets
+    params : what was asked for
+    warnings : sentences for the user
+    labels_placed, labels_left_out : how many labels are engraved, how many had no room
+    slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
+    """
+
+    panels: tuple[Panel, ...]
+    packing: Packing
+    params: SheetParams
+    warnings: tuple[str, ...]
+    labels_placed: int
+    labels_left_out: int
+    slot_min: float
+    bridge_min: float
+
+    @property
+    def count(self) -> int:
+        """Number of sheets."""
+        return len(self.packing.sizes)
+
+    def on_sheet(self, index: int) -> list[Panel]:
+        """The panels of one sheet, where they lie on it."""
+        where = self.packing
+        return [self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)]
+
+    @property
+    def cut_length(self) -> float:
+        """Metres of all cuts, without engraving."""
+        return sum(c.length for p in self.panels for c in (p.outline, *p.holes))
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes of all cuts."""
+        return sum(len(c.points) for p in self.panels for c in (p.outline, *p.holes))
+
+
+def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = SILENT) -> CutSheets:
+    """Draw every panel of the design and lay the panels on sheets.
+
+    Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
+    where it is larger than the sheet.
+    """
+    if 2.0 * params.margin >= min(params.sheet_width, params.sheet_height):
+        raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
+    layout, arms = design.flat.layout, design.arms
+    progress(0.0, "outlines")
+    root = hubs(arms, design.params.fillet)
+    drawn = outlines(layout, arms, root, slot_needed(design.params), params.tolerance)
+    progress(0.4, "checking outlines")
+    _check(drawn, layout.patches, progress.part(0.4, 0.6))
+    progress(0.6, "labels")
+    labels = make_labels(layout, arms, root, params) if params.labels else Labels(((),) * len(drawn), 0, 0)
+    panels = tuple(
+        Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes))
+        for i, o in enumerate(drawn)
+    )
+    warnings = _oversize(panels, layout.patches, params)
+    if labels.left_out:
+        warnings.append(f"{labels.left_out} of {labels.placed + labels.left_out} labels have no room on their arms and are left out")
+    shapes = [p.outline.sampled(1e-4) for p in panels]
+    packing = pack(shapes, (params.sheet_width, params.sheet_height), params.margin, params.spacing, progress.part(0.65, 1.0))
+    slot, bridge = narrowest(arms, root.left, root.right, root.fillet)
+    slot = min(slot, float(design.gap.min()))
+    return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
+
+
+def _check(drawn: list[Outline], patches: tuple[np.ndarray, ...], progress: Progress) -> None:
+    """Prove that every panel is one piece that neither crosses nor touches itself."""
+    from shapely import Polygon
+
+    for i, outline in enumerate(drawn):
+        progress(i / len(drawn), "checking outlines")
+        if not Polygon(outline.outer.sampled(2e-5), [h.sampled(2e-5) for h in outline.holes]).is_valid:
+            raise FlexMapsError(
+                f"The spirals of patch {i + 1} touch each other; make its quads more regular, the arms thinner or the twist smaller",
+                faces=patches[i],
+            )
+
+
+def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:
+    """A warning for every panel that is larger than the sheet, or an error if so asked."""
+    found = []
+    for panel in panels:
+        size = least_box(panel.outline.sampled(1e-4))[1]
+        if fits(size, (params.sheet_width, params.sheet_height), params.margin):
+            continue
+        text = (
+            f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
+            f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
+        )
+        if params.oversize == "error":
+            raise FlexMapsError(f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch])
+        found.append(f"{text}; it gets a sheet of the size that it needs")
+    return found
+
+
+def sheets_report(sheets: CutSheets) -> dict[str, Any]:
+    """The ``sheets`` block of report.json, but for the names of the files."""
+    silhouettes = sum(p.outline.area for p in sheets.panels)
+    length = sheets.cut_length
+    return {
+        "panels": len(sheets.panels),
+        "sheets": sheets.count,
+        "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
+        "fill": round(silhouettes / float(sheets.packing.sizes.prod(axis=1).sum()), 4),
+        "area_m2": round(sum(p.area for p in sheets.panels), 6),
+        "cut_length_m": round(length, 3),
+        "slot_min_mm": round(sheets.slot_min * 1e3, 4),
+        "bridge_min_mm": round(sheets.bridge_min * 1e3, 4),
+        "nodes": sheets.nodes,
+        "nodes_per_m": round(sheets.nodes / length, 1),
+        "labels": sheets.labels_placed,
+        "labels_left_out": sheets.labels_left_out,
+        "warnings": list(sheets.warnings),
+    }
