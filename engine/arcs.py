@@ -204,7 +204,9 @@ def _stray(nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndar
     chord = b - a
     size = np.maximum(np.linalg.norm(chord, axis=1), 1e-15)
     along = ((p - a[:, None]) * chord[:, None]).sum(-1) / size[:, None]
-    across = (chord[:, None, 0] * (p - a[:, None])[..., 1] - chord[:, None, 1] * (p - a[:, None])[..., 0]) / size[:, None]
+    across = (chord[:, None, 0] * (p - a[:, None])[..., 1] - chord[:, None, 1] * (p - a[:, None])[..., 0]) / size[
+        :, None
+    ]
     half = 0.5 * size[:, None]
     sag = half * k[:, None]
     distance = _circle_distance(along - half, across, half, sag)

@@ -16,6 +16,7 @@ from .arcs import Curve, Fitted, fit
 from .errors import FlexMapsError
 from .layout import PatchLayout
 from .mesh import QuadMesh
+from .slots import clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates
 
 
@@ -38,7 +39,11 @@ class Hubs:
 
 
 def hubs(arms: Arms, fillet: float) -> Hubs:
-    """Find the roots of all slots by Newton's method, followed from straight arms (twist 0) to their full twist."""
+    """Find the roots of all slots: where a fillet of this radius (metres) touches both edges.
+
+    By Newton's method, followed from straight arms (twist 0) to their full twist; and by walking down the slot from its
+    mouth where that has missed the first such place, as it may in slots that hardly narrow.
+    """
     following = np.roll(np.arange(4), -1)
     opening = (arms.angle[:, following] - arms.angle) % (2.0 * np.pi)
     away = 0.5 * arms.width[:, None] + fillet
@@ -47,20 +52,43 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     top = float(np.abs(arms.wind).max(initial=0.0))
     for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
         left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
-    left, right, miss = _newton(arms, left, right, fillet, rounds=12)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=10)
+    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 24))[:2]
+    doubtful = ~(miss < 1e-9) | ((apart < 1.99 * fillet) & (lean > 0.7)).any(axis=-1)
+    quads = np.flatnonzero(doubtful.any(axis=1))
+    if len(quads):
+        again = _walked(arms.of(quads), fillet)
+        for whole, part in zip((left, right, miss), again, strict=True):
+            whole[quads] = np.where(doubtful[quads], part, whole[quads])
     centre = edge(arms, left[..., None], LEFT, fillet)[0][:, :, 0]
     missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
     return Hubs(left, right, centre, fillet, missed)
 
 
+def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Left and right parameters of the roots and what they miss, each (F, 4): the first narrow place from the mouth inwards."""
+    far = np.full(arms.radius.shape, 0.999)
+    apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
+    # a last column that is always narrow; at the mouth itself there would be no slot
+    narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > 0.5), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
+    first = np.clip(narrow.argmax(axis=-1) - 1, 0, outer.shape[-1] - 1)[..., None]
+    outer, inner = np.take_along_axis(outer, first, axis=-1)[..., 0], np.take_along_axis(inner, first, axis=-1)[..., 0]
+    # the outer arm of slot k is arm k + 1, or arm k if the spirals wind clockwise
+    left, right = (outer, inner) if clockwise(arms) else (inner, outer)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=40, step=0.01)
+    return left, right, np.where(narrow[..., 0], 1.0, miss)
+
+
 def _newton(
-    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float, rounds: int
+    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float, rounds: int, step: float = 0.08
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Improve both parameters (F, 4); also returns the distance (F, 4) in metres that was left before the last round."""
     miss = np.empty(0)
     for _ in range(rounds):
         a, da = (x[:, :, 0] for x in edge(arms, left[..., None], LEFT, fillet))
-        b, db = (np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet))
+        b, db = (
+            np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet)
+        )
         gap = b - a
         miss = np.linalg.norm(gap, axis=-1)
         det = da[..., 1] * db[..., 0] - da[..., 0] * db[..., 1]
@@ -68,8 +96,8 @@ def _newton(
         # a + da x = b + db y
         x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
         y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
-        left = np.clip(left + np.clip(x, -0.08, 0.08), 0.0, 0.9999)
-        right = np.clip(right + np.clip(y, -0.08, 0.08), 0.0, 0.9999)
+        left = np.clip(left + np.clip(x, -step, step), 0.0, 0.9999)
+        right = np.clip(right + np.clip(y, -step, step), 0.0, 0.9999)
     return left, right, miss
 
 
@@ -88,11 +116,15 @@ def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
     other in one panel, and must be at least ``slot`` metres apart there.
     """
     quad, side = mates(layout.mesh)
-    inside = layout.outline_sides & (quad != np.arange(len(quad))[:, None]) & (layout.patch_of[quad] == layout.patch_of[:, None])
+    inside = (
+        layout.outline_sides
+        & (quad != np.arange(len(quad))[:, None])
+        & (layout.patch_of[quad] == layout.patch_of[:, None])
+    )
     begin = np.zeros(inside.shape)
     if not inside.any():
         return begin
-    p, speed, _ = (x[:, :, 0] for x in centre_line(arms, begin[..., None]))
+    speed = centre_line(arms, begin[..., None])[1][:, :, 0]
     own = np.stack([edge(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
     own, facing = own[inside], own[quad, side][inside]
     apart = np.minimum(_from_segment(own, facing), _from_segment(facing, own))
@@ -132,7 +164,10 @@ def outlines(layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance
         patch = int(patch_of[chain[0] // 4])
         if curve.area > 0.0:
             if patch in outer:
-                raise FlexMapsError(f"Patch {patch + 1} overlaps itself once its spirals are drawn; cut it in two", faces=np.flatnonzero(patch_of == patch))
+                raise FlexMapsError(
+                    f"Patch {patch + 1} overlaps itself once its spirals are drawn; cut it in two",
+                    faces=np.flatnonzero(patch_of == patch),
+                )
             outer[patch] = curve
         else:
             holes.setdefault(patch, []).append(curve)
@@ -144,9 +179,7 @@ def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float) -> Fitte
     count = arms.radius.size
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
     right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
-    each = Arms(  # one "quad" per arm edge, so that any subset can be evaluated; the four arms of it are all the same arm
-        *(np.tile(x, (2, *[1] * (x.ndim - 1))) for x in _flattened(arms))
-    )
+    each = arms.one_by_one(*(np.tile(x.ravel(), 2) for x in np.indices(arms.radius.shape)))
     side = np.repeat([LEFT, RIGHT], count)[:, None, None]
 
     def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -154,20 +187,6 @@ def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float) -> Fitte
         return point[:, 0], tangent[:, 0]
 
     return fit(evaluate, np.concatenate([left, right]), tolerance)
-
-
-def _flattened(arms: Arms) -> tuple[np.ndarray, ...]:
-    """The fields of ``Arms`` with one arm per quad: (4 F, ...) and (4 F, 1, ...)."""
-    return (
-        np.repeat(arms.centre, 4, axis=0),
-        arms.radius.reshape(-1, 1),
-        arms.angle.reshape(-1, 1),
-        np.repeat(arms.wind, 4),
-        np.repeat(arms.width, 4),
-        np.asarray(arms.joint_width).reshape(-1, 1),
-        arms.pull.reshape(-1, 1, 2),
-        arms.share.reshape(-1, 1),
-    )
 
 
 def _pieces(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +11,12 @@ import numpy as np
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
-from .slots import gaps, gaps_across, room, slot_needed, twist_bound, twist_limit
-from .spiral import Arms, arms
+from .slots import DEPTH, gaps, gaps_across, room, slot_needed, twist_bound, twist_limit
+from .spiral import Arms, arms, inner_radius, mates
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
+
+_SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,19 +46,22 @@ class SpiralDesign:
 
     @cached_property
     def gap(self) -> np.ndarray:
-        """(F,) metres: narrowest gap beside the outer halves of every quad's arms, on the true shape."""
-        across = gaps_across(self.arms, self.flat.layout.mesh, self.flat.corners)
-        return np.minimum(gaps(self.arms), across).min(axis=1)
+        """(F,) metres: narrowest gap beside the outer thirds of every quad's arms, on the true shape."""
+        return _gap(self.arms, self.flat, np.arange(len(self.width)))
 
     @cached_property
     def coordinates(self) -> np.ndarray:
         """(F, 2): width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
         p = self.params
         bound = np.maximum(twist_bound(self.flat, p, self.width), 1e-9)
-        return np.stack([(self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12), self.twist / bound], axis=1)
+        return np.stack(
+            [(self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12), self.twist / bound], axis=1
+        )
 
 
-def uniform(flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None) -> SpiralDesign:
+def uniform(
+    flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
+) -> SpiralDesign:
     """The same spiral in every quad, as far as the quads allow: each is narrowed and unwound until it can be cut.
 
     width : metres, the mean of the allowed range if not given; twist : radians, half of the largest if not given.
@@ -97,19 +102,41 @@ def _cuttable(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist:
             faces=small,
         )
     width = np.minimum(width, widest)
-    design = SpiralDesign(flat, params, width, np.minimum(twist, twist_bound(flat, params, width)))
+    return SpiralDesign(
+        flat, params, width, _unwound(flat, params, width, np.minimum(twist, twist_bound(flat, params, width)))
+    )
+
+
+def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """(F,) radians: the twists, reduced where the blended joints or the neighbours leave too little room."""
     slot, mesh = slot_needed(params), flat.layout.mesh
-    for _ in range(30):
-        tight = design.gap < slot * (1.0 - 1e-6)
-        if not (tight & (design.twist > 0.0)).any():
-            break
+    mate, side = mates(mesh)
+    rest = 1.0 / (1.0 - DEPTH) ** 2
+    gap, quads = np.zeros(len(twist)), np.arange(len(twist))
+    for _ in range(60):
+        shape = arms(flat, params, width, twist)
+        gap[quads] = _gap(shape, flat, quads)
+        # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
+        sharp = inner_radius(shape) < _SHARPEST
+        gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
+        tight = gap < slot * (1.0 - 1e-6)
         # an arm also gives way where it is its neighbour's that has no room
-        tight |= (tight[mesh.neighbours] & (mesh.neighbours >= 0)).any(axis=1) & (design.gap < 1.5 * slot)
-        share = np.clip((design.gap + width) / (slot + width), 0.8, 0.99)
-        loose = np.sqrt(np.maximum((design.twist**2 + 4.0) * share**2 - 4.0, 0.0))
-        loose = np.where(design.twist < 0.1, 0.0, np.maximum(loose, 0.8 * design.twist))
-        design = replace(design, twist=np.where(tight, loose, design.twist))
-    return design
+        beside = tight[mate].any(axis=1) & (gap < 1.5 * slot)
+        change = (tight | beside | gives) & (twist > 0.0)
+        if not change.any():
+            break
+        share = np.clip((gap + width) / (slot + width), 0.8, 0.98)
+        loose = np.sqrt(np.maximum((twist**2 + rest) * share**2 - rest, 0.0))
+        loose = np.where(gives, np.minimum(loose, 0.85 * twist), np.maximum(loose, 0.8 * twist))
+        twist = np.where(change, np.where(twist < 0.1, 0.0, loose), twist)
+        quads = np.flatnonzero(change | change[mate].any(axis=1))
+    return twist
+
+
+def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
+    """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints."""
+    across = gaps_across(shape, flat.layout.mesh, flat.corners, quads)
+    return np.minimum(gaps(shape.of(quads)), across).min(axis=1)
 
 
 def design_report(design: SpiralDesign) -> dict[str, Any]:

@@ -52,6 +52,7 @@ def replacing_many(stale: Iterable[str | os.PathLike[str]] = ()) -> Iterator[Cal
     wanted: dict[Path, Path] = {}
     made: list[Path] = []
     try:
+
         def new(path: str | os.PathLike[str]) -> Path:
             target = Path(path)
             made.extend(_make_folder(target.parent))

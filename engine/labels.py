@@ -101,7 +101,7 @@ def _panel_label(
     on_hub = min(largest, 1.8 * float(lines.hub[roomiest]) / np.hypot(length(text), 1.0))
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
     free = [a for a in free if a not in taken] or free
-    quad, side = max(free, key=lambda a: lines.height(*a, text, largest))
+    quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
     on_arm = lines.height(quad, side, text, largest)
     if on_hub >= on_arm:
         return straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))

@@ -63,16 +63,13 @@ def pack(
         progress(done / len(order), "packing")
         turn, size = boxes[i]
         stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing)
-        for number, candidate in enumerate(open_sheets):
-            place = candidate.place(stamp)
-            if place is not None:
-                break
-        else:
-            number = len(open_sheets)
+        place = next(((n, p) for n, s in enumerate(open_sheets) if (p := s.place(stamp)) is not None), None)
+        if place is None:
             open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell), margin, 0.5 * spacing, cell))
-            place = open_sheets[-1].place(stamp)
-            assert place is not None
-        sheet_of[i], (rotation[i], shift[i]) = number, place
+            fresh = open_sheets[-1].place(stamp)
+            assert fresh is not None  # the sheet was made for it
+            place = len(open_sheets) - 1, fresh
+        sheet_of[i], (rotation[i], shift[i]) = place
     return Packing(sheet_of, rotation, shift, np.array([s.size for s in open_sheets]).reshape(-1, 2))
 
 
@@ -88,7 +85,7 @@ def _large_enough(size: np.ndarray, sheet: tuple[float, float], margin: float, c
         return sheet
     # whole centimetres; the panel lies lengthwise, and the sheet is never smaller than the one that was asked for
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
-    return max(wide, max(sheet)), max(high, min(sheet))
+    return max(wide, *sheet), max(high, min(sheet))
 
 
 class _Stamp:

@@ -72,7 +72,9 @@ class CutSheets:
     def on_sheet(self, index: int) -> list[Panel]:
         """The panels of one sheet, where they lie on it."""
         where = self.packing
-        return [self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)]
+        return [
+            self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
+        ]
 
     @property
     def cut_length(self) -> float:
@@ -107,9 +109,13 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
     )
     warnings = _oversize(panels, layout.patches, params)
     if labels.left_out:
-        warnings.append(f"{labels.left_out} of {labels.placed + labels.left_out} labels have no room on their arms and are left out")
+        warnings.append(
+            f"{labels.left_out} of {labels.placed + labels.left_out} labels have no room on their arms and are left out"
+        )
     shapes = [p.outline.sampled(1e-4) for p in panels]
-    packing = pack(shapes, (params.sheet_width, params.sheet_height), params.margin, params.spacing, progress.part(0.65, 1.0))
+    packing = pack(
+        shapes, (params.sheet_width, params.sheet_height), params.margin, params.spacing, progress.part(0.65, 1.0)
+    )
     slot, bridge = narrowest(arms, root.left, root.right, root.fillet)
     slot = min(slot, float(design.gap.min()))
     return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
@@ -140,7 +146,9 @@ def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params
             f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
         )
         if params.oversize == "error":
-            raise FlexMapsError(f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch])
+            raise FlexMapsError(
+                f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch]
+            )
         found.append(f"{text}; it gets a sheet of the size that it needs")
     return found
 

@@ -2,7 +2,7 @@
 
 Width, twist and size of a spiral are coupled (FlexMaps section 5): consecutive arms of a regular spiral of diameter s lie
 (pi / 4) s / sqrt(twist^2 + (s / 2r)^2) apart at the radius r, measured at right angles. Here the gap must leave the
-smallest slot at every radius down to half of the tip's, so that there is a slot at all and its root has a place.
+smallest slot over the outer third of every arm, so that there is a slot at all and its root has a place.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from .mesh import QuadMesh
 from .params import SpiralParams
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
 
-DEPTH = 0.5  # the share of every arm, from its tip, over which the slot beside it must stay open
+# The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
+# loses slot at the hub: about here its arms are free over their greatest length.
+DEPTH = 1.0 / 3.0
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
 
 
@@ -41,7 +43,8 @@ def gaps(arms: Arms) -> np.ndarray:
 
     Negative where the arms run through each other.
     """
-    step = -1 if float(arms.wind.sum()) < 0.0 else 1  # the arm that faces the tip of arm k is k - 1, or k + 1 if clockwise
+    # the arm that faces the tip of arm k is k - 1, or k + 1 if clockwise
+    step = -1 if clockwise(arms) else 1
     opening = (step * (arms.angle - np.roll(arms.angle, step, axis=1)))[..., None] % (2.0 * math.pi)
     inner = _rolled(arms, step)
     t = np.broadcast_to(np.linspace(0.0, DEPTH, 12), (*arms.radius.shape, 12))
@@ -60,31 +63,38 @@ def gaps(arms: Arms) -> np.ndarray:
     return np.where(through, -np.abs(gap), gap).min(axis=-1)
 
 
-def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray) -> np.ndarray:
-    """(F, 4) metres: narrowest gap between the outer part of arm k and the two arms beside its joint in the neighbour.
+def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """(N, 4) metres: narrowest gap between the outer part of arm k of the ``quads`` (N,) and the arms across its joint.
 
-    In strongly sheared quads an arm leaves its quad for a while; both quads are laid side by side along their edge, also at
-    cuts. ``CLEAR`` at the border.
+    In strongly sheared quads an arm leaves its quad for a while, and may meet the two arms beside its joint in the
+    neighbour; both quads are laid side by side along their edge, also at cuts. ``CLEAR`` at the border.
     """
-    quad, side = mates(mesh)
-    border = quad == np.arange(len(quad))[:, None]
-    along = np.roll(corners, -1, axis=1) - corners
-    along = along / np.linalg.norm(along, axis=2, keepdims=True)
-    frame = np.stack([along, np.stack([along[..., 1], -along[..., 0]], axis=-1)], axis=-2)  # (F, 4, axis, 2)
-    middle = 0.5 * (corners + np.roll(corners, -1, axis=1))
-    t = np.broadcast_to(np.linspace(0.0, 0.4, 8), (*arms.radius.shape, 8))
-    s = np.broadcast_to(np.linspace(0.0, 0.9, 32), (*arms.radius.shape, 32))
-    local = np.einsum("fkad,fknd->fkna", frame, centre_line(arms, t)[0] - middle[:, :, None])
-    full = centre_line(arms, s)[0]
-    half, half_full = 0.5 * width_at(arms, t)[0], 0.5 * width_at(arms, s)[0]
-    gap = np.full(arms.radius.shape, CLEAR)
-    for beside in (1, 3):
-        other = (side + beside) % 4
-        q = np.einsum("fkad,fknd->fkna", frame[quad, side], full[quad, other] - middle[quad, side][:, :, None])
-        apart = np.linalg.norm(local[:, :, :, None] + q[:, :, None], axis=-1)  # the frames differ by half a turn
-        apart -= half[..., None] + half_full[quad, other][:, :, None]
-        gap = np.minimum(gap, apart.min(axis=(2, 3)))
-    return np.where(border, CLEAR, gap)
+    mate, side = mates(mesh)
+    own = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
+    beyond = mate[own], side[own]
+    t, s = (
+        np.broadcast_to(np.linspace(0.0, 0.4, 8), (len(own[0]), 1, 8)),
+        np.broadcast_to(np.linspace(0.0, 0.9, 32), (len(own[0]), 1, 32)),
+    )
+    one = arms.one_by_one(*own)
+    p, half = _beside(centre_line(one, t)[0][:, 0], corners, own), 0.5 * width_at(one, t)[0][:, 0]
+    gap = np.full(len(own[0]), CLEAR)
+    for step in (1, 3):
+        two = arms.one_by_one(beyond[0], (beyond[1] + step) % 4)
+        q, half_two = _beside(centre_line(two, s)[0][:, 0], corners, beyond), 0.5 * width_at(two, s)[0][:, 0]
+        # the frames of both quads differ by half a turn
+        apart = np.hypot(p[:, :, None, 0] + q[:, None, :, 0], p[:, :, None, 1] + q[:, None, :, 1])
+        gap = np.minimum(gap, (apart - half[:, :, None] - half_two[:, None]).min(axis=(1, 2)))
+    return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
+
+
+def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """Points (N, M, 2) in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
+    quad, side = at
+    a, b = corners[quad, side], corners[quad, (side + 1) % 4]
+    along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+    frame = np.stack([along, np.stack([along[:, 1], -along[:, 0]], axis=1)], axis=1)
+    return (points - 0.5 * (a + b)[:, None]) @ frame.swapaxes(1, 2)
 
 
 def room(flat: FlatPatches) -> np.ndarray:
@@ -120,7 +130,9 @@ def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray) -> n
 
 def _rolled(arms: Arms, step: int) -> Arms:
     """The same arms, with arm k - step in the place of arm k."""
-    rolled = {name: np.roll(getattr(arms, name), step, axis=1) for name in ("radius", "angle", "joint_width", "pull", "share")}
+    rolled = {
+        name: np.roll(getattr(arms, name), step, axis=1) for name in ("radius", "angle", "joint_width", "pull", "share")
+    }
     return replace(arms, **rolled)
 
 
@@ -130,26 +142,47 @@ def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) ->
     left, right : (F, 4) t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
     At its root a slot is as wide as its fillet's diameter.
     """
-    share = np.linspace(0.0, 0.9, 24)
-    own_right = np.roll(right, 1, axis=1)
-    t = share * np.minimum(left, own_right)[..., None]
+    t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
-    step = -1 if float(arms.wind.sum()) < 0.0 else 1
-    opening = (step * (arms.angle - np.roll(arms.angle, step, axis=1)))[..., None] % (2.0 * math.pi)
-    outer_end, inner_end = (own_right, np.roll(left, 1, axis=1)) if step > 0 else (left, np.roll(right, 0, axis=1))
-    t = share * outer_end[..., None]
-    s = np.minimum(t + opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None], inner_end[..., None])
-    side = RIGHT if step > 0 else LEFT
-    apart, lean = _apart(arms, side, t, _rolled(arms, step), -side, s, inner_end[..., None])
+    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 48))[:2]
     # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
     slot = float(np.where(lean > 0.7, apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 
+def clockwise(arms: Arms) -> bool:
+    """Whether the spirals wind clockwise from their tips inwards; all of a design wind the same way."""
+    return float(arms.wind.sum()) < 0.0
+
+
+def slot_widths(
+    arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Width of every slot, measured from the edge of its outer arm at the shares (N,) of the way from mouth to root.
+
+    left, right : (F, 4) t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
+    metres, the cosine of the angle between both edges, and t on the outer and on the inner arm.
+    """
+    step = 1 if clockwise(arms) else -1
+    other = _rolled(arms, -1)  # arm k + 1 in the place of arm k
+    opening = ((other.angle - arms.angle) % (2.0 * math.pi))[..., None]
+    turned = opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None]
+    outer, inner, ends = (arms, other, (left, right)) if step > 0 else (other, arms, (right, left))
+    t = share * ends[0][..., None]
+    s = np.minimum(t + turned, ends[1][..., None])
+    apart, lean, s = _apart(
+        outer, LEFT if step > 0 else RIGHT, t, inner, RIGHT if step > 0 else LEFT, s, ends[1][..., None]
+    )
+    return apart, lean, t, s
+
+
 def _apart(
     one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of edge points at t from the nearest point, near s and up to ``end``, of the other edge; and how parallel they are."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of edge points at t from the nearest point, near s and up to ``end``, of the other edge.
+
+    And how parallel both edges are there, and the parameter of the nearest point.
+    """
     p, dp = edge(one, t, side)
     for _ in range(8):
         q, dq = edge(two, s, other)
@@ -157,4 +190,4 @@ def _apart(
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
     q, dq = edge(two, s, other)
     lean = np.abs((dp * dq).sum(-1)) / (np.linalg.norm(dp, axis=-1) * np.linalg.norm(dq, axis=-1))
-    return np.linalg.norm(p - q, axis=-1), lean
+    return np.linalg.norm(p - q, axis=-1), lean, s

@@ -25,8 +25,8 @@ LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre ou
 # the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
 _CROSSING_MIN = 0.1
 # what must be left of the radius of curvature of an arm's inner edge, as a share of that of its centre line
-_INNER_RADIUS_MIN = 0.3
-_BLEND_MAX = 0.6
+_INNER_RADIUS_MIN = 0.6
+_BLEND_MAX = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,12 @@ class Arms:
         """The arms of some quads only."""
         return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
 
+    def one_by_one(self, quad: np.ndarray, side: np.ndarray) -> Arms:
+        """N single arms (N,), as N "quads" of one arm each, so that any choice of them can be evaluated together."""
+        of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind", "width")}
+        of_arm = {n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "pull", "share")}
+        return Arms(**of_quad, **of_arm)
+
 
 def mates(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     """The quad (F, 4) and its side (F, 4) across every side; at the border the quad and the side themselves."""
@@ -84,7 +90,9 @@ def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.n
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
     # ascending: the middles of the sides go round the centre once, counter-clockwise
-    angle = angle[:, :1] + np.concatenate([np.zeros((len(angle), 1)), np.cumsum(np.diff(angle) % (2 * np.pi), axis=1)], 1)
+    angle = angle[:, :1] + np.concatenate(
+        [np.zeros((len(angle), 1)), np.cumsum(np.diff(angle) % (2 * np.pi), axis=1)], 1
+    )
     radius = np.linalg.norm(spokes, axis=2)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
     width = np.asarray(width, dtype=float)
@@ -119,18 +127,24 @@ def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) 
 
 
 def _with_room(blended: Arms) -> Arms:
-    """Lengthen the blends that turn so sharply that an arm's inner edge would fold."""
-    u = np.linspace(0.0, 1.0, 13)
-    for _ in range(6):
-        t = blended.share[..., None] * u
-        _, d1, d2 = centre_line(blended, t)
-        curvature = np.abs(_cross(d1, d2)) / (d1**2).sum(-1) ** 1.5
-        tight = (1.0 - 0.5 * width_at(blended, t)[0] * curvature).min(axis=-1) < _INNER_RADIUS_MIN
-        tight &= blended.share < _BLEND_MAX
+    """Lengthen the blends that turn so sharply that an arm's inner edge would come near to folding."""
+    for _ in range(8):
+        tight = (inner_radius(blended) < _INNER_RADIUS_MIN) & (blended.share < _BLEND_MAX)
         if not tight.any():
             break
-        blended = replace(blended, share=np.where(tight, np.minimum(1.4 * blended.share, _BLEND_MAX), blended.share))
+        blended = replace(blended, share=np.where(tight, np.minimum(1.3 * blended.share, _BLEND_MAX), blended.share))
     return blended
+
+
+def inner_radius(arms: Arms) -> np.ndarray:
+    """(F, 4): smallest radius of curvature of an arm's inner edge within its blend, as a share of the centre line's.
+
+    1 where an arm is straight there; the edge folds at 0.
+    """
+    t = arms.share[..., None] * np.linspace(0.0, 1.0, 17)
+    _, d1, d2 = centre_line(arms, t)
+    curvature = np.abs(_cross(d1, d2)) / (d1**2).sum(-1) ** 1.5
+    return (1.0 - 0.5 * width_at(arms, t)[0] * curvature).min(axis=-1)
 
 
 def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

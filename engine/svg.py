@@ -44,7 +44,8 @@ def numbered(path: str | os.PathLike[str], count: int) -> list[Path]:
 
 def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
     """Files of an earlier run with more sheets than ``count``: without gaps, so that no other file is touched."""
-    path, stale = Path(path), []
+    path = Path(path)
+    stale: list[Path] = []
     while (old := path.with_name(f"{path.stem}-{count + len(stale) + 1:02d}{path.suffix}")).is_file():
         stale.append(old)
     return stale
