@@ -52,9 +52,12 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     top = float(np.abs(arms.wind).max(initial=0.0))
     for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
         left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
-    left, right, miss = _newton(arms, left, right, fillet, rounds=10)
-    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 24))[:2]
-    doubtful = ~(miss < 1e-9) | ((apart < 1.99 * fillet) & (lean > 0.7)).any(axis=-1)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=8)
+    doubtful = ~(miss < 1e-9)
+    # a look at all slots, and a closer one at the narrow ones: nowhere may they be narrower than at their roots
+    near = np.flatnonzero((_least(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
+    closer = _least(arms.of(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
+    doubtful[near] |= closer < 1.999 * fillet
     quads = np.flatnonzero(doubtful.any(axis=1))
     if len(quads):
         again = _walked(arms.of(quads), fillet)
@@ -63,6 +66,12 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     centre = edge(arms, left[..., None], LEFT, fillet)[0][:, :, 0]
     missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
     return Hubs(left, right, centre, fillet, missed)
+
+
+def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(F, 4) metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
+    apart, lean = slot_widths(arms, left, right, share)[:2]
+    return np.where(lean > 0.7, apart, np.inf).min(axis=-1)
 
 
 def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -242,3 +251,24 @@ def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
             at = following[at]
         chains.append(chain)
     return chains
+
+
+def touching(drawn: list[Outline]) -> np.ndarray:
+    """(N, 3): patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
+    import shapely
+
+    found = []
+    for patch, outline in enumerate(drawn):
+        rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
+        if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
+            continue
+        places = [ring for ring, simple in zip(rings, shapely.is_simple(rings), strict=True) if not simple]
+        # where a ring crosses itself, the lines that its nodes cut it into do not end at nodes only
+        points = [shapely.node(ring).boundary for ring in places] or []
+        one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
+        points += [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
+        at = np.concatenate([shapely.get_coordinates(p) for p in points] or [np.empty((0, 2))])
+        if not len(at):  # a hole outside the panel, say: no single place
+            at = shapely.get_coordinates(rings[0])[:1]
+        found.append(np.column_stack([np.full(len(at), patch), at]))
+    return np.concatenate(found) if found else np.empty((0, 3))

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from .contours import Hubs, Outline, hubs, outlines, touching
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
-from .slots import DEPTH, gaps, gaps_across, room, slot_needed, twist_bound, twist_limit
+from .slots import DEPTH, gaps, gaps_across, gaps_round, room, slot_needed, twist_bound, twist_limit
 from .spiral import Arms, arms, inner_radius, mates
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
@@ -40,13 +41,26 @@ class SpiralDesign:
         return arms(self.flat, self.params, self.width, self.twist)
 
     @cached_property
+    def roots(self) -> Hubs:
+        """Where the slots of every spiral end."""
+        return hubs(self.arms, self.params.fillet)
+
+    def outlines(self, tolerance: float = 1e-5) -> list[Outline]:
+        """The outline of every panel as arcs within ``tolerance`` metres; drawn once for every tolerance."""
+        known = self.__dict__.setdefault("_outlines", {})
+        if tolerance not in known:
+            slot = slot_needed(self.params)
+            known[tolerance] = outlines(self.flat.layout, self.arms, self.roots, slot, tolerance)
+        return known[tolerance]
+
+    @cached_property
     def scale(self) -> np.ndarray:
         """(F,) metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
         return 2.0 * self.arms.radius.mean(axis=1)
 
     @cached_property
     def gap(self) -> np.ndarray:
-        """(F,) metres: narrowest gap beside the outer thirds of every quad's arms, on the true shape."""
+        """(F,) metres: narrowest gap beside the outer parts of every quad's arms, on the true shape."""
         return _gap(self.arms, self.flat, np.arange(len(self.width)))
 
     @cached_property
@@ -102,9 +116,40 @@ def _cuttable(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist:
             faces=small,
         )
     width = np.minimum(width, widest)
-    return SpiralDesign(
-        flat, params, width, _unwound(flat, params, width, np.minimum(twist, twist_bound(flat, params, width)))
+    twist = _unwound(flat, params, width, np.minimum(twist, twist_bound(flat, params, width)))
+    return _proved(SpiralDesign(flat, params, width, twist))
+
+
+def _proved(design: SpiralDesign, rounds: int = 12) -> SpiralDesign:
+    """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
+
+    Raises ``FlexMapsError`` with the faces where even straight arms touch.
+    """
+    culprits = np.empty(0, dtype=np.int64)
+    for _ in range(rounds):
+        where = touching(design.outlines())
+        if not len(where):
+            return design
+        culprits = nearest_quads(design.flat, where)
+        if not design.twist[culprits].any():
+            break
+        twist = design.twist.copy()
+        twist[culprits] = np.where(twist[culprits] < 0.3, 0.0, 0.7 * twist[culprits])
+        design = replace(design, twist=twist)
+    raise FlexMapsError(
+        f"The arms of {len(culprits)} quads touch each other however little they are wound; make those quads more regular",
+        faces=culprits,
     )
+
+
+def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.ndarray:
+    """The quads nearest to places (N, 3), given as patch, x and y in metres."""
+    found = []
+    for patch, x, y in where:
+        quads = flat.layout.patches[int(patch)]
+        apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
+        found.append(quads[np.argsort(apart)[:count]])
+    return np.unique(np.concatenate(found))
 
 
 def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
@@ -112,12 +157,13 @@ def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: 
     slot, mesh = slot_needed(params), flat.layout.mesh
     mate, side = mates(mesh)
     rest = 1.0 / (1.0 - DEPTH) ** 2
-    gap, quads = np.zeros(len(twist)), np.arange(len(twist))
+    gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
+    quads = np.arange(len(twist))
     for _ in range(60):
         shape = arms(flat, params, width, twist)
         gap[quads] = _gap(shape, flat, quads)
         # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
-        sharp = inner_radius(shape) < _SHARPEST
+        sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
         gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
         tight = gap < slot * (1.0 - 1e-6)
         # an arm also gives way where it is its neighbour's that has no room
@@ -136,7 +182,8 @@ def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: 
 def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
     """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints."""
     across = gaps_across(shape, flat.layout.mesh, flat.corners, quads)
-    return np.minimum(gaps(shape.of(quads)), across).min(axis=1)
+    gap = np.minimum(gaps(shape.of(quads)), across)
+    return np.minimum(gap, gaps_round(shape, flat.layout, quads)).min(axis=1)
 
 
 def design_report(design: SpiralDesign) -> dict[str, Any]:

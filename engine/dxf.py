@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from .arcs import Curve
 from .errors import FlexMapsError
 from .files import replacing_many
 from .sheets import CutSheets
@@ -33,11 +36,14 @@ def write(
             return write(sheets, path, version, new)
     paths = numbered(path, sheets.count)
     for index, target in enumerate(paths):
-        _document(sheets, index, version).saveas(new(target))
+        if version == "R12":
+            new(target).write_text(_r12(sheets, index), encoding="ascii", newline="\r\n")
+        else:
+            _document(sheets, index, version).saveas(new(target))
     return paths
 
 
-def _document(sheets: CutSheets, index: int, version: str):  # type: ignore[no-untyped-def]  # ezdxf's Drawing
+def _document(sheets: CutSheets, index: int, version: str, *, filled: bool = True):  # type: ignore[no-untyped-def]  # ezdxf's Drawing
     import ezdxf
     from ezdxf import units
 
@@ -45,19 +51,40 @@ def _document(sheets: CutSheets, index: int, version: str):  # type: ignore[no-u
     if version != "R12":  # which has no units; millimetres are its custom
         document.units = units.MM
         document.header["$MEASUREMENT"] = 1
+        document.header.custom_vars.append("Program", PROGRAM)
+    else:
+        document.units = 0
     document.header["$EXTMIN"] = (0.0, 0.0, 0.0)
     document.header["$EXTMAX"] = (*(float(x) * 1e3 for x in sheets.packing.sizes[index]), 0.0)
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
-    if version != "R12":
-        document.header.custom_vars.append("Program", PROGRAM)
     for name, colour in LAYERS:
         document.layers.add(name, color=colour)
-    space = document.modelspace()
+    for name, curve in _entities(sheets, index) if filled else ():
+        document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
+    return document
+
+
+def _entities(sheets: CutSheets, index: int) -> Iterator[tuple[str, Curve]]:
     for (name, _), curves in zip(LAYERS, operations(sheets.on_sheet(index)), strict=True):
         for curve in curves:
-            rows = np.column_stack([np.round(curve.points * 1e3, 6), curve.bulge]).tolist()
-            if version == "R12":
-                space.add_polyline2d(rows, format="xyb", close=curve.closed, dxfattribs={"layer": name})
-            else:
-                space.add_lwpolyline(rows, format="xyb", close=curve.closed, dxfattribs={"layer": name})
-    return document
+            yield name, curve
+
+
+def _rows(curve: Curve) -> list[list[float]]:
+    """x and y in mm, and the bulge, of every node."""
+    return np.column_stack([np.round(curve.points * 1e3, 6), curve.bulge]).tolist()
+
+
+def _r12(sheets: CutSheets, index: int) -> str:
+    """An R12 document: header and tables from ezdxf; the polylines, one entity per node there, written straight into it."""
+    frame = io.StringIO()
+    _document(sheets, index, "R12", filled=False).write(frame)
+    before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
+    assert mark, "a DXF document has a section of entities"
+    parts = [before, mark]
+    for name, curve in _entities(sheets, index):
+        parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
+        head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
+        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n 42\n{bulge:.12g}\n" for x, y, bulge in _rows(curve))
+        parts.append(f"  0\nSEQEND\n  8\n{name}\n")
+    return "".join([*parts, after])

@@ -13,6 +13,7 @@ from .errors import FlexMapsError
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; make room and try again",
+    errno.EFBIG: "the file would be too large for that disk; choose another one",
     errno.EDQUOT: "your disk quota is used up; make room and try again",
     errno.EACCES: "you may not write there; choose another folder or change its permissions",
     errno.EPERM: "you may not write there; choose another folder or change its permissions",

@@ -15,6 +15,7 @@ from .spiral import Arms, centre_line, width_at
 
 _FILL = 0.62  # height of the letters along an arm, as a share of its width
 _SAMPLES = 97
+_UPSIDE_DOWN = str.maketrans("69", "96")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,12 @@ def seam_name(number: int) -> str:
     return name
 
 
+def panel_name(patch: int) -> str:
+    """The panel's number, patch + 1; with a dot after numbers that are others upside down."""
+    number = str(patch + 1)
+    return number + "." if set(number) <= set("01689") and number != number[::-1].translate(_UPSIDE_DOWN) else number
+
+
 def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
     """The name of every joint on a seam by (quad, side): the seam's letter and the joint's number, the same on both sides."""
     mesh, names = layout.mesh, {}
@@ -57,7 +64,7 @@ def make_labels(layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams
     placed = left_out = 0
     names = seam_labels(layout)
     for patch, quads in enumerate(layout.patches):
-        found = _panel_label(str(patch + 1), quads, lines, names, params.label_height)
+        found = _panel_label(panel_name(patch), quads, lines, names, params.label_height)
         strokes[patch].extend(found)
         placed += 1
     for (quad, side), name in names.items():

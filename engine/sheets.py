@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from .arcs import Curve
-from .contours import Outline, hubs, outlines
-from .design import SpiralDesign
+from .contours import touching
+from .design import SpiralDesign, nearest_quads
 from .errors import FlexMapsError
 from .labels import Labels, make_labels
 from .packing import Packing, fits, least_box, pack
 from .params import SheetParams
 from .progress import SILENT, Progress
-from .slots import narrowest, slot_needed
+from .slots import narrowest
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +95,17 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
     """
     if 2.0 * params.margin >= min(params.sheet_width, params.sheet_height):
         raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
-    layout, arms = design.flat.layout, design.arms
+    layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
-    root = hubs(arms, design.params.fillet)
-    drawn = outlines(layout, arms, root, slot_needed(design.params), params.tolerance)
-    progress(0.4, "checking outlines")
-    _check(drawn, layout.patches, progress.part(0.4, 0.6))
-    progress(0.6, "labels")
+    drawn = design.outlines(params.tolerance)
+    progress(0.3, "checking outlines")
+    where = touching(drawn)
+    if len(where):
+        raise FlexMapsError(
+            f"The spirals of {len(np.unique(where[:, 0]))} panels touch each other; make the twist or the width smaller there",
+            faces=nearest_quads(design.flat, where),
+        )
+    progress(0.5, "labels")
     labels = make_labels(layout, arms, root, params) if params.labels else Labels(((),) * len(drawn), 0, 0)
     panels = tuple(
         Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes))
@@ -119,19 +123,6 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
     slot, bridge = narrowest(arms, root.left, root.right, root.fillet)
     slot = min(slot, float(design.gap.min()))
     return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
-
-
-def _check(drawn: list[Outline], patches: tuple[np.ndarray, ...], progress: Progress) -> None:
-    """Prove that every panel is one piece that neither crosses nor touches itself."""
-    from shapely import Polygon
-
-    for i, outline in enumerate(drawn):
-        progress(i / len(drawn), "checking outlines")
-        if not Polygon(outline.outer.sampled(2e-5), [h.sampled(2e-5) for h in outline.holes]).is_valid:
-            raise FlexMapsError(
-                f"The spirals of patch {i + 1} touch each other; make its quads more regular, the arms thinner or the twist smaller",
-                faces=patches[i],
-            )
 
 
 def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:

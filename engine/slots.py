@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from .flatten import FlatPatches
+from .layout import PatchLayout
 from .mesh import QuadMesh
 from .params import SpiralParams
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
@@ -88,6 +89,38 @@ def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarr
     return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
 
 
+def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray) -> np.ndarray:
+    """(N, 4) metres: narrowest gap between the two arms at corner k of the ``quads`` (N,) and those opposite round the corner.
+
+    In strongly distorted quads the arms of two quads that share no more than a vertex may meet. ``CLEAR`` where a cut or the
+    border lies between them.
+    """
+    mate, side = mates(layout.mesh)
+    joined = ~layout.outline_sides
+    quad, corner = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
+    gap, whole = np.full(len(quad), CLEAR), np.ones(len(quad), dtype=bool)
+    t = np.broadcast_to(np.linspace(0.0, 0.6, 13), (len(quad), 1, 13))
+
+    def pair(of_quad: np.ndarray, of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        both = [arms.one_by_one(of_quad, (of_corner + k) % 4) for k in (-1, 0)]
+        lines = np.concatenate([centre_line(a, t)[0][:, 0] for a in both], axis=1)
+        return lines, 0.5 * np.concatenate([width_at(a, t)[0][:, 0] for a in both], axis=1)
+
+    p, half = pair(quad, corner)
+    at, to = quad, corner
+    for step in range(1, 4):  # round the vertex, as far as nothing is cut
+        whole = whole & joined[at, to]
+        at, to = np.where(whole, mate[at, to], at), np.where(whole, (side[at, to] + 1) % 4, to)
+        # the next quad is no concern of this, nor is the last one before the circle closes
+        before = mate[at, to] == quad
+        far = np.flatnonzero(whole & (step > 1) & ~before & (at != quad))
+        if len(far):
+            q, half_q = pair(at, to)
+            apart = np.hypot(p[far, :, None, 0] - q[far, None, :, 0], p[far, :, None, 1] - q[far, None, :, 1])
+            gap[far] = np.minimum(gap[far], (apart - half[far, :, None] - half_q[far, None]).min(axis=(1, 2)))
+    return gap.reshape(-1, 4)
+
+
 def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Points (N, M, 2) in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
     quad, side = at
@@ -144,7 +177,7 @@ def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) ->
     """
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
-    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 48))[:2]
+    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 32))[:2]
     # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
     slot = float(np.where(lean > 0.7, apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
@@ -184,7 +217,7 @@ def _apart(
     And how parallel both edges are there, and the parameter of the nearest point.
     """
     p, dp = edge(one, t, side)
-    for _ in range(8):
+    for _ in range(6):
         q, dq = edge(two, s, other)
         move = ((q - p) * dq).sum(-1) / np.maximum((dq * dq).sum(-1), 1e-30)
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)

@@ -128,12 +128,18 @@ def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) 
 
 def _with_room(blended: Arms) -> Arms:
     """Lengthen the blends that turn so sharply that an arm's inner edge would come near to folding."""
+    share = blended.share.copy()
+    quad, side = np.nonzero(inner_radius(blended) < _INNER_RADIUS_MIN)
     for _ in range(8):
-        tight = (inner_radius(blended) < _INNER_RADIUS_MIN) & (blended.share < _BLEND_MAX)
-        if not tight.any():
+        share[quad, side] = np.minimum(1.3 * share[quad, side], _BLEND_MAX)
+        longer = replace(blended, share=share)
+        tight = (inner_radius(longer.one_by_one(quad, side))[:, 0] < _INNER_RADIUS_MIN) & (
+            share[quad, side] < _BLEND_MAX
+        )
+        quad, side = quad[tight], side[tight]
+        if not len(quad):
             break
-        blended = replace(blended, share=np.where(tight, np.minimum(1.3 * blended.share, _BLEND_MAX), blended.share))
-    return blended
+    return replace(blended, share=share)
 
 
 def inner_radius(arms: Arms) -> np.ndarray:
@@ -150,30 +156,40 @@ def inner_radius(arms: Arms) -> np.ndarray:
 def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2) metres."""
     radius, wind = arms.radius[..., None], arms.wind[:, None, None]
-    theta = arms.angle[..., None] + wind * t
-    cos, sin = np.cos(theta), np.sin(theta)
+    # in the complex plane: c + r e^(i angle), and its derivatives
+    turn = np.exp(1j * (arms.angle[..., None] + wind * t))
     r = radius * (1.0 - t)
-    share = arms.share[..., None]
-    u = np.minimum(t / share, 1.0)
-    # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
-    h = share * u * (1.0 + u * u * (-6.0 + u * (8.0 - 3.0 * u)))
-    h1 = 1.0 + u * u * (-18.0 + u * (32.0 - 15.0 * u))
-    h2 = u * (-36.0 + u * (96.0 - 60.0 * u)) / share
-    pull = arms.pull[:, :, None]
     rw = r * wind
-    p = np.stack([r * cos, r * sin], axis=-1) + arms.centre[:, None, None] + pull * h[..., None]
-    d1 = np.stack([-radius * cos - rw * sin, -radius * sin + rw * cos], axis=-1) + pull * h1[..., None]
-    a, b = -2.0 * radius * wind, -rw * wind
-    d2 = np.stack([b * cos - a * sin, b * sin + a * cos], axis=-1) + pull * h2[..., None]
-    return p, d1, d2
+    p = r * turn
+    p += _complex(arms.centre)[:, None, None]
+    d1 = (1j * rw - radius) * turn
+    d2 = (-wind * rw - 2j * (wind * radius)) * turn
+    if arms.pull.any():
+        share, pull = arms.share[..., None], _complex(arms.pull)[..., None]
+        u = np.minimum(t / share, 1.0)
+        uu = u * u
+        # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
+        p += pull * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
+        d1 += pull * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
+        d2 += pull * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
+    return _pairs(p), _pairs(d1), _pairs(d2)
+
+
+def _complex(pairs: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+
+
+def _pairs(numbers: np.ndarray) -> np.ndarray:
+    return numbers.view(np.float64).reshape(*numbers.shape, 2)
 
 
 def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Width of the arms at t in metres, and its derivative, each (F, 4, N)."""
     share = arms.share[..., None]
     u = np.minimum(t / share, 1.0)
-    g = 1.0 + u**3 * (-10.0 + u * (15.0 - 6.0 * u))
-    g1 = -30.0 * (u * (1.0 - u)) ** 2 / share
+    g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
+    rest = u * (1.0 - u)
+    g1 = -30.0 * rest * rest / share
     change = (arms.joint_width - arms.width[:, None])[..., None]
     return arms.width[:, None, None] + change * g, change * g1
 
@@ -187,14 +203,17 @@ def edge(arms: Arms, t: np.ndarray, side: float | np.ndarray, away: float = 0.0)
     """
     p, d1, d2 = centre_line(arms, t)
     width, slope = width_at(arms, t)
-    speed = np.linalg.norm(d1, axis=-1)
-    normal = np.asarray(side)[..., None] * np.stack([d1[..., 1], -d1[..., 0]], axis=-1) / speed[..., None]
+    side = np.asarray(side, dtype=float)
+    speed = np.hypot(d1[..., 0], d1[..., 1])
+    normal = np.empty_like(d1)
+    normal[..., 0], normal[..., 1] = side * d1[..., 1] / speed, -side * d1[..., 0] / speed
     curvature = side * _cross(d1, d2) / speed**3
     point = p + normal * (0.5 * width)[..., None]
     tangent = d1 * (1.0 + 0.5 * width * curvature)[..., None] + normal * (0.5 * slope)[..., None]
     if away:
-        across = np.asarray(side)[..., None] * np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
-        point = point + away * across / np.linalg.norm(across, axis=-1, keepdims=True)
+        length = np.hypot(tangent[..., 0], tangent[..., 1])
+        point[..., 0] += away * side * tangent[..., 1] / length
+        point[..., 1] -= away * side * tangent[..., 0] / length
         tangent = tangent + d1 * (away * curvature)[..., None]
     return point, tangent
 
