@@ -13,12 +13,11 @@ import bpy
 import numpy as np
 
 from ..engine.flatten import FlatPatches
-from . import colours
+from . import colours, solids
 
 if TYPE_CHECKING:
     from ..engine.arcs import Curve
     from ..engine.design import SpiralDesign
-    from ..engine.sheets import Panel
 
 SEAM_COLOURS = 12
 LINE = 0.03  # half the thickness of a drawn line, in quad edges
@@ -48,7 +47,7 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     return found
 
 
-def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "spirals", "sheets")) -> None:
+def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:
     """Remove what was laid out beside the object, by kind."""
     found = existing(obj)
     if found is None:
@@ -148,14 +147,19 @@ def _runs(ids: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> list[np.ndar
 
 
 def quads(name: str, points: np.ndarray, corners: np.ndarray) -> bpy.types.Mesh:
-    """A mesh of quads, quickly: points (V, 3), corners (F, 4)."""
+    """A mesh of quads: points (V, 3), corners (F, 4)."""
+    return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
+
+
+def polygons(name: str, points: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> bpy.types.Mesh:
+    """A mesh of polygons, quickly: points (V, 3), corners (C,) face after face, sizes (F,)."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(points))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
-    mesh.loops.add(corners.size)
-    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(corners, dtype=np.int32).ravel())
-    mesh.polygons.add(len(corners))
-    mesh.polygons.foreach_set("loop_start", np.arange(0, corners.size, 4, dtype=np.int32))
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(corners, dtype=np.int32))
+    mesh.polygons.add(len(sizes))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
     mesh.update(calc_edges=True)
     return mesh
 
@@ -212,38 +216,45 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
 
 
 def show_spirals(
-    obj: bpy.types.Object, scene: bpy.types.Scene, design: SpiralDesign, panels: Sequence[Panel], centres: np.ndarray
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    design: SpiralDesign,
+    outlines: Sequence[Sequence[Curve]],
+    centres: np.ndarray,
 ) -> None:
-    """Every panel as it will be cut, as a curve with the thickness of the sheet; replaces the plain flat patches.
+    """The panels as they will be cut: solids to look at, and the true outlines as one curve object per panel.
 
-    panels : outline and holes of every patch, in the patch's own frame; centres : (N, 2) metres
+    outlines : the curves of every panel in its patch's own frame; centres : (N, 2) metres, where its origin lies
     """
     clear(obj)
     place = origin(obj, scene, 3 * design.flat.layout.mesh.median_edge)
-    palette = colours.of_patches(len(panels))
-    for k, panel in enumerate(panels):
-        curve = solid(f"{obj.name} panel {k + 1}", [panel.outline, *panel.holes], design.params.thickness)
-        curve.materials.append(material(f"FlexMaps patch {k + 1:02d}", palette[k]))
-        shift = np.array([*centres[k], 0.5 * design.params.thickness])
-        add(obj, scene, "spirals", f"panel {k + 1}", curve, place + shift)
+    shape = solids.solid(design, centres)
+    mesh = polygons(f"{obj.name} panels", shape.vertices, shape.corners, shape.sizes)
+    palette = colours.of_patches(len(design.flat.layout.patches))
+    paint(mesh, np.repeat(palette[design.flat.layout.patch_of[shape.quad_of]], shape.sizes, axis=0))
+    mesh.materials.append(material("FlexMaps panel", None))
+    add(obj, scene, "panels", "panels", mesh, place)
+    for k, curves in enumerate(outlines):
+        data = drawing(f"{obj.name} outline {k + 1}", curves)
+        lift = np.array([*centres[k], 1.02 * design.params.thickness])
+        made = add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
+        made.hide_render = True
 
 
-def solid(name: str, outlines: Sequence[Curve], thickness: float) -> bpy.types.Curve:
-    """A filled curve of arcs with a thickness; what lies inside the first outline is a hole."""
-    curve = bpy.data.curves.new(name, "CURVE")
-    curve.dimensions = "2D"
-    curve.fill_mode = "BOTH"
-    curve.extrude = 0.5 * thickness
-    curve.resolution_u = 3
-    for outline in outlines:
-        points, left, right = bezier(outline)
-        spline = curve.splines.new("BEZIER")
-        spline.bezier_points.add(len(points) - 1)
-        for attribute, values in (("co", points), ("handle_left", left), ("handle_right", right)):
+def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
+    """Closed curves of arcs as Blender's Bezier curves, without thickness."""
+    made = bpy.data.curves.new(name, "CURVE")
+    made.dimensions = "2D"
+    made.fill_mode = "NONE"
+    made.resolution_u = 3
+    for curve in curves:
+        spline = made.splines.new("BEZIER")
+        spline.bezier_points.add(len(curve.points) - 1)
+        for attribute, values in zip(("co", "handle_left", "handle_right"), bezier(curve), strict=True):
             flat = np.c_[values, np.zeros(len(values))].astype(np.float32)
             spline.bezier_points.foreach_set(attribute, flat.ravel())
         spline.use_cyclic_u = True
-    return curve
+    return made
 
 
 def bezier(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ import bpy
 
 from ..bridge import notes
 from ..engine.errors import FlexMapsError
-from ..engine.params import ObjectSettings
+from ..engine.params import ExportParams, ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
 
@@ -28,13 +28,11 @@ class Export(Stage, bpy.types.Operator):
         from ..bridge import mesh
         from ..bridge.objects import find
 
+        formats = _formats(settings.export)
         base = _folder(settings.export.folder) / _file_name(find(surface.uid).name)
-        versions = {"NONE": (), "BOTH": ("R2010", "R12")}.get(settings.export.dxf, (settings.export.dxf,))
-        if not versions and not settings.export.svg:
-            raise FlexMapsError("No file type is chosen; switch SVG or DXF on")
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, dxf, sheets, svg
+            from ..engine import check, export, sheets
 
             progress(0.0, "Reading the spirals")
             flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
@@ -43,21 +41,13 @@ class Export(Stage, bpy.types.Operator):
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8))
             progress(0.8, "Writing files")
-            _make_folder(base.parent)
-            files = []
-            if settings.export.svg:
-                files.append(base.with_suffix(".svg"))
-                svg.write(made, files[-1])
-            for version in versions:
-                progress(0.9, "Writing files")
-                files.append(base.parent / f"{base.name}{'-r12' if version == 'R12' else ''}.dxf")
-                dxf.write(made, files[-1], version=version)
-            return made, sheets.sheets_report(made) | {"files": [file.name for file in files]}, base.parent
+            files = export.write(made, base, formats)
+            return sheets.sheets_report(made) | {"files": [file.name for file in files]}, base.parent
 
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        _, block, folder = result
+        block, folder = result
         notes.write(obj.data, "sheets", block)
         return f"{', '.join(block['files'])} in {folder}"
 
@@ -70,11 +60,12 @@ def _folder(text: str) -> Path:
     return Path(bpy.path.abspath(text))
 
 
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FlexMapsError(f"The folder {folder} cannot be made ({error.strerror}); choose another one") from error
+def _formats(params: ExportParams) -> tuple[str, ...]:
+    dxf = {"NONE": (), "R2010": ("dxf",), "R12": ("dxf-r12",), "BOTH": ("dxf", "dxf-r12")}[params.dxf]
+    formats = (("svg",) if params.svg else ()) + dxf
+    if not formats:
+        raise FlexMapsError("No kind of file is chosen; switch SVG or DXF on")
+    return formats
 
 
 def _file_name(name: str) -> str:

@@ -11,6 +11,8 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
 
+DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
+
 
 class Spirals(Stage, bpy.types.Operator):
     """Give every quad its spiral: the more the surface bends there, the softer. Draws the true panels beside the model"""
@@ -26,22 +28,26 @@ class Spirals(Stage, bpy.types.Operator):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, curvature, design, sheets
+            from ..engine import check, contours, curvature, design, slots
 
             progress(0.0, "Measuring curvature")
             quads = check.as_quad_mesh(surface.polygons)
             flat = mesh.current_flat(surface, quads)
             made = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(quads))
-            return made, sheets.make_panels(made, settings.sheet, progress.part(0.3, 1.0)), design.design_report(made)
+            progress(0.5, "Drawing outlines")
+            root = contours.hubs(made.arms, settings.spiral.fillet)
+            tolerance = max(settings.sheet.tolerance, DRAWN)
+            drawn = contours.outlines(flat.layout, made.arms, root, slots.slot_needed(settings.spiral), tolerance)
+            return made, [(o.outer, *o.holes) for o in drawn], design.design_report(made)
 
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import arrange, beside, mesh
 
-        design, panels, block = result
+        design, outlines, block = result
         mesh.write_design(obj, design)
-        beside.show_spirals(obj, context.scene, design, panels, arrange.side_by_side(design.flat))
+        beside.show_spirals(obj, context.scene, design, outlines, arrange.side_by_side(design.flat))
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
         return f"{block['count']} spirals, twist {low:.0f} to {high:.0f}\N{DEGREE SIGN}"

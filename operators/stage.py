@@ -36,7 +36,7 @@ class Stage:
 
     _job: job.Job | None = None
     _timer: Any = None
-    _surface: Surface | None = None
+    _surface: Any = None  # bridge.mesh.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
 
