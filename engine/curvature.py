@@ -1,0 +1,84 @@
+"""How strongly the surface bends at every quad."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from .mesh import QuadMesh
+
+SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can
+
+
+def rms_curvature(mesh: QuadMesh) -> np.ndarray:
+    """Root mean square of the principal curvatures, sqrt((k1^2 + k2^2) / 2), at the middle of every quad: (F,) 1/m.
+
+    See ``principal_curvatures``.
+    """
+    return np.sqrt((principal_curvatures(mesh) ** 2).mean(axis=1))
+
+
+def principal_curvatures(mesh: QuadMesh) -> np.ndarray:
+    """Largest and smallest normal curvature at the middle of every quad: (F, 2) 1/m, positive where it is hollow
+    seen from the side that the normals point to.
+
+    A quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all quads round it (16 in
+    a regular mesh), nearer ones counting more (Cazals and Pouget 2005); its shape operator at the middle. Where the
+    neighbours leave a coefficient open, as across a strip of one quad, it is zero.
+    """
+    quad, vertex = _neighbourhoods(mesh)
+    count = len(mesh.quads)
+    normal = _smooth_normals(mesh)
+    x_axis = mesh.vertices[mesh.quads[:, 1]] + mesh.vertices[mesh.quads[:, 2]] - 2 * mesh.centroids
+    x_axis -= np.einsum("fi,fi->f", x_axis, normal)[:, None] * normal
+    x_axis /= np.maximum(np.linalg.norm(x_axis, axis=1), 1e-300)[:, None]
+    y_axis = np.cross(normal, x_axis)
+    scale = np.sqrt(np.maximum(mesh.areas, 1e-300))
+    offset = (mesh.vertices[vertex] - mesh.centroids[quad]) / scale[quad, None]
+    x, y, z = (np.einsum("ni,ni->n", offset, axis[quad]) for axis in (x_axis, y_axis, normal))
+    # 0.5 at the quad's own corners, about 0.1 at the far corners of its neighbours
+    weight = 1.0 / (1.0 + (2.0 * (x**2 + y**2)))
+    # distances in space instead of along the plane: exact for a sphere (d^2 = 2 r z), however coarse its quads
+    stretch = 1.0 + z**2 / np.maximum(x**2 + y**2, z**2 + 1e-12)
+    columns = np.stack([np.ones_like(x), x, y, 0.5 * stretch * x**2, stretch * x * y, 0.5 * stretch * y**2], axis=1)
+    weighted = columns * weight[:, None]
+    matrix = np.zeros((count, 6, 6))
+    right = np.zeros((count, 6))
+    starts = np.flatnonzero(np.diff(quad, prepend=-1))
+    matrix[:] = np.add.reduceat(weighted[:, :, None] * columns[:, None, :], starts, axis=0)
+    right[:] = np.add.reduceat(weighted * z[:, None], starts, axis=0)
+    matrix += SLACK * np.eye(6)
+    a, b, c, d, e, f = np.linalg.solve(matrix, right[..., None])[..., 0].T
+    fitted = _of_graph(b, c, d, e, f)
+    # the distances were taken from the quad's middle, a below the surface: back to it as between parallel surfaces
+    lift = np.clip(a[:, None] * fitted, -0.5, 0.5)
+    return fitted / (1.0 - lift) / scale[:, None]
+
+
+def _of_graph(b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray) -> np.ndarray:
+    """(n, 2) principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
+    first = 1 + b**2 + c**2
+    gauss = (d * f - e**2) / first**2
+    mean = ((1 + c**2) * d - 2 * b * c * e + (1 + b**2) * f) / (2 * first**1.5)
+    spread = np.sqrt(np.maximum(mean**2 - gauss, 0.0))
+    return np.stack([mean + spread, mean - spread], axis=1)
+
+
+def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs (quad, vertex), sorted by quad: the vertices of the quad and of every quad that shares a vertex with it."""
+    count = len(mesh.quads)
+    owner = np.repeat(np.arange(count), 4)
+    touch = coo_array((np.ones(4 * count), (owner, mesh.quads.ravel())), shape=(count, len(mesh.vertices))).tocsr()
+    ring = (touch @ touch.T @ touch).tocoo()
+    order = np.lexsort((ring.col, ring.row))
+    return ring.row[order], ring.col[order]
+
+
+def _smooth_normals(mesh: QuadMesh) -> np.ndarray:
+    """(F, 3) unit: every quad's normal, averaged with its neighbours' weighted by area."""
+    total = 2 * mesh.area_vectors
+    around = np.where((mesh.neighbours >= 0)[..., None], mesh.area_vectors[mesh.neighbours], 0.0)
+    # a neighbour on the far side of a sharp fold has no say
+    facing = np.einsum("fki,fi->fk", around, mesh.normals) > 0
+    total += (around * facing[..., None]).sum(axis=1)
+    return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
