@@ -37,47 +37,21 @@ def main(argv: list[str]) -> int:
 
 
 def _run(args: argparse.Namespace, progress: Progress) -> None:
+    out = Path(args.out)
     polygons = _read(args.mesh)
     edge, height = _metres(args.edge), _metres(args.height)
-    if edge is None and height is None:
-        edge = shapes.EDGE if args.mesh.startswith(SHAPE) else None
-    with files.folder(args.out) as out:
+    if edge is None and height is None and args.mesh.startswith(SHAPE):
+        edge = shapes.EDGE
+    with files.replacing_many() as new:
+        new(out / REPORT)  # a folder that cannot be written to says so before the work
         result = job.run(
-            polygons,
-            _settings(args),
-            edge=edge,
-            height=height,
-            stop_after=args.stop_after,
-            progress=progress.part(0.0, 0.6),
+            polygons, _settings(args), edge=edge, height=height, stop_after=args.stop_after, progress=progress.part(0.0, 0.6)
         )
-        described = report.build(result, source=Path(args.mesh).name, program=scene.PROGRAM)
-        _write(result, described, out, progress.part(0.6, 1.0), pictures=not args.no_pictures)
-    _print_summary(described, Path(args.out))
-
-
-def _write(result: job.Result, described: dict[str, Any], out: Path, progress: Progress, *, pictures: bool) -> None:
-    progress(0.0, "writing the sheets")
-    if result.sheets is not None:
-        svg.write(result.sheets, out)
-        dxf.write(result.sheets, out)
-    progress(0.2, "building the Blender file")
-    scene.show(result)
-    scene.save(out / "model.blend")
-    if pictures:
-        progress(0.4, "rendering the pictures")
-        scene.render(result, out)
-    (out / "report.json").write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    progress(1.0, "done")
-
-
-def _read(name: str) -> PolygonMesh:
-    if name.startswith(SHAPE):
-        return shapes.make(name.removeprefix(SHAPE)).as_polygons()
-    if name.lower().endswith(".blend"):
-        return scene.read_blend(Path(name))
-    return meshio.read(Path(name))
-
-
+        described = report.build(result, source=Path(args.mesh).name, program=PROGRAM)
+        _write(result, described, out, new, progress.part(0.6, 1.0), pictures=not args.no_pictures)
+    for path in _left_over(out, described):
+        path.unlink(missing_ok=True)
+    _print_summary(described, out)
 def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres / 1e3
 

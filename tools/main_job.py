@@ -1,0 +1,13 @@
+"""``demo`` and ``run`` of tools/dev.py: the main job of the package."""
+
+from __future__ import annotations
+
+DEMO = ["shape:demo", "--out", "out"]
+
+
+def main(argv: list[str]) -> int:
+    """``demo`` runs on the project's own surface unless other arguments are given; ``run`` takes all of them."""
+    from flexmaps.bridge import main_job
+
+    command, *rest = argv
+    return main_job.main(DEMO + rest if command == "demo" else rest)
