@@ -9,6 +9,7 @@ import numpy as np
 
 from .arap import FlatPatch, PatchProblem, corner_triangles, minimax, quad_energy, settle, square_energy
 from .layout import PatchLayout
+from .outline import simple
 from .params import LayoutParams
 from .progress import SILENT, Progress
 
@@ -123,4 +124,58 @@ def outline(layout: PatchLayout, patch: int) -> np.ndarray:
     return np.array(walk)
 
 
-__all__ = ["FlatPatch", "FlatPatches", "flatten", "in_frame", "measured", "outline"]
+def seam_mismatch(flat: FlatPatches) -> np.ndarray:
+    """(C,) for every cut edge: how much its two flat sides differ in length, as a share of its length on the surface."""
+    mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
+    sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
+    pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
+    length = sides[pair, side]
+    return np.abs(length[:, 0] - length[:, 1]) / mesh.edge_lengths[cut]
+
+
+def overlapping(flat: FlatPatches) -> list[int]:
+    """Patches that are not proven injective: a flip in either triangulation, no disk, or an outline that is not simple."""
+    layout = flat.layout
+    points = flat.points[:, 0] + 1j * flat.points[:, 1]
+    corners = flat.layout.flat_corners
+    flipped = np.bincount(layout.patch_of, weights=flips(points[corners]), minlength=len(layout.patches)) > 0
+    bad = np.flatnonzero(flipped | (layout.euler != 1)).tolist()
+    sides = layout.outline_sides
+    return sorted(
+        bad
+        + [
+            patch
+            for patch, quads in enumerate(layout.patches)
+            if patch not in bad and not simple(points, corners[quads], sides[quads])
+        ]
+    )
+
+
+def flips(corners: np.ndarray) -> np.ndarray:
+    """(F,) int: how many of the four corner triangles of flat quads (F, 4), complex, are not positively oriented."""
+    d = np.roll(corners, -1, axis=1) - corners
+    return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)
+
+
+def layout_report(flat: FlatPatches) -> dict[str, object]:
+    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers."""
+    layout = flat.layout
+    mismatch = seam_mismatch(flat)
+    points = (flat.points[:, 0] + 1j * flat.points[:, 1])[layout.flat_corners]
+    report: dict[str, object] = {
+        "patches": len(layout.patches),
+        "cut_edges": int(layout.cut.sum()),
+        "energy_max": float(flat.energy.max()),
+        "energy_median": float(np.median(flat.energy)),
+        "square_max": float(flat.square.max()),
+        "square_median": float(np.median(flat.square)),
+        "flips": int(flips(points).sum()),
+        "overlaps": len(overlapping(flat)),
+        "disks": bool((layout.euler == 1).all()),
+        "compactness_max": float(layout.compactness.max()),
+        "neck_min_quads": int(layout.necks().min()),
+        "smallest_patch": min(len(quads) for quads in layout.patches),
+        "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
+        "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,
+    }
+    return report | layout.notes
