@@ -90,10 +90,10 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
     Returns the nodes (C, 2K, 2), without every curve's last point, and the bulges (C, 2K). The joint inside a span is
     that of the biarc with equal tangent lengths (Bolton 1975).
     """
-    tangents = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
+    tangents = tangents / np.sqrt(_dot(tangents, tangents))[..., None]
     p0, p1, t0, t1 = points[:, :-1], points[:, 1:], tangents[:, :-1], tangents[:, 1:]
     v, t = p1 - p0, t0 + t1
-    vv, vt, turn = (v * v).sum(-1), (v * t).sum(-1), 2.0 * (1.0 - (t0 * t1).sum(-1))
+    vv, vt, turn = _dot(v, v), _dot(v, t), 2.0 * (1.0 - _dot(t0, t1))
     # d solves turn d^2 + 2 (v.t) d - v.v = 0; this form of the root is stable for parallel tangents
     d = vv / (vt + np.sqrt(vt * vt + turn * vv))
     joint = 0.5 * (p0 + p1 + d[..., None] * (t0 - t1))
@@ -105,7 +105,7 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Bulge of the arc whose chord and tangent enclose the angle from ``a`` to ``b``: half of the arc's angle."""
-    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(-1))
+    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], _dot(a, b))
     return np.tan(0.5 * angle)
 
 
@@ -170,9 +170,10 @@ def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tupl
 
     A biarc strays from a curve by about |d curvature / ds| length^3 / 324, so spans follow the cube root of that.
     """
-    step = np.linalg.norm(np.diff(samples, axis=1), axis=-1)
+    move = np.diff(samples, axis=1)
+    step = np.sqrt(_dot(move, move))
     a, b = tangents[:, :-1], tangents[:, 1:]
-    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], (a * b).sum(-1))
+    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], _dot(a, b))
     curvature = turn / np.maximum(step, 1e-15)
     change = np.abs(np.gradient(curvature, axis=1)) / np.maximum(step, 1e-15)
     change = np.maximum(change, np.roll(change, 1, axis=1) * 0.5)
@@ -203,7 +204,7 @@ def _stray(nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndar
     p = np.repeat(p[:, :, None], 2, axis=2).reshape(-1, 5, 2)
     chord = b - a
     size = np.maximum(np.linalg.norm(chord, axis=1), 1e-15)
-    along = ((p - a[:, None]) * chord[:, None]).sum(-1) / size[:, None]
+    along = _dot(p - a[:, None], chord[:, None]) / size[:, None]
     across = (chord[:, None, 0] * (p - a[:, None])[..., 1] - chord[:, None, 1] * (p - a[:, None])[..., 0]) / size[
         :, None
     ]
@@ -220,3 +221,7 @@ def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.nda
     twice = half * half + sag * sag  # 2 r |sag|
     centre = np.hypot(2.0 * sag * x, 2.0 * sag * y - (half * half - sag * sag))
     return np.abs(power) / (twice + centre)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -16,7 +16,7 @@ from .arcs import Curve, Fitted, fit
 from .errors import FlexMapsError
 from .layout import PatchLayout
 from .mesh import QuadMesh
-from .slots import clockwise, slot_widths
+from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates
 
 
@@ -71,7 +71,7 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
 def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
     """(F, 4) metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
-    return np.where(lean > 0.7, apart, np.inf).min(axis=-1)
+    return np.where(lean > PARALLEL, apart, np.inf).min(axis=-1)
 
 
 def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -79,7 +79,7 @@ def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
     far = np.full(arms.radius.shape, 0.999)
     apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
     # a last column that is always narrow; at the mouth itself there would be no slot
-    narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > 0.5), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
+    narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > PARALLEL), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
     first = np.clip(narrow.argmax(axis=-1) - 1, 0, outer.shape[-1] - 1)[..., None]
     outer, inner = np.take_along_axis(outer, first, axis=-1)[..., 0], np.take_along_axis(inner, first, axis=-1)[..., 0]
     # the outer arm of slot k is arm k + 1, or arm k if the spirals wind clockwise

@@ -154,7 +154,8 @@ def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.nd
 
 def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
     """(F,) radians: the twists, reduced where the blended joints or the neighbours leave too little room."""
-    slot, mesh = slot_needed(params), flat.layout.mesh
+    # a little more: the gap is judged at some points of every slot only
+    slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
     mate, side = mates(mesh)
     rest = 1.0 / (1.0 - DEPTH) ** 2
     gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
@@ -165,7 +166,7 @@ def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: 
         # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
         sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
         gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
-        tight = gap < slot * (1.0 - 1e-6)
+        tight = gap < slot
         # an arm also gives way where it is its neighbour's that has no room
         beside = tight[mate].any(axis=1) & (gap < 1.5 * slot)
         change = (tight | beside | gives) & (twist > 0.0)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from .arcs import Curve
+from . import PROGRAM
 from .errors import FlexMapsError
 from .files import replacing_many
 from .sheets import CutSheets
-from .svg import PROGRAM, NewFile, numbered, numbered_before, operations
+from .svg import NewFile, numbered, numbered_before, operations
 
 # name and AutoCAD colour index, in the order of the work; 7 is black on white
 LAYERS = (("ENGRAVE", 7), ("CUT_INNER", 5), ("CUT_OUTER", 1))
@@ -47,13 +50,11 @@ def _document(sheets: CutSheets, index: int, version: str, *, filled: bool = Tru
     import ezdxf
     from ezdxf import units
 
-    document = ezdxf.new(version)
-    if version != "R12":  # which has no units; millimetres are its custom
-        document.units = units.MM
+    with _quiet():  # R12 has no units, millimetres are its custom, and ezdxf warns of that every time
+        document = ezdxf.new(version, units=units.MM)
+    if version != "R12":
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("Program", PROGRAM)
-    else:
-        document.units = 0
     document.header["$EXTMIN"] = (0.0, 0.0, 0.0)
     document.header["$EXTMAX"] = (*(float(x) * 1e3 for x in sheets.packing.sizes[index]), 0.0)
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
@@ -62,6 +63,17 @@ def _document(sheets: CutSheets, index: int, version: str, *, filled: bool = Tru
     for name, curve in _entities(sheets, index) if filled else ():
         document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
     return document
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    logger = logging.getLogger("ezdxf")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _entities(sheets: CutSheets, index: int) -> Iterator[tuple[str, Curve]]:

@@ -75,7 +75,7 @@ def pack(
 
 def fits(size: np.ndarray, sheet: tuple[float, float], margin: float) -> bool:
     """Whether a box of this size (2,), in metres, fits on the sheet, either way round."""
-    free = sorted(x - 2.0 * margin for x in sheet)
+    free = sorted(x - 2.0 * margin + 1e-9 for x in sheet)
     return bool(min(size) <= free[0] and max(size) <= free[1])
 
 

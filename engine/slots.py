@@ -21,6 +21,7 @@ from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
 # The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
 # loses slot at the hub: about here its arms are free over their greatest length.
 DEPTH = 1.0 / 3.0
+PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
 
 
@@ -46,22 +47,40 @@ def gaps(arms: Arms) -> np.ndarray:
     """
     # the arm that faces the tip of arm k is k - 1, or k + 1 if clockwise
     step = -1 if clockwise(arms) else 1
-    opening = (step * (arms.angle - np.roll(arms.angle, step, axis=1)))[..., None] % (2.0 * math.pi)
-    inner = _rolled(arms, step)
-    t = np.broadcast_to(np.linspace(0.0, DEPTH, 12), (*arms.radius.shape, 12))
-    p = centre_line(arms, t)[0]
+    return _facing(arms, _rolled(arms, step), step)
+
+
+def _facing(outer: Arms, inner: Arms, step: int) -> np.ndarray:
+    """(F, K) metres: narrowest gap between the outer parts of arms and the arms that face them, ``step`` side on."""
+    opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
+    t = np.broadcast_to(np.linspace(0.0, DEPTH, 18), (*outer.radius.shape, 18))
+    p = centre_line(outer, t)[0]
     # the facing arm's parameter at the same angle; the nearest point is close to it
-    level = t + opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None]
+    level = t + opening / np.maximum(np.abs(outer.wind), 1e-9)[:, None, None]
     s = np.clip(level, 0.0, 1.0)
-    for _ in range(5):
+    for _ in range(4):
         q, d1, d2 = centre_line(inner, s)
-        slope = ((q - p) * d1).sum(-1)
-        bend = np.maximum((d1 * d1).sum(-1) + ((q - p) * d2).sum(-1), 0.25 * (d1 * d1).sum(-1))
-        s = np.clip(s - np.clip(slope / bend, -0.1, 0.1), 0.0, 1.0)
-    q = centre_line(inner, s)[0]
-    gap = np.linalg.norm(p - q, axis=-1) - 0.5 * (width_at(arms, t)[0] + width_at(inner, s)[0])
-    through = (level < 1.0) & (inner.radius[..., None] * (1.0 - level) > arms.radius[..., None] * (1.0 - t))
-    return np.where(through, -np.abs(gap), gap).min(axis=-1)
+        off, speed2 = q - p, _dot(d1, d1)
+        bend = np.maximum(speed2 + _dot(off, d2), 0.25 * speed2)
+        s = np.clip(s - np.clip(_dot(off, d1) / bend, -0.1, 0.1), 0.0, 1.0)
+    off = centre_line(inner, s)[0] - p
+    gap = np.sqrt(_dot(off, off)) - 0.5 * (width_at(outer, t)[0] + width_at(inner, s)[0])
+    through = (level < 1.0) & (inner.radius[..., None] * (1.0 - level) > outer.radius[..., None] * (1.0 - t))
+    return _lowest(np.where(through, -np.abs(gap), gap))
+
+
+def _lowest(samples: np.ndarray) -> np.ndarray:
+    """The lowest value along the last axis, read between the samples by a parabola."""
+    inner = np.clip(samples.argmin(axis=-1), 1, samples.shape[-1] - 2)[..., None]
+    before, at, after = (np.take_along_axis(samples, inner + k, axis=-1)[..., 0] for k in (-1, 0, 1))
+    bend = before + after - 2.0 * at
+    dip = np.where(bend > 0.0, (after - before) ** 2 / (8.0 * np.where(bend > 0.0, bend, 1.0)), 0.0)
+    # only a lowest point between its neighbours has a vertex there
+    return np.minimum(samples.min(axis=-1), at - np.where((at <= before) & (at <= after), dip, 0.0))
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
 def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarray) -> np.ndarray:
@@ -144,18 +163,26 @@ def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray) -> n
 
     ``width`` (F,) in metres. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
     """
-    slot = slot_needed(params)
-    count = len(flat.corners)
+    slot, count = slot_needed(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
-    good = gaps(pure.unblended(high)).min(axis=1) >= slot
+
+    def fits(quads: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        # the middles of a quad's sides are symmetric about its centre: two of its slots tell of all four
+        part = pure.of(quads).unblended(twist)
+        every = np.arange(len(quads))
+        zero = np.zeros_like(every)
+        found = [_facing(part.one_by_one(every, zero + k + 1), part.one_by_one(every, zero + k), 1) for k in range(2)]
+        return np.minimum(*found)[:, 0] >= slot
+
+    open_ = np.arange(count)
+    good = fits(open_, high)
     low[good] = high[good]
-    open_ = np.flatnonzero(~good)
-    high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), width, slot, DEPTH) + 0.1)
-    for _ in range(14):
+    open_ = open_[~good]
+    high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), width, slot) + 0.1)
+    for _ in range(12):
         middle = 0.5 * (low[open_] + high[open_])
-        part = pure.of(open_)
-        good = gaps(part.unblended(middle)).min(axis=1) >= slot
+        good = fits(open_, middle)
         low[open_] = np.where(good, middle, low[open_])
         high[open_] = np.where(good, high[open_], middle)
     return low
@@ -179,7 +206,7 @@ def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) ->
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 32))[:2]
     # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
-    slot = float(np.where(lean > 0.7, apart, CLEAR).min())
+    slot = float(np.where(lean > PARALLEL, apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 
@@ -194,7 +221,7 @@ def slot_widths(
     """Width of every slot, measured from the edge of its outer arm at the shares (N,) of the way from mouth to root.
 
     left, right : (F, 4) t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
-    metres, the cosine of the angle between both edges, and t on the outer and on the inner arm.
+    metres, as the diameter of the circle between the edges that touches the outer arm there, the cosine of the angle between both edges, and t on the outer and on the inner arm.
     """
     step = 1 if clockwise(arms) else -1
     other = _rolled(arms, -1)  # arm k + 1 in the place of arm k
@@ -206,7 +233,8 @@ def slot_widths(
     apart, lean, s = _apart(
         outer, LEFT if step > 0 else RIGHT, t, inner, RIGHT if step > 0 else LEFT, s, ends[1][..., None]
     )
-    return apart, lean, t, s
+    # between edges that enclose the angle a, a circle that touches this point is 1 / cos^2(a / 2) times as wide
+    return apart * 2.0 / (1.0 + lean), lean, t, s
 
 
 def _apart(
@@ -219,8 +247,8 @@ def _apart(
     p, dp = edge(one, t, side)
     for _ in range(6):
         q, dq = edge(two, s, other)
-        move = ((q - p) * dq).sum(-1) / np.maximum((dq * dq).sum(-1), 1e-30)
+        move = _dot(q - p, dq) / np.maximum(_dot(dq, dq), 1e-30)
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
     q, dq = edge(two, s, other)
-    lean = np.abs((dp * dq).sum(-1)) / (np.linalg.norm(dp, axis=-1) * np.linalg.norm(dq, axis=-1))
-    return np.linalg.norm(p - q, axis=-1), lean, s
+    lean = np.abs(_dot(dp, dq)) / np.sqrt(_dot(dp, dp) * _dot(dq, dq))
+    return np.sqrt(_dot(p - q, p - q)), lean, s

@@ -149,7 +149,8 @@ def inner_radius(arms: Arms) -> np.ndarray:
     """
     t = arms.share[..., None] * np.linspace(0.0, 1.0, 17)
     _, d1, d2 = centre_line(arms, t)
-    curvature = np.abs(_cross(d1, d2)) / (d1**2).sum(-1) ** 1.5
+    speed = np.hypot(d1[..., 0], d1[..., 1])
+    curvature = np.abs(_cross(d1, d2)) / speed**3
     return (1.0 - 0.5 * width_at(arms, t)[0] * curvature).min(axis=-1)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import PROGRAM
 from .arcs import Curve
 from .files import replacing_many
 from .sheets import CutSheets, Panel
@@ -16,7 +17,6 @@ from .sheets import CutSheets, Panel
 # in the order of the work: nothing moves before it is engraved, and a panel comes loose last
 LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff0000"))
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
-PROGRAM = "FlexMaps for Blender"
 
 NewFile = Callable[[str | os.PathLike[str]], Path]
 

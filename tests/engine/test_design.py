@@ -1,0 +1,116 @@
+"""Widths and twists: closed forms of the bounds, distances measured by shapely, the start from curvature."""
+
+import numpy as np
+import pytest
+from flexmaps.engine import design, slots, spiral
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import SpiralParams
+from shapely import LineString
+
+
+@pytest.mark.parametrize(("scale", "degrees"), [(0.010, (341, 285, 243, 212, 187)), (0.015, (516, 432, 371, 324, 288))])
+def test_twist_limit_in_closed_form(scale, degrees):
+    widths = np.array([0.001, 0.00125, 0.0015, 0.00175, 0.002])
+    np.testing.assert_allclose(np.degrees(design.twist_limit(scale, widths, 0.0003)), degrees, atol=0.6)
+
+
+def test_no_twist_where_arms_fill_the_quad():
+    assert design.twist_limit(0.004, 0.003, 0.0003) == 0.0
+
+
+@pytest.mark.parametrize("move", [None, lambda p: p @ np.array([[1.0, 0.05], [0.15, 1.1]])], ids=["square", "sheared"])
+def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
+    flat, params = flat_grid(1, 1, 0.01, move=move), SpiralParams()
+    width = np.array([0.0015])
+    bound = design.twist_bound(flat, params, width)
+    assert 0.0 < bound[0] < 2 * np.pi
+    arms = spiral.arms(flat, params, width, bound)
+    whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
+    lines = spiral.centre_line(arms.unblended(bound), whole)[0][0]
+    outer = round(4000 * slots.DEPTH)
+    gaps = [LineString(lines[k, : outer + 1]).distance(LineString(lines[k - 1])) - width[0] for k in range(4)]
+    assert min(gaps) == pytest.approx(params.slot_min, abs=3e-6)
+    # the closed form for regular spirals is a little more generous, for it looks at the tip alone
+    if move is None:
+        assert bound[0] < design.twist_limit(0.01, width[0], params.slot_min)
+        assert bound[0] > 0.85 * design.twist_limit(0.01, width[0], params.slot_min)
+
+
+def test_bound_stops_at_the_largest_twist_asked_for(flat_grid):
+    flat = flat_grid(2, 2, 0.03)
+    np.testing.assert_array_equal(design.twist_bound(flat, SpiralParams(twist_max=3.0), np.full(4, 0.001)), 3.0)
+
+
+def test_gaps_agree_with_shapely_in_a_distorted_assembly(flat_grid):
+    rng = np.random.default_rng(2)
+    flat = flat_grid(4, 4, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))
+    arms = spiral.arms(flat, SpiralParams(), np.full(16, 0.001), rng.uniform(2, 5, 16))
+    t = np.broadcast_to(np.linspace(0, 1, 3001), (16, 4, 3001))
+    lines = spiral.centre_line(arms, t)[0]
+    outer = round(3000 * slots.DEPTH) + 1
+    found = slots.gaps(arms)
+    for q in range(16):
+        for k in range(4):
+            exact = LineString(lines[q, k, :outer]).distance(LineString(lines[q, k - 1])) - 0.001
+            assert found[q, k] == pytest.approx(exact, abs=2e-5)
+
+
+def test_curvature_decides_linearly(flat_grid):
+    flat, params = flat_grid(4, 3, 0.03), SpiralParams(curvature_top=100.0)
+    curvature = np.linspace(0.0, 8.0, 12)
+    made = design.from_curvature(flat, params, curvature)
+    c = curvature / 8.0
+    np.testing.assert_allclose(made.width, 0.002 - c * 0.001)
+    np.testing.assert_allclose(made.twist, c * 2 * np.pi)
+    np.testing.assert_allclose(made.scale, 0.03)
+    np.testing.assert_allclose(made.coordinates, np.stack([1 - c, c], axis=1), atol=1e-9)
+
+
+def test_one_sharp_crease_does_not_stiffen_all_the_rest(flat_grid):
+    flat = flat_grid(10, 10, 0.03)
+    curvature = np.append(np.full(99, 1.0), 100.0)
+    robust = design.from_curvature(flat, SpiralParams(), curvature)
+    plain = design.from_curvature(flat, SpiralParams(curvature_top=100.0), curvature)
+    assert robust.width[0] == pytest.approx(0.001)
+    assert plain.width[0] == pytest.approx(0.00199)
+
+
+def test_no_curvature_gives_the_stiffest_spirals(flat_grid):
+    made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.zeros(4))
+    np.testing.assert_array_equal(made.width, 0.002)
+    np.testing.assert_array_equal(made.twist, 0.0)
+
+
+def test_uniform_design_keeps_what_fits_and_unwinds_what_does_not(flat_grid):
+    flat = flat_grid(3, 3, 0.02)
+    made = design.uniform(flat, SpiralParams(), width=0.0015, twist=5.0)
+    np.testing.assert_array_equal(made.width, 0.0015)
+    np.testing.assert_array_equal(made.twist, 5.0)
+    tight = design.uniform(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
+    assert (tight.twist < 4.0).all()
+    assert tight.gap.min() > 0.0003
+
+
+def test_too_small_quads_are_named(flat_grid):
+    def squeezed(p):
+        p = p.copy()
+        p[p[:, 0] > 0.05, 0] = 0.0412
+        return p
+
+    with pytest.raises(FlexMapsError, match="too small or too thin") as caught:
+        design.uniform(flat_grid(3, 2, move=squeezed), SpiralParams())
+    assert caught.value.faces == [4, 5]
+
+
+def test_exchanged_widths_are_refused(flat_grid):
+    with pytest.raises(FlexMapsError, match="smallest width is larger"):
+        design.uniform(flat_grid(1, 1), SpiralParams(width_min=0.003, width_max=0.002))
+
+
+def test_report_has_the_spread_of_every_descriptor(flat_grid):
+    made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
+    report = design.design_report(made)
+    assert report["count"] == 4
+    assert report["width_mm"] == [1.0, 1.25, 2.0]
+    assert report["twist_deg"] == [0.0, 270.0, 360.0]
+    assert report["slot_min_mm"] > 0.3

@@ -1,0 +1,129 @@
+"""Files appear whole, together, or not at all."""
+
+import errno
+import os
+
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.files import replacing, replacing_many
+
+
+def _names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_a_file_appears_whole(tmp_path):
+    target = tmp_path / "new folder" / "a.svg"
+    with replacing(target) as temporary:
+        assert temporary.parent == target.parent
+        assert temporary.suffix == ".svg"
+        temporary.write_text("new")
+        assert not target.exists()
+    assert target.read_text() == "new"
+    assert _names(target.parent) == ["a.svg"]
+
+
+def test_an_error_leaves_everything_as_it_was(tmp_path):
+    old = tmp_path / "a.svg"
+    old.write_text("old")
+    with pytest.raises(RuntimeError), replacing_many() as new:
+        new(old).write_text("half")
+        new(tmp_path / "deep" / "er" / "b.dxf").write_text("half")
+        raise RuntimeError
+    assert old.read_text() == "old"
+    assert _names(tmp_path) == ["a.svg"]
+
+
+def test_several_files_appear_together_and_stale_ones_go(tmp_path):
+    (tmp_path / "sheet-02.svg").write_text("old")
+    (tmp_path / "mine.txt").write_text("mine")
+    with replacing_many([tmp_path / "sheet-02.svg", tmp_path / "never-there.svg"]) as new:
+        new(tmp_path / "sheet-01.svg").write_text("1")
+        new(tmp_path / "sheet-01.dxf").write_text("2")
+    assert _names(tmp_path) == ["mine.txt", "sheet-01.dxf", "sheet-01.svg"]
+
+
+def test_full_disk_while_writing(tmp_path):
+    old = tmp_path / "a.svg"
+    old.write_text("old")
+    with pytest.raises(FlexMapsError, match=r"a\.svg: the disk is full; make room"), replacing_many() as new:
+        new(tmp_path / "b.svg").write_text("b")
+        path = new(old)
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    assert old.read_text() == "old"
+    assert _names(tmp_path) == ["a.svg"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_full_disk_for_real(tmp_path):
+    with pytest.raises(FlexMapsError, match="the disk is full"), replacing(tmp_path / "a.svg") as temporary:
+        temporary.unlink()
+        temporary.symlink_to("/dev/full")
+        temporary.write_text("x" * 100000)
+    assert _names(tmp_path) == []
+
+
+def test_disk_that_fills_up_while_the_files_take_their_places(tmp_path, monkeypatch):
+    for name in "abc":
+        (tmp_path / f"{name}.svg").write_text("old")
+    replace, moves = os.replace, []
+
+    def failing(source, target):
+        if str(target).endswith("c.svg") and not moves:
+            moves.append(1)
+            raise OSError(errno.ENOSPC, "No space left on device", str(target))
+        replace(source, target)
+
+    with pytest.raises(FlexMapsError, match="the disk is full"), replacing_many() as new:
+        for name in "abcd":
+            new(tmp_path / f"{name}.svg").write_text("new")
+        monkeypatch.setattr(os, "replace", failing)
+    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a.svg": "old", "b.svg": "old", "c.svg": "old"}
+
+
+def test_read_only_folder(tmp_path, monkeypatch):
+    folder = tmp_path / "locked"
+    folder.mkdir()
+    folder.chmod(0o500)
+    try:
+        if os.access(folder, os.W_OK):  # the administrator may write anywhere: simulate what others see
+
+            def denied(self, *args, **kwargs):
+                raise PermissionError(errno.EACCES, "Permission denied", str(self))
+
+            monkeypatch.setattr("pathlib.Path.touch", denied)
+        with (
+            pytest.raises(FlexMapsError, match="you may not write there; choose another folder"),
+            replacing(folder / "a.svg"),
+        ):
+            pytest.fail("writing began")
+        assert _names(folder) == []
+    finally:
+        folder.chmod(0o700)
+
+
+def test_a_file_in_the_way_of_the_folder(tmp_path):
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(FlexMapsError, match="is a file and no folder"), replacing(tmp_path / "out" / "a.svg"):
+        pytest.fail("writing began")
+    assert (tmp_path / "out").read_text() == "a file"
+
+
+def test_a_folder_in_the_way_of_the_file(tmp_path):
+    (tmp_path / "a.svg").mkdir()
+    with pytest.raises(FlexMapsError, match="a folder of that name"), replacing(tmp_path / "a.svg"):
+        pytest.fail("writing began")
+
+
+@pytest.mark.parametrize("name", ["x" * 300 + ".svg", "a\0b.svg"])
+def test_impossible_names(tmp_path, name):
+    with pytest.raises(FlexMapsError, match="Cannot write"), replacing(tmp_path / name) as temporary:
+        temporary.write_text("x")
+    assert _names(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["ein Blatt.svg", "schön ✂.svg", "100%.svg", ".hidden.svg", "no suffix"])
+def test_odd_names(tmp_path, name):
+    with replacing(tmp_path / name) as temporary:
+        temporary.write_text("x")
+    assert _names(tmp_path) == [name]

@@ -1,0 +1,204 @@
+"""Sheets, labels and the files: read back by other programs, and measured."""
+
+import math
+import xml.etree.ElementTree as ET
+
+import ezdxf
+import ezdxf.path
+import numpy as np
+import pytest
+import shapely
+import svgelements
+from flexmaps.engine import design, dxf, sheets, svg
+from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.engine.labels import panel_name, seam_name
+from flexmaps.engine.params import SheetParams, SpiralParams
+from flexmaps.engine.progress import Progress
+
+FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer"}
+
+
+@pytest.fixture
+def made(flat_grid):
+    """Sheets of two panels, one of them with a cut inside, of many different spirals."""
+    flat = flat_grid(
+        8, 6, move=lambda p: p @ np.array([[1.0, 0.05], [0.1, 1.0]]), cut=lambda x, y: x == 3 or (y == 3 and x > 6)
+    )
+    curvature = np.sin(40 * flat.corners.mean(axis=1)).sum(axis=1) + 2
+    return sheets.make_sheets(design.from_curvature(flat, SpiralParams(), curvature), SheetParams())
+
+
+def _polygon(panel):
+    return shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+
+
+def test_panels_lie_apart_on_the_sheet(made):
+    assert made.count == 1
+    one, two = (_polygon(p) for p in made.on_sheet(0))
+    assert one.is_valid
+    assert two.is_valid
+    assert one.distance(two) >= made.params.spacing
+    frame = shapely.box(0, 0, 0.6, 0.4).buffer(-made.params.margin + 1e-9, join_style="mitre")
+    assert frame.contains(one)
+    assert frame.contains(two)
+
+
+def test_labels_lie_inside_the_material(made):
+    assert made.labels_left_out == 0
+    # both panels' numbers, 6 joints of one seam and 2 of the cut inside, each on both sides
+    assert made.labels_placed == 2 + 2 * (6 + 2)
+    for panel in made.on_sheet(0):
+        material = _polygon(panel).buffer(-0.00005)
+        assert len(panel.labels) > 20
+        assert all(material.contains(shapely.LineString(s.points)) for s in panel.labels)
+
+
+def test_labels_that_would_be_too_small_are_counted(flat_grid):
+    made = design.uniform(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
+    result = sheets.make_sheets(made, SheetParams(label_min=0.001))
+    assert result.labels_left_out == 4
+    assert any("labels have no room" in w for w in result.warnings)
+    assert sheets.make_sheets(made, SheetParams(labels=False)).labels_placed == 0
+
+
+def test_names():
+    assert [seam_name(i) for i in (0, 25, 26, 27, 701, 702)] == ["A", "Z", "AA", "AB", "ZZ", "AAA"]
+    assert [panel_name(i - 1) for i in (1, 5, 6, 8, 9, 12, 66, 68, 69, 91)] == [
+        "1",
+        "5",
+        "6.",
+        "8",
+        "9.",
+        "12",
+        "66.",
+        "68.",
+        "69",
+        "91.",
+    ]
+
+
+def test_numbers_of_the_report(made):
+    report = sheets.sheets_report(made)
+    polygons = [_polygon(p) for p in made.panels]
+    assert report["panels"] == 2
+    assert report["sheets"] == 1
+    assert report["area_m2"] == pytest.approx(sum(p.area for p in polygons), rel=3e-4)
+    assert report["cut_length_m"] == pytest.approx(sum(p.length for p in polygons), rel=1e-3)
+    assert report["fill"] == pytest.approx(sum(shapely.Polygon(p.exterior).area for p in polygons) / 0.24, rel=1e-3)
+    assert report["slot_min_mm"] >= 0.3 - 1e-6
+    assert 0.99 <= report["bridge_min_mm"] <= 1.1
+    assert report["nodes"] <= 40 * 4 * 48
+
+
+def _svg_polygons(path):
+    """Signed areas and polygons by layer, as svgelements reads them; in mm."""
+    found = {}
+    for element in svgelements.SVG.parse(path, ppi=25.4).elements():
+        if isinstance(element, svgelements.Path):
+            points = []
+            for segment in element:
+                if isinstance(segment, svgelements.Arc):
+                    points += [segment.point(t) for t in np.linspace(0, 1, 2 + int(abs(segment.sweep) / 0.02))]
+                elif isinstance(segment, svgelements.Line):
+                    points += [segment.start, segment.end]
+            found.setdefault(FLIPPED[element.stroke.hex], []).append(np.array([(p.x, p.y) for p in points]))
+    return found
+
+
+def test_svg_reads_back_in_true_millimetres(made, tmp_path):
+    (path,) = svg.write(made, tmp_path / "sheet.svg")
+    assert path.name == "sheet-01.svg"
+    root = ET.parse(path).getroot()
+    assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("600mm", "400mm", "0 0 600 400")
+    layers = [g.get("{http://www.inkscape.org/namespaces/inkscape}label") for g in root.findall("{*}g")]
+    assert layers == ["engrave", "cut inner", "cut outer"]
+    found = _svg_polygons(path)
+    for panel, points in zip(made.on_sheet(0), found["cut outer"], strict=True):
+        assert shapely.Polygon(points).area == pytest.approx(panel.outline.area * 1e6, rel=1e-3)
+        # y points down in the file: the same place, seen from the other side
+        expected = shapely.Polygon(panel.outline.sampled(1e-6) * [1e3, -1e3] + [0, 400])
+        assert shapely.Polygon(points).symmetric_difference(expected).area < 1e-3 * expected.area
+    holes = [h for p in made.on_sheet(0) for h in p.holes]
+    assert len(found["cut inner"]) == len(holes)
+    for hole, points in zip(holes, found["cut inner"], strict=True):
+        assert shapely.Polygon(points).area == pytest.approx(-hole.area * 1e6, rel=1e-3)
+    assert len(found["engrave"]) == sum(len(p.labels) for p in made.panels)
+
+
+@pytest.mark.parametrize("version", ["R12", "R2010"])
+def test_dxf_reads_back_in_true_millimetres(made, tmp_path, version, caplog):
+    (path,) = dxf.write(made, tmp_path / "sheet.dxf", version)
+    assert not caplog.records
+    document = ezdxf.readfile(path)
+    assert not document.audit().errors
+    assert document.dxfversion == {"R12": "AC1009", "R2010": "AC1024"}[version]
+    if version == "R2010":
+        assert document.header["$INSUNITS"] == ezdxf.units.MM
+    assert [document.layers.get(n).color for n in ("ENGRAVE", "CUT_INNER", "CUT_OUTER")] == [7, 5, 1]
+    entities = list(document.modelspace())
+    assert {e.dxftype() for e in entities} == {"POLYLINE" if version == "R12" else "LWPOLYLINE"}
+    names = [e.dxf.layer for e in entities]
+    assert names == sorted(names, key=["ENGRAVE", "CUT_INNER", "CUT_OUTER"].index)
+    curves = {n: [e for e in entities if e.dxf.layer == n] for n in set(names)}
+    panels = made.on_sheet(0)
+    wanted = {"CUT_OUTER": [p.outline for p in panels], "CUT_INNER": [h for p in panels for h in p.holes]}
+    for name, expected in wanted.items():
+        for entity, curve in zip(curves[name], expected, strict=True):
+            points = [(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(1e-3)]
+            assert shapely.Polygon(points).area == pytest.approx(abs(curve.area) * 1e6, rel=1e-3)
+            np.testing.assert_allclose(points[0], curve.points[0] * 1e3, atol=1e-5)
+            assert (entity.is_closed if version == "R12" else entity.closed) is True
+
+
+def test_unknown_dxf_version(made, tmp_path):
+    with pytest.raises(FlexMapsError, match="R12, R2010"):
+        dxf.write(made, tmp_path / "sheet.dxf", "R99")
+
+
+def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
+    for name in ("sheet-02.svg", "sheet-03.svg", "sheet-05.svg"):
+        (tmp_path / name).write_text("earlier")
+    svg.write(made, tmp_path / "sheet.svg")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sheet-01.svg", "sheet-05.svg"]
+
+
+def test_oversize_panels(flat_grid):
+    made = design.uniform(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
+    small = {"sheet_width": 0.2, "sheet_height": 0.15}
+    enlarged = sheets.make_sheets(made, SheetParams(**small))
+    assert len(enlarged.warnings) == 1
+    assert "Panel 1 is 2" in enlarged.warnings[0]
+    assert enlarged.packing.sizes.max() >= 0.24
+    with pytest.raises(FlexMapsError, match=r"larger than the sheet of 200 x 150 mm.*use a larger sheet") as caught:
+        sheets.make_sheets(made, SheetParams(**small, oversize="error"))
+    assert caught.value.faces == list(range(32))
+
+
+def test_margin_larger_than_the_sheet(flat_grid):
+    with pytest.raises(FlexMapsError, match="margin"):
+        sheets.make_sheets(
+            design.uniform(flat_grid(1, 1), SpiralParams()),
+            SheetParams(sheet_width=0.05, sheet_height=0.05, margin=0.03),
+        )
+
+
+def test_progress_ascends_and_stops(flat_grid):
+    made = design.uniform(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
+    seen = []
+    sheets.make_sheets(made, SheetParams(), Progress(lambda fraction, text: seen.append(fraction)))
+    assert seen == sorted(seen)
+    assert len(seen) > 5
+    with pytest.raises(Cancelled):
+        sheets.make_sheets(made, SheetParams(), Progress(stopped=lambda: len(seen) > 0))
+
+
+def test_svg_arc_flags_for_both_senses_and_large_arcs():
+    from flexmaps.engine.arcs import Curve
+
+    # three quarters of a circle to the left, closed by a quarter to the right
+    curve = Curve(np.array([[0.001, 0.0], [0.0, -0.001]]), np.array([math.tan(3 * math.pi / 8), 0.3]))
+    path = svgelements.Path(svg.path_data(curve, 10.0))
+    first = path[1]
+    assert first.point(0.5) == svgelements.Point(-math.sqrt(0.5), 10 - math.sqrt(0.5))
+    # after a large arc the file goes on where it ended
+    assert (first.end.x, first.end.y) == (0.0, 11.0)
