@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .arcs import Curve
 from . import PROGRAM
+from .arcs import Curve
 from .errors import FlexMapsError
 from .files import replacing_many
 from .sheets import CutSheets
