@@ -1,0 +1,89 @@
+"""What the cuts of a layout look like at every vertex, as one number: the less, the better drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .mesh import QuadMesh
+
+REFLEX, CONVEX, SHARP, TIP = 3.0, 0.25, 2.0, 0.5  # cost of a corner of a patch by its angle; of a cut that ends nowhere
+WIDE, NARROW, ACUTE = np.radians(222.0), np.radians(138.0), np.radians(50.0)
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Edges round a vertex, counter-clockwise, and the angle from each to the next, radians.
+
+    On the border the first and last edge are the border's and there is one angle less.
+    """
+
+    edges: tuple[int, ...]
+    angles: tuple[float, ...]
+    closed: bool
+
+
+@lru_cache(maxsize=4)
+def rings(mesh: QuadMesh) -> list[Ring]:
+    """The ring of every vertex."""
+    p = mesh.vertices[mesh.quads]
+    forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
+    cross = np.linalg.norm(np.cross(forward, backward), axis=2)
+    angle = np.arctan2(cross, np.einsum("fki,fki->fk", forward, backward))
+    follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
+    before = np.roll(mesh.quad_edges, 1, axis=1)
+    for v, out, back, a in zip(
+        mesh.quads.ravel().tolist(),
+        mesh.quad_edges.ravel().tolist(),
+        before.ravel().tolist(),
+        angle.ravel().tolist(),
+        strict=True,
+    ):
+        follow[v][out] = (back, a)
+    return [_ring(step) for step in follow]
+
+
+def _ring(step: dict[int, tuple[int, float]]) -> Ring:
+    if not step:
+        return Ring((), (), True)
+    targets = {edge for edge, _ in step.values()}
+    starts = [edge for edge in step if edge not in targets]
+    edge = first = starts[0] if starts else min(step)
+    edges, angles = [edge], []
+    while edge in step:
+        edge, angle = step[edge]
+        angles.append(angle)
+        if edge == first:
+            return Ring(tuple(edges), tuple(angles), True)
+        edges.append(edge)
+    return Ring(tuple(edges), tuple(angles), False)
+
+
+def corner_cost(ring: Ring, cut: np.ndarray) -> float:
+    """Cost of the patch corners at a vertex: reflex ones most, then very sharp ones, then the end of a cut.
+
+    cut : (E,) bool, cuts and border together
+    """
+    marks = [bool(cut[e]) for e in ring.edges]
+    count = sum(marks)
+    if count < 2:
+        return 0.0 if count == 0 or len(marks) != 4 else TIP
+    angles = ring.angles
+    if ring.closed:
+        start = marks.index(True)
+        marks = marks[start:] + marks[:start] + [True]
+        angles = angles[start:] + angles[:start]
+    cost, sector = 0.0, 0.0
+    for angle, mark in zip(angles, marks[1:], strict=True):
+        sector += angle
+        if mark:
+            if sector > WIDE:
+                cost += REFLEX
+            elif sector < ACUTE:
+                cost += SHARP
+            elif sector < NARROW:
+                cost += CONVEX
+            sector = 0.0
+    return cost

@@ -1,0 +1,164 @@
+"""Mirrors and rotations that map a mesh onto itself, so that a symmetric surface gets a symmetric layout."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mesh import QuadMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Symmetry:
+    """A rigid motion that maps a mesh onto itself.
+
+    vertices : (V,) int, where every vertex goes; quads : (F,) int; edges : (E,) int
+    matrix : (3, 3) orthogonal, about the centre of the mesh
+    """
+
+    vertices: np.ndarray
+    quads: np.ndarray
+    edges: np.ndarray
+    matrix: np.ndarray
+
+    @property
+    def name(self) -> str:
+        """In words, e.g. "mirror across x" or "turn by 90 degrees about (0, 0, 1)"."""
+        m = self.matrix
+        mirrored = np.linalg.det(m) < 0
+        turn = -m if mirrored else m
+        angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+        values, vectors = np.linalg.eig(turn)
+        axis = np.real(vectors[:, int(np.argmin(np.abs(values - 1)))])
+        axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
+        where = _direction(axis)
+        if not mirrored:
+            return f"turn by {angle:.0f} degrees about {where}"
+        if abs(angle - 180) < 1:
+            return f"mirror across {where}"
+        return "point reflection" if angle < 1 else f"turn by {180 - angle:.0f} degrees about {where} with a mirror"
+
+
+def _direction(axis: np.ndarray) -> str:
+    for name, unit in zip("xyz", np.eye(3), strict=True):
+        if axis @ unit > 0.9999:
+            return name
+    return "(" + ", ".join(f"{round(float(x), 2) + 0.0:g}" for x in axis) + ")"
+
+
+def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> list[Symmetry]:
+    """Every rigid motion but the identity that maps the mesh onto itself, corner by corner.
+
+    tolerance : how far a vertex may be off, as a share of the median edge
+    largest : look for no more once so many are found; a surface of revolution may have hundreds
+    """
+    centre = mesh.vertices.mean(axis=0)
+    points = mesh.vertices - centre
+    marks = _marks(mesh, points)
+    slack = 2 * tolerance * mesh.median_edge
+    # the quad whose looks are rarest has the fewest places to go
+    rounded = np.round(marks / (4 * slack)).astype(np.int64)
+    _, group, count = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
+    first = int(np.lexsort((np.arange(len(marks)), count[group.ravel()]))[0])
+    alike = np.flatnonzero((np.abs(marks - marks[first]) < slack).all(axis=1))
+    found: dict[bytes, Symmetry] = {}
+    still = np.arange(len(points)).tobytes()
+    for quad in alike.tolist():
+        for corner in range(4):
+            for way in (1, -1):
+                order = (corner + way * np.arange(4)) % 4
+                one = _motion(mesh, points, first, quad, order, tolerance * mesh.median_edge)
+                if one is not None and one.vertices.tobytes() != still:
+                    found.setdefault(one.vertices.tobytes(), one)
+        if len(found) > largest:
+            break
+    return list(found.values())
+
+
+def _marks(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """(F, 5) metres: what a rigid motion about the centre leaves of a quad: distances of corners and middle, sorted."""
+    away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
+    middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
+    return np.concatenate([away, middle[:, None]], axis=1)
+
+
+def _motion(
+    mesh: QuadMesh, points: np.ndarray, first: int, quad: int, order: np.ndarray, slack: float
+) -> Symmetry | None:
+    """The motion that lays one quad on another corner by corner, followed over the whole mesh side by side."""
+    way = 1 if (order[1] - order[0]) % 4 == 1 else -1
+    source, target = points[mesh.quads[first]], points[mesh.quads[quad][order]]
+    lengths = [np.linalg.norm(p - p[[1, 2, 3, 0]], axis=1) for p in (source, target)]
+    if np.abs(lengths[0] - lengths[1]).max() > 4 * slack:
+        return None
+    normal_a, normal_b = mesh.normals[first], mesh.normals[quad]
+    size = np.linalg.norm(source[2] - source[0])
+    from_ = np.vstack([source, source.mean(axis=0) + size * normal_a, source.mean(axis=0) - size * normal_a])
+    to = np.vstack([target, target.mean(axis=0) + size * normal_b, target.mean(axis=0) - size * normal_b])
+    u, _, vt = np.linalg.svd((from_).T @ to)
+    matrix = (u @ vt).T
+    if np.sign(np.linalg.det(matrix)) != way:
+        return None
+    return _matched(mesh, points, matrix, slack)
+
+
+def _matched(mesh: QuadMesh, points: np.ndarray, matrix: np.ndarray, slack: float) -> Symmetry | None:
+    """The permutations that belong to a motion, refined once by the best fit; None where it is no symmetry."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    for bound in (8 * slack, slack):
+        distance, image = tree.query(points @ matrix.T)
+        if distance.max() > bound or len(np.unique(image)) < len(points):
+            return None
+        u, _, vt = np.linalg.svd(points.T @ points[image])
+        matrix = (u @ vt).T
+    edges = _edge_images(mesh, image)
+    if edges is None:
+        return None
+    quads = _quad_images(mesh, edges)
+    return None if quads is None else Symmetry(image, quads, edges, matrix)
+
+
+def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
+    n = len(mesh.vertices)
+    ends = np.sort(image[mesh.edges], axis=1)
+    keys = mesh.edges[:, 0].astype(np.int64) * n + mesh.edges[:, 1]
+    wanted = ends[:, 0].astype(np.int64) * n + ends[:, 1]
+    where = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return where if (keys[where] == wanted).all() else None
+
+
+def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray | None:
+    of_edges = {tuple(e): f for f, e in enumerate(np.sort(mesh.quad_edges, axis=1).tolist())}
+    images = [of_edges.get(tuple(e), -1) for e in np.sort(edges[mesh.quad_edges], axis=1).tolist()]
+    return None if -1 in images else np.array(images, dtype=np.int64)
+
+
+def keeping(found: list[Symmetry], cut: np.ndarray) -> list[Symmetry]:
+    """Those symmetries that map the cuts (E,) bool of a layout onto themselves."""
+    return [s for s in found if (cut[s.edges] == cut).all()]
+
+
+def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
+    """Groups of symmetries generated by one or two of them, the largest first, without the identity."""
+    index = {s.vertices.tobytes(): i for i, s in enumerate(found)}
+    count = len(found)
+    table = -np.ones((count, count), dtype=np.int64)
+    for i, a in enumerate(found):
+        for j, b in enumerate(found):
+            table[i, j] = index.get(a.vertices[b.vertices].tobytes(), -1)
+
+    def closure(seed: set[int]) -> frozenset[int]:
+        members = set(seed)
+        while True:
+            more = {int(table[a, b]) for a in members for b in members} - members - {-1}
+            if not more:
+                return frozenset(members)
+            members |= more
+
+    known = {closure({i}) for i in range(count)} | {closure({i, j}) for i in range(count) for j in range(i)}
+    known.add(frozenset(range(count)))
+    ordered = sorted(known, key=lambda g: (-len(g), sorted(g)))
+    return [[found[i] for i in sorted(g)] for g in ordered if g][:most]

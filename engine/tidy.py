@@ -1,0 +1,239 @@
+"""Outlines as a person would draw them: straight seams along parametric lines, few corners, no notches.
+
+Straight parts of seams are slid sideways, row by row of quads, and inner cuts are closed, wherever that makes the cuts
+shorter or takes corners away and keeps every limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .board import NOTHING, Board
+from .corners import corner_cost, rings
+from .layout import PatchLayout
+from .progress import Progress
+
+PATCH = 15.0  # what a patch less is worth, in edges of cut
+GAIN = 0.3  # smallest gain that is worth a change
+DEPTH, LARGEST = 8, 150  # most rows and most quads moved at once
+
+
+@dataclass(frozen=True, eq=False)
+class Slide:
+    """Quads that go over to another patch: (n,) int, and for each the quad whose patch it joins."""
+
+    quads: np.ndarray
+    hosts: np.ndarray
+
+
+def tidy(board: Board, progress: Progress, sweeps: int = 8) -> bool:
+    """Slide and close while it pays; True if anything changed."""
+    changed = False
+    failed: set[tuple[bytes, ...]] = set()
+    for sweep in range(sweeps):
+        progress(sweep / sweeps, "Straightening seams")
+        again = _close_inner(board, failed)
+        again |= _slide_all(board, failed)
+        changed |= again
+        if not again:
+            break
+    return changed
+
+
+def _slide_all(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
+    """One sweep over all slides, the most gainful first."""
+    listed = []
+    for slide in slides(board):
+        flipped = flips_of(board, slide)
+        gain = gain_of(board, *flipped) if flipped is not None else 0.0
+        if gain > GAIN:
+            listed.append((-round(gain, 6), len(listed), slide))
+    changed = False
+    for _, _, slide in sorted(listed, key=lambda item: item[:2]):
+        flipped = flips_of(board, slide)
+        if flipped is None or gain_of(board, *flipped) <= GAIN:
+            continue
+        changed |= _try(board, *flipped, failed)
+    return changed
+
+
+def _try(board: Board, opens: np.ndarray, closes: np.ndarray, failed: set[tuple[bytes, ...]]) -> bool:
+    names = np.unique(board.sides_of(np.concatenate([opens, closes])))
+    key = (opens.tobytes(), closes.tobytes(), names.tobytes())
+    if key in failed:
+        return False
+    change = board.attempt(opens, closes)
+    if change is not None and board.apply(change):
+        return True
+    failed.add(key)
+    return False
+
+
+def gain_of(board: Board, opens: np.ndarray, closes: np.ndarray) -> float:
+    """How much better drawn the layout is after flipping edges: cut length in edges, corners, patches that go."""
+    mesh = board.mesh
+    cut = board.cut | mesh.border
+    vertices = np.unique(mesh.edges[np.concatenate([opens, closes])]).tolist()
+    ring = rings(mesh)
+    before = sum(corner_cost(ring[v], cut) for v in vertices)
+    cut[opens], cut[closes] = False, True
+    after = sum(corner_cost(ring[v], cut) for v in vertices)
+    length = (mesh.edge_lengths[opens].sum() - mesh.edge_lengths[closes].sum()) / mesh.median_edge
+    return float(length) + before - after
+
+
+def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:
+    """The cut edges that a slide opens and the joined edges that it closes; None where it changes nothing."""
+    mesh, owner = board.mesh, board.piece_of
+    old = owner[slide.quads]
+    new = owner[slide.hosts]
+    edges = np.unique(mesh.quad_edges[slide.quads])
+    edges = edges[~mesh.border[edges]]
+    pair = mesh.edge_quads[edges]
+    cut = board.cut[edges]
+    if (old == new).all():
+        if (old != old[0]).any():
+            return None
+        # an inner cut: what was on one side of it is on the other afterwards
+        inside = np.isin(pair, slide.quads).sum(axis=1) == 1
+        own = (owner[pair] == old[0]).all(axis=1)
+        flip = inside & own
+        opens, closes = edges[flip & cut], edges[flip & ~cut]
+    else:
+        if (old == new).any():
+            return None
+        where = np.searchsorted(slide.quads, pair)
+        where = np.minimum(where, len(slide.quads) - 1)
+        moved = slide.quads[where] == pair
+        after = np.where(moved, new[where], owner[pair])
+        same = after[:, 0] == after[:, 1]
+        was_same = owner[pair[:, 0]] == owner[pair[:, 1]]
+        opens, closes = edges[cut & same & ~was_same], edges[~cut & ~same]
+    return (opens, closes) if len(opens) else None
+
+
+def slides(board: Board) -> Iterator[Slide]:
+    """Every slide of a straight part of a seam, to both sides, by one row of quads or more."""
+    mesh = board.mesh
+    border = mesh.border
+    for vertices, edges, stops in bars(board.layout):
+        forward = np.array(vertices[:-1]) < np.array(vertices[1:])
+        line = np.array(edges)
+        for side in (0, 1):
+            column = np.where(forward, side, 1 - side)
+            row, at = mesh.edge_quads[line, column], mesh.edge_sides[line, column]
+            hosts = mesh.edge_quads[line, 1 - column]
+            for i, begin in enumerate(stops[:-1]):
+                for end in stops[i + 1 : i + 4]:
+                    part = slice(begin, end)
+                    yield from _rows(board, border, row[part], at[part], hosts[part])
+
+
+def _rows(
+    board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray
+) -> Iterator[Slide]:
+    mesh, owner = board.mesh, board.piece_of
+    taken = np.zeros(0, dtype=np.int64)
+    givers = set(owner[row].tolist())
+    if len(givers) > 2:
+        return
+    for depth in range(1, DEPTH + 1):
+        if len(taken) + len(row) > LARGEST or not set(owner[row].tolist()) <= givers:
+            return
+        taken = np.concatenate([taken, row])
+        unique, first = np.unique(taken, return_index=True)
+        if len(unique) < len(taken):
+            return
+        yield Slide(unique, np.tile(hosts, depth)[first])
+        far = mesh.quad_edges[row, (at + 2) % 4]
+        if border[far].any():
+            return
+        row, at = mesh.neighbours[row, (at + 2) % 4], _side_across(mesh.edge_quads, mesh.edge_sides, far, row)
+
+
+def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """The side of the other quad that lies on each edge."""
+    column = (edge_quads[edges, 0] == quads).astype(np.int64)
+    return edge_sides[edges, column]
+
+
+def bars(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
+    """Longest straight runs of cut edges: their vertices, edges, and the positions where they end or meet another cut."""
+    mesh = layout.mesh
+    cut, ring = layout.cut, rings(mesh)
+    degree = layout.cut_degree
+    seen: set[int] = set()
+    result = []
+    ends = mesh.edges.tolist()
+
+    def onward(edge: int, vertex: int) -> int:
+        r = ring[vertex]
+        if not r.closed or len(r.edges) != 4:
+            return -1
+        other = r.edges[(r.edges.index(edge) + 2) % 4]
+        return other if cut[other] else -1
+
+    for edge in np.flatnonzero(cut).tolist():
+        if edge in seen:
+            continue
+        seen.add(edge)
+        a, b = ends[edge]
+        halves = []
+        for vertex in (a, b):
+            points, walk, at = [vertex], [], edge
+            while (at := onward(at, points[-1])) >= 0 and at not in seen:
+                seen.add(at)
+                walk.append(at)
+                points.append(ends[at][1] if ends[at][0] == points[-1] else ends[at][0])
+            halves.append((points, walk))
+        vertices = halves[0][0][::-1] + halves[1][0]
+        edges = halves[0][1][::-1] + [edge] + halves[1][1]
+        stops = [i for i, v in enumerate(vertices) if i in (0, len(edges)) or degree[v] != 2]
+        result.append((vertices, edges, stops))
+    return result
+
+
+def _close_inner(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
+    """Close cuts inside patches from their free ends back, as far as a natural stop, where the distortion allows."""
+    changed = False
+    mesh = board.mesh
+    layout = board.layout
+    for edges in layout.seams:
+        names = board.sides_of(edges[:1])[0]
+        if names[0] != names[1] or not board.cut[edges].all():
+            continue
+        free = [layout.cut_degree[v] == 1 for v in _run_ends(mesh.edges[edges])]
+        if not any(free):
+            continue
+        run = edges if free[1] else edges[::-1]
+        for begin in natural_stops(board, run)[:-1]:
+            if _try(board, np.sort(run[begin:]), NOTHING, failed):
+                changed = True
+                break
+    return changed
+
+
+def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
+    """First and last vertex of a run whose edges (n, 2) are in order."""
+    if len(pairs) == 1:
+        return int(pairs[0, 0]), int(pairs[0, 1])
+    first = pairs[0, 0] if pairs[0, 0] not in pairs[1] else pairs[0, 1]
+    last = pairs[-1, 0] if pairs[-1, 0] not in pairs[-2] else pairs[-1, 1]
+    return int(first), int(last)
+
+
+def natural_stops(board: Board, run: np.ndarray) -> list[int]:
+    """Positions in a run of edges where a person would end a cut: its ends, its corners, irregular vertices."""
+    mesh = board.mesh
+    stops = [0]
+    for i in range(1, len(run)):
+        a, b = int(run[i - 1]), int(run[i])
+        vertex = next(iter(set(mesh.edges[a].tolist()) & set(mesh.edges[b].tolist())))
+        ring = rings(mesh)[vertex]
+        straight = ring.closed and len(ring.edges) == 4 and ring.edges[(ring.edges.index(a) + 2) % 4] == b
+        if not straight:
+            stops.append(i)
+    return [*stops, len(run)]
