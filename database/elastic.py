@@ -1,0 +1,210 @@
+"""St. Venant-Kirchhoff solids in cubic hexahedra: energy, forces and tangent of all elements at once.
+
+Young's modulus is 1. Gauss-Lobatto points are used along an element, where they coincide with its nodes and make most
+of the tangent sparse, and 4 x 4 Gauss points in its section, where torsion needs the full order.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+from .solid import LOBATTO_WEIGHTS, derivative_matrix, lagrange
+
+ALONG = 4
+SECTION = 16
+STATION_PAIRS = [(p, r) for p in range(ALONG) for r in range(p + 1)]
+
+
+def _section_basis() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Weights (16,), and values and both derivatives (16 points, 16 nodes) of the section's shape functions."""
+    x, w = np.polynomial.legendre.leggauss(4)
+    value, slope = lagrange(0.5 * (x + 1.0))
+    weights = np.outer(0.5 * w, 0.5 * w).ravel()
+    return weights, np.kron(value, value), np.kron(slope, value), np.kron(value, slope)
+
+
+class Elements:
+    """The elements of a solid at rest, and what their tangents are made from.
+
+    rest : (E, 4, 16, 3) rest positions of the nodes, in arm widths: station along, node of the section
+    poisson : Poisson's ratio in (0, 0.45)
+    """
+
+    def __init__(self, nodes: np.ndarray, elements: np.ndarray, poisson: float):
+        if not 0.0 < poisson < 0.45:
+            raise FlexMapsError(f"Poisson's ratio is {poisson:g}; it must lie between 0 and 0.45")
+        self.index = elements.reshape(-1, ALONG, SECTION)
+        self.poisson = poisson
+        self.lame = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+        self.shear = 0.5 / (1.0 + poisson)
+        self.rest = nodes[self.index]
+        self._d = derivative_matrix()
+        weights, self._n, self._n1, self._n2 = _section_basis()
+        jacobian = self._slopes(self.rest)
+        det = np.linalg.det(jacobian)
+        if det.min() <= 0:
+            raise FlexMapsError("The mesh of a spiral is folded; use less twist or a smaller width")
+        # jacobian[i, d] = dX_i / dxi_d, so its inverse is [d, I] = dxi_d / dX_I
+        self.inverse = np.linalg.inv(jacobian)
+        self.weight = det * (LOBATTO_WEIGHTS[:, None] * weights)
+        self.metric = np.einsum("emqdI,emqfI->emqdf", self.inverse, self.inverse)
+
+    def _slopes(self, field: np.ndarray) -> np.ndarray:
+        """(E, 4, 16, 3, 3): derivative of component i of a nodal (E, 4, 16, 3) field by local direction d."""
+        return self._at(field, self._n, self._n1, self._n2)
+
+    def _at(self, field: np.ndarray, n: np.ndarray, n1: np.ndarray, n2: np.ndarray) -> np.ndarray:
+        flat = np.swapaxes(field, 2, 3)  # (E, p, i, s)
+        out = np.empty((*field.shape[:2], len(n), 3, 3))
+        out[..., 0] = np.einsum("mp,epiq->emqi", self._d, flat @ n.T)
+        out[..., 1] = np.swapaxes(flat @ n1.T, 2, 3)
+        out[..., 2] = np.swapaxes(flat @ n2.T, 2, 3)
+        return out
+
+    @cached_property
+    def node_volumes(self) -> np.ndarray:
+        """(E, 4, 16): integral of every node's shape function over its element."""
+        return self.weight @ self._n
+
+    def gradients(self, displacement: np.ndarray) -> np.ndarray:
+        """(E, 4, 16, 3, 3): deformation gradient F of (N, 3) nodal displacements."""
+        return np.eye(3) + self._slopes(displacement[self.index]) @ self.inverse
+
+    def strain(self, f: np.ndarray) -> np.ndarray:
+        """Green strain of deformation gradients."""
+        return 0.5 * (np.swapaxes(f, -1, -2) @ f - np.eye(3))
+
+    def stress(self, strain: np.ndarray) -> np.ndarray:
+        """Second Piola-Kirchhoff stress of (linearised or full) Green strains, per Young's modulus."""
+        trace = np.trace(strain, axis1=-2, axis2=-1)
+        return 2.0 * self.shear * strain + self.lame * trace[..., None, None] * np.eye(3)
+
+    def energy(self, strain: np.ndarray) -> float:
+        """Elastic energy, in Young's modulus times cubed arm width."""
+        trace = np.trace(strain, axis1=-2, axis2=-1)
+        density = self.shear * np.einsum("...ij,...ij->...", strain, strain) + 0.5 * self.lame * trace**2
+        return float((self.weight * density).sum())
+
+    def forces(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """(E, 4, 16, 3): derivative of the energy by the nodal positions."""
+        # first Piola-Kirchhoff stress by local direction: w P_iI dxi_d/dX_I
+        p = self.weight[..., None, None] * (f @ stress @ np.swapaxes(self.inverse, -1, -2))
+        along = np.einsum("mp,emqi->epqi", self._d, p[..., 0])
+        out = np.einsum("qs,emqi->emsi", self._n, along)
+        out += np.einsum("qs,emqi->emsi", self._n1, p[..., 1])
+        return out + np.einsum("qs,emqi->emsi", self._n2, p[..., 2])
+
+    @cached_property
+    def _products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Products of two section functions at the points, flattened over both nodes.
+
+        along-along (16, 256); across-across (16 * 4, 256) for the direction pairs 11, 12, 21, 22; along-across
+        (16 * 2, 256) for directions 1, 2 of the second function.
+        """
+        n, n1, n2 = self._n, self._n1, self._n2
+
+        def pairs(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            return (a[:, :, None] * b[:, None, :]).reshape(SECTION, -1)
+
+        inner = np.stack([pairs(n1, n1), pairs(n1, n2), pairs(n2, n1), pairs(n2, n2)], axis=1)
+        mixed = np.stack([pairs(n, n1), pairs(n, n2)], axis=1)
+        return pairs(n, n), inner.reshape(-1, SECTION**2), mixed.reshape(-1, SECTION**2)
+
+    def _moduli(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """(E, 4, d, e, i, j, 16): weighted elasticity of the pair of local directions d, e and components i, j.
+
+        w [lambda f_d f_e^T + mu (F F^T (g_d . g_e) + f_e f_d^T) + I (g_d . S g_e)], with g_d = dxi_d/dX and f_d = F g_d.
+        """
+        e = len(f)
+        # the points go last, so that what follows is long runs of plain products
+        def last(x: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(np.moveaxis(x, 2, -1))
+
+        hat = last(f @ np.swapaxes(self.inverse, -1, -2))  # (E, m, i, d, q)
+        left = last((self.weight * self.shear)[..., None, None] * (f @ np.swapaxes(f, -1, -2)))
+        geometric = last(self.weight[..., None, None] * (self.inverse @ stress @ np.swapaxes(self.inverse, -1, -2)))
+        metric, weight = last(self.metric), self.weight
+        lame, shear = self.lame * weight, self.shear * weight
+        out = np.empty((e, ALONG, 3, 3, 3, 3, SECTION))
+        for d in range(3):
+            for g in range(3):
+                for i in range(3):
+                    for j in range(3):
+                        value = lame * hat[:, :, i, d] * hat[:, :, j, g]
+                        value += shear * hat[:, :, i, g] * hat[:, :, j, d]
+                        value += left[:, :, i, j] * metric[:, :, d, g]
+                        if i == j:
+                            value += geometric[:, :, d, g]
+                        out[:, :, d, g, i, j] = value
+        return out
+
+    def tangents(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """(E, 10, 3, 3, 16, 16): second derivative of the energy by the nodal positions, per pair in STATION_PAIRS.
+
+        Entry [e, k, i, j, s, s'] couples component i of node (p, s) and component j of node (p', s') for the pair k of
+        stations p >= p'; the other pairs follow from symmetry.
+        """
+        c = self._moduli(f, stress)
+        count = len(f)
+        plain, inner, mixed = self._products
+        along = c[:, :, 0, 0].reshape(-1, SECTION) @ plain
+        section = np.moveaxis(c[:, :, 1:, 1:], (2, 3), (-2, -1)).reshape(-1, 4 * SECTION) @ inner
+        cross = np.moveaxis(c[:, :, 0, 1:], 2, -1).reshape(-1, 2 * SECTION) @ mixed
+        shape = (count, ALONG, 3, 3, SECTION, SECTION)
+        cross = cross.reshape(shape)
+        back = cross.transpose(0, 1, 3, 2, 5, 4)
+        stack = np.concatenate([along.reshape(shape), section.reshape(shape), cross, back], axis=1)
+        return (self._mixing @ stack.reshape(count, 4 * ALONG, -1)).reshape(count, -1, 3, 3, SECTION, SECTION)
+
+    @cached_property
+    def _mixing(self) -> np.ndarray:
+        """(10, 16): how the four kinds of section matrices at the four stations make up the pairs of stations."""
+        d = self._d
+        out = np.zeros((len(STATION_PAIRS), 4, ALONG))
+        for k, (p, r) in enumerate(STATION_PAIRS):
+            out[k, 0] = d[:, p] * d[:, r]
+            out[k, 1, p] = float(p == r)
+            out[k, 2, r] = d[r, p]
+            out[k, 3, p] = d[p, r]
+        return out.reshape(len(STATION_PAIRS), 4 * ALONG)
+
+    @cached_property
+    def _fine_section(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Shape functions and their derivatives at 8 x 8 even points of the section, which reach its surface."""
+        value, slope = lagrange((np.arange(8) + 0.5) / 8)
+        return np.full(64, 1.0 / 64.0), np.kron(value, value), np.kron(slope, value), np.kron(value, slope)
+
+    def peak_strain(self, displacement: np.ndarray, share: float = 0.99) -> float:
+        """The largest principal Green strain (in magnitude) that ``share`` of the volume stays below."""
+        weights, n, n1, n2 = self._fine_section
+        f = np.eye(3) + self._at(displacement[self.index], n, n1, n2) @ self._fine_inverse
+        size = largest_principal(self.strain(f))
+        volume = self._fine_weight
+        order = np.argsort(size, axis=None)
+        reached = np.cumsum(volume.ravel()[order])
+        return float(size.ravel()[order][np.searchsorted(reached, share * reached[-1])])
+
+    @cached_property
+    def _fine_jacobian(self) -> np.ndarray:
+        return self._at(self.rest, *self._fine_section[1:])
+
+    @cached_property
+    def _fine_inverse(self) -> np.ndarray:
+        return np.linalg.inv(self._fine_jacobian)
+
+    @cached_property
+    def _fine_weight(self) -> np.ndarray:
+        return np.linalg.det(self._fine_jacobian) * LOBATTO_WEIGHTS[:, None] / 64.0
+
+
+def largest_principal(strain: np.ndarray) -> np.ndarray:
+    """Largest eigenvalue in magnitude of symmetric (..., 3, 3) matrices, by the trigonometric formula."""
+    mean = np.trace(strain, axis1=-2, axis2=-1) / 3.0
+    part = strain - mean[..., None, None] * np.eye(3)
+    size = np.sqrt(np.maximum(np.einsum("...ij,...ij->...", part, part) / 6.0, 1e-100))
+    angle = np.arccos(np.clip(np.linalg.det(part) / (2.0 * size**3), -1.0, 1.0)) / 3.0
+    high, low = mean + 2.0 * size * np.cos(angle), mean + 2.0 * size * np.cos(angle + 2.0 * np.pi / 3.0)
+    return np.maximum(np.abs(high), np.abs(low))
