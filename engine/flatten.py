@@ -7,11 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from .arap import FlatPatch, PatchProblem, corner_triangles, minimax, quad_energy, settle, square_energy
+from .arap import PatchProblem, corner_triangles, quad_energy, square_energy
 from .layout import PatchLayout
 from .outline import simple
 from .params import LayoutParams
 from .progress import SILENT, Progress
+from .seams import match_seams
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +49,25 @@ def flatten(
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
 ) -> FlatPatches:
-    """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there."""
-    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
+
+    The two sides of every seam are brought to the same length as far as the distortion limit allows.
+    """
     known = _known(previous, layout)
-    for patch, quads in enumerate(layout.patches):
-        progress(patch / len(layout.patches), "Flattening")
-        labels, corners = np.unique(layout.flat_corners[quads], return_inverse=True)
-        corners = corners.reshape(-1, 4)
-        kept = known.get(_key(layout, quads))
-        if kept is not None and previous is not None:
-            placed = np.empty((len(labels), 2))
-            placed[corners] = previous.corners[quads]
+    corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
+    problems = []
+    for quads in layout.patches:
+        if previous is not None and _key(layout, quads) in known:
+            corners[quads] = previous.corners[quads] @ np.array([1.0, 1.0j])
         else:
-            problem = PatchProblem(layout.mesh, quads, corners)
-            flat = minimax(problem, settle(problem))
-            placed = in_frame(flat.points, corners)
-        points[labels] = placed
+            local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+            problems.append(PatchProblem(layout.mesh, quads, local))
+    progress(0.1, "Flattening")
+    solved = match_seams(layout, problems, corners, params, progress)
+    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
+    for problem, flat in zip(problems, solved, strict=True):
+        points[layout.flat_corners[problem.quads]] = in_frame(flat.points, problem.corners)[problem.corners]
     return measured(layout, points)
 
 

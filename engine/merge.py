@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,22 +12,78 @@ from .flatten import FlatPatches, flatten
 from .layout import PatchLayout
 from .params import LayoutParams
 from .progress import SILENT, Progress
+from .symmetry import Symmetry, keeping, subgroups, symmetries
 from .tidy import natural_stops, tidy
 
+WORK = 60_000  # quads times seams: below this every symmetry is tried, one after the other
 SHARED = 3.0  # how much a long common seam counts against distortion
 
 
 def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
-    """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first."""
-    board = Board(layout, params)
+    """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
+
+    A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
+    which symmetries the surface has, which were kept, and what broke the others.
+    """
+    progress(0.0, "Looking for symmetries")
+    found = symmetries(layout.mesh) if params.symmetric else []
+    kept = keeping(found, layout.cut)
+    start = Board(layout, params)
+    work = len(layout.seams) * len(layout.mesh.quads)
+    tries = int(np.clip(WORK // max(work, 1), 2, 16))
+    ranked: list[tuple[float, int, Board]] = []
+    wanted = [*subgroups(kept)[:tries], []] if kept else [[]]
+    for number, group in enumerate(wanted):
+        # where trying is dear, go on from what the largest group has left
+        board = (ranked[0][2] if ranked and tries == 2 else start).copy()
+        board.symmetries = group
+        run(board, progress.part(0.8 * number / len(wanted), 0.8 * (number + 1) / len(wanted)))
+        ranked.append((round(worth(board), 9), number, board))
+    board = min(ranked, key=lambda r: r[:2])[2]
+    result = replace(board.layout, notes=layout.notes | symmetry_notes(found, kept, ranked, board))
+    return flatten(result, params, progress.part(0.8, 1.0))
+
+
+def run(board: Board, progress: Progress) -> None:
+    """Merge and straighten in turns until neither changes anything."""
     greedy(board, progress.part(0.0, 0.5))
-    for _ in range(3):
-        changed = tidy(board, progress.part(0.5, 0.6))
-        changed |= partial(board, progress.part(0.6, 0.8))
+    for turn in range(3):
+        part = progress.part(0.5 + turn / 6, 0.5 + (turn + 1) / 6)
+        changed = tidy(board, part)
+        while partial(board, part):
+            changed = True
+            greedy(board, part)
         if not changed:
             break
-        greedy(board, progress.part(0.5, 0.8))
-    return flatten(board.layout, params, progress.part(0.8, 1.0))
+        greedy(board, part)
+
+
+def worth(board: Board) -> float:
+    """Patches, less what symmetry is worth: a mirror makes up for an eighth of them; then the length of the cuts."""
+    share = 1.0 - 0.125 * min(np.log2(1 + len(board.symmetries)), 4.0)
+    return len(board.pieces) * share + 1e-4 * float(board.cut.sum())
+
+
+def symmetry_notes(
+    found: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
+) -> dict[str, object]:
+    """What the report says about symmetry, in words."""
+    if not found:
+        return {}
+    rest = keeping(found, board.cut)
+    names = sorted({s.name for s in rest})
+    said = {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}
+    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
+    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
+    if len(kept) < len(found):
+        text += "; the first cuts chose one of several equal parametric lines"
+    if len(rest) < len(kept):
+        largest = ranked[0][2]
+        more = len(largest.pieces)
+        text += (
+            f"; with {1 + len(largest.symmetries)} of them there would be {more} patches instead of {len(board.pieces)}"
+        )
+    return said | {"symmetry": text}
 
 
 def greedy(board: Board, progress: Progress) -> bool:
