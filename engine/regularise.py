@@ -16,12 +16,17 @@ from scipy.sparse.csgraph import connected_components
 from .mesh import QuadMesh
 from .params import RegulariseParams
 from .progress import SILENT, Progress
+from .symmetry import symmetries
 
 STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it
+MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
+EVERY = 5  # rounds after which spoilt quads are looked for
 TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there
-CREASE = np.radians(60.0)  # faces that meet at a larger angle than this have a crease between them
-CREASE_EDGES = 4  # fewest edges in a row of creases that counts: single sharp edges are noise
+CREASE = np.radians(80.0)  # faces that meet at a larger angle than this have a crease between them
+CREASE_EDGES = 6  # fewest edges in a row of creases that counts: single sharp edges are noise
 WORSE = 0.02  # how much a quad's square energy may grow for the good of the others
+SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
+WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
 DEVIATION = 0.3  # how far the new mesh may leave a vertex or middle of the old one, relative to the edges there
 
 
@@ -53,12 +58,20 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     if params.iterations == 0:
         return mesh
     guide = _Guide.of(mesh, params.boundary)
-    points = mesh.vertices
+    points = before = mesh.vertices
+    anchor = np.zeros(len(points))
     for done in range(params.iterations):
         progress(0.9 * done / params.iterations, "regularise")
-        points = guide.back(points, points + _pull(mesh, points))
+        if done % EVERY == EVERY - 1:
+            anchor = _anchored(mesh, points, anchor)
+        pull = _pull(mesh, points)
+        hold = anchor[:, None]
+        wanted = points + (pull + hold * (mesh.vertices - points)) / (1 + hold) + MOMENTUM * (points - before)
+        points, before = guide.back(points, wanted), points
     progress(0.9, "regularise")
-    return mesh.moved(_guarded(mesh, points, guide))
+    points = _symmetric(mesh, _unwarped(mesh, _guarded(mesh, points, guide)))
+    better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
+    return mesh.moved(points) if better else mesh
 
 
 def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
@@ -71,12 +84,17 @@ def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
 
 def _pull(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be."""
-    squares = _best_squares(points[mesh.quads])
-    total = np.zeros_like(points)
-    for axis in range(3):
-        total[:, axis] = np.bincount(mesh.quads.ravel(), squares[..., axis].ravel(), minlength=len(points))
-    count = np.bincount(mesh.quads.ravel(), minlength=len(points))
-    return total / np.maximum(count, 1)[:, None] - points
+    corners = points[mesh.quads]
+    squares = _best_squares(corners)
+    # distances relative to the quad's size are what counts: without the weight large quads crush small neighbours
+    diagonals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    area = np.linalg.norm(diagonals, axis=1)
+    weight = np.repeat(1.0 / np.maximum(area, 1e-3 * np.median(area)), 4)
+    at = mesh.quads.ravel()
+    total = np.stack(
+        [np.bincount(at, weight * squares[..., k].ravel(), minlength=len(points)) for k in range(3)], axis=1
+    )
+    return total / np.maximum(np.bincount(at, weight, minlength=len(points)), 1e-300)[:, None] - points
 
 
 def _best_squares(corners: np.ndarray) -> np.ndarray:
@@ -90,11 +108,8 @@ def _best_squares(corners: np.ndarray) -> np.ndarray:
     a, b = np.einsum("fi,fi->f", first, first), np.einsum("fi,fi->f", second, second)
     c = np.einsum("fi,fi->f", first, second)
     root = np.sqrt(np.maximum(a * b - c * c, 0.0))  # s1 s2
-    trace = np.sqrt(a + b + 2 * root)  # s1 + s2
-    # (G^T G)^-1/2 = [[b + root, -c], [-c, a + root]] / (root * trace) for 2 x 2 matrices
-    factor = 0.25 / np.maximum(
-        root, 1e-12 * (a + b) + 1e-300
-    )  # half a diagonal, times the mean singular value trace / 2
+    # for 2 x 2 matrices (G^T G)^-1/2 = [[b + root, -c], [-c, a + root]] / (root * (s1 + s2))
+    factor = 0.25 / np.maximum(root, 1e-12 * (a + b) + 1e-300)  # half a diagonal of (s1 + s2) / 2 Q
     one = ((b + root)[:, None] * first - c[:, None] * second) * factor[:, None]
     two = ((a + root)[:, None] * second - c[:, None] * first) * factor[:, None]
     return np.stack([middle - one, middle - two, middle + one, middle + two], axis=1)
@@ -213,6 +228,14 @@ def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return fixed, sliding[straight], before[straight], after[straight]
 
 
+def _anchored(mesh: QuadMesh, points: np.ndarray, anchor: np.ndarray) -> np.ndarray:
+    """(V,): how strongly every vertex is held where it was; more where quads are spoilt, less elsewhere."""
+    bad = _spoilt(mesh, mesh.moved(points))
+    near = np.zeros(len(points), dtype=bool)
+    near[mesh.quads[bad]] = True
+    return np.where(near, np.minimum(2 * anchor + 0.2, 10.0), 0.8 * anchor)
+
+
 # -- guard -----------------------------------------------------------------------------------------------------------
 
 
@@ -220,7 +243,7 @@ def _guarded(mesh: QuadMesh, points: np.ndarray, guide: _Guide) -> np.ndarray:
     """Take moves back, more and more and in a wider and wider round, until nothing is worse than allowed."""
     share = np.ones(len(points))
     current = points
-    for _ in range(12):
+    for _ in range(40):
         bad = _spoilt(mesh, mesh.moved(current))
         if not bad.any():
             return current
@@ -237,10 +260,41 @@ def _guarded(mesh: QuadMesh, points: np.ndarray, guide: _Guide) -> np.ndarray:
     return mesh.vertices
 
 
+def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """Press warped quads flat, where it must be off the surface, until no corner is further than WARP off its plane.
+
+    A quad much more warped than that cannot be flattened within any useful distortion. Border vertices stay.
+    """
+    signs = np.array([1.0, -1.0, 1.0, -1.0])
+    for _ in range(100):
+        p = points[mesh.quads]
+        normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        # all four corners are equally far from the plane, alternately above and below
+        off = 0.25 * np.einsum("k,fki,fi->f", signs, p, normal)
+        allowed = WARP * np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).min(axis=1)
+        excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * allowed, 0.0) * (np.abs(off) > allowed)
+        if not excess.any():
+            break
+        step = np.zeros_like(points)
+        np.add.at(step, mesh.quads, -0.5 * excess[:, None, None] * signs[:, None] * normal[:, None, :])
+        step[mesh.on_border] = 0.0
+        points = points + step
+    return points
+
+
+def _symmetric(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """Moves averaged over the symmetries of ``mesh``: ties between nearest points break them by a hair."""
+    moves = points - mesh.vertices
+    group = symmetries(mesh, tolerance=SYMMETRY)
+    total = moves + sum(moves[s.vertices] @ s.matrix for s in group)
+    return mesh.vertices + total / (1 + len(group))
+
+
 def _spoilt(mesh: QuadMesh, moved: QuadMesh) -> np.ndarray:
     """(F,) bool: quads of the old mesh that became much worse or that the new mesh leaves."""
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(moved.vertices[mesh.quads])
-    worse = after > before + np.maximum(WORSE, before)
+    worse = after > before + np.maximum(WORSE, 0.3 * before)
     size = np.sqrt(mesh.areas)
     corner = _distances(moved, _samples(mesh))
     n = len(mesh.vertices)
