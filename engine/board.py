@@ -59,11 +59,15 @@ class Change:
 
 
 class Board:
-    """The state of merging: cuts, pieces, and the symmetries that every change must keep."""
+    """The state of merging: cuts, pieces, and the symmetries that every change must keep.
+
+    ``cut`` is (E,) bool, ``marked`` the set of all edges that are cut or on the border, ``piece_of`` (F,) serials.
+    """
 
     def __init__(self, layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = ()):
         self.mesh, self.params, self.symmetries = layout.mesh, params, list(symmetries)
         self.cut = layout.cut.copy()
+        self.marked = set(np.flatnonzero(layout.cut | layout.mesh.border).tolist())
         self.piece_of = -1 - layout.patch_of
         self.place = np.full(len(layout.mesh.quads), -1, dtype=np.int64)
         self.serial = 0
@@ -83,6 +87,7 @@ class Board:
         other = object.__new__(Board)
         other.__dict__.update(self.__dict__)
         other.cut, other.piece_of, other.pieces = self.cut.copy(), self.piece_of.copy(), dict(self.pieces)
+        other.marked = set(self.marked)
         return other
 
     def sides_of(self, edges: np.ndarray) -> np.ndarray:
@@ -133,6 +138,7 @@ class Board:
             image = self._attempt(o, c) if self.cut[o].all() and not self.cut[c].any() else None
             if image is None:
                 self.cut, self.piece_of, self.pieces = before.cut, before.piece_of, before.pieces
+                self.marked = before.marked
                 return False
             self._apply(image)
         return True
@@ -140,6 +146,8 @@ class Board:
     def _apply(self, change: Change) -> None:
         self.cut[change.opens] = False
         self.cut[change.closes] = True
+        self.marked.difference_update(change.opens.tolist())
+        self.marked.update(change.closes.tolist())
         for piece in change.pieces:
             self._put(piece)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Container
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +14,7 @@ REFLEX, CONVEX, SHARP, TIP = 3.0, 0.25, 2.0, 0.5  # cost of a corner of a patch 
 WIDE, NARROW, ACUTE = np.radians(222.0), np.radians(138.0), np.radians(50.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ring:
     """Edges round a vertex, counter-clockwise, and the angle from each to the next, radians.
 
@@ -23,6 +24,7 @@ class Ring:
     edges: tuple[int, ...]
     angles: tuple[float, ...]
     closed: bool
+    known: dict[int, float] = field(default_factory=dict)
 
 
 @lru_cache(maxsize=4)
@@ -61,12 +63,21 @@ def _ring(step: dict[int, tuple[int, float]]) -> Ring:
     return Ring(tuple(edges), tuple(angles), False)
 
 
-def corner_cost(ring: Ring, cut: np.ndarray) -> float:
+def corner_cost(ring: Ring, cut: Container[int]) -> float:
     """Cost of the patch corners at a vertex: reflex ones most, then very sharp ones, then the end of a cut.
 
-    cut : (E,) bool, cuts and border together
+    cut : the edges that are cut or on the border
     """
-    marks = [bool(cut[e]) for e in ring.edges]
+    pattern = 0
+    for e in ring.edges:
+        pattern = 2 * pattern + (e in cut)
+    cost = ring.known.get(pattern)
+    if cost is None:
+        cost = ring.known[pattern] = _cost(ring, [e in cut for e in ring.edges])
+    return cost
+
+
+def _cost(ring: Ring, marks: list[bool]) -> float:
     count = sum(marks)
     if count < 2:
         return 0.0 if count == 0 or len(marks) != 4 else TIP

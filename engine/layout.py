@@ -157,13 +157,17 @@ class PatchLayout:
         return result
 
     @cached_property
-    def seams(self) -> tuple[np.ndarray, ...]:
-        """The edges of every seam, in the order of walking along it."""
+    def seam_edges(self) -> tuple[np.ndarray, ...]:
+        """The edges of every seam, ascending."""
         ids = np.flatnonzero(self.cut)
         order = np.argsort(self.seam_of[ids], kind="stable")
         counts = np.bincount(self.seam_of[ids])
-        split = np.split(ids[order], np.cumsum(counts)[:-1]) if len(ids) else []
-        return tuple(in_order(self.mesh, edges) for edges in split)
+        return tuple(np.split(ids[order], np.cumsum(counts)[:-1])) if len(ids) else ()
+
+    @cached_property
+    def seams(self) -> tuple[np.ndarray, ...]:
+        """The edges of every seam, in the order of walking along it."""
+        return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
 
 
 def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -29,7 +29,7 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     found = symmetries(layout.mesh) if params.symmetric else []
     kept = keeping(found, layout.cut)
     start = Board(layout, params)
-    work = len(layout.seams) * len(layout.mesh.quads)
+    work = len(layout.seam_edges) * len(layout.mesh.quads)
     tries = int(np.clip(WORK // max(work, 1), 2, 16))
     ranked: list[tuple[float, int, Board]] = []
     wanted = [*subgroups(kept)[:tries], []] if kept else [[]]
@@ -96,7 +96,7 @@ def greedy(board: Board, progress: Progress) -> bool:
     while True:
         current: dict[tuple[int, ...], np.ndarray] = {}
         layout = board.layout
-        for edges in layout.seams:
+        for edges in layout.seam_edges:
             a, b = sorted(board.sides_of(edges[:1])[0].tolist())
             key = (a, b, int(edges.min()), len(edges))
             if a == b and (layout.cut_degree[mesh.edges[edges]] > 1).all():

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-TOPOLOGY = ("_edges", "_edge_uses", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
+TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +24,11 @@ class PolygonMesh:
     vertices: np.ndarray
     corners: np.ndarray
     sizes: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: QuadMesh) -> PolygonMesh:
+        """A quad mesh as polygons."""
+        return cls(mesh.vertices, mesh.quads.ravel(), np.full(len(mesh.quads), 4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,7 @@ class QuadMesh:
         own = np.arange(len(self.quads))[:, None]
         return np.where(pair[..., 0] == own, pair[..., 1], pair[..., 0])
 
-    @property
+    @cached_property
     def border(self) -> np.ndarray:
         """(E,) bool: edges with a quad on one side only."""
         return (self.edge_quads < 0).any(axis=1)

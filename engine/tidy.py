@@ -75,12 +75,16 @@ def _try(board: Board, opens: np.ndarray, closes: np.ndarray, failed: set[tuple[
 def gain_of(board: Board, opens: np.ndarray, closes: np.ndarray) -> float:
     """How much better drawn the layout is after flipping edges: cut length in edges, corners, patches that go."""
     mesh = board.mesh
-    cut = board.cut | mesh.border
-    vertices = np.unique(mesh.edges[np.concatenate([opens, closes])]).tolist()
     ring = rings(mesh)
-    before = sum(corner_cost(ring[v], cut) for v in vertices)
-    cut[opens], cut[closes] = False, True
-    after = sum(corner_cost(ring[v], cut) for v in vertices)
+    vertices = set(mesh.edges[opens].ravel().tolist())
+    vertices.update(mesh.edges[closes].ravel().tolist())
+    cut = board.marked
+    before = sum([corner_cost(ring[v], cut) for v in vertices])
+    cut.difference_update(opens.tolist())
+    cut.update(closes.tolist())
+    after = sum([corner_cost(ring[v], cut) for v in vertices])
+    cut.update(opens.tolist())
+    cut.difference_update(closes.tolist())
     length = (mesh.edge_lengths[opens].sum() - mesh.edge_lengths[closes].sum()) / mesh.median_edge
     return float(length) + before - after
 
