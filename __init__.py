@@ -3,8 +3,6 @@
 The same folder is Blender's extension and a plain Python package: Blender is only imported inside ``register``.
 """
 
-VERSION = (0, 1, 0)
-
 
 def register() -> None:
     """Called by Blender when the extension is enabled; imports no numerics, so that enabling is quick."""

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from ..engine import dxf, files, job, meshio, report, shapes, svg
+from ..engine import export, files, job, meshio, report, shapes
 from ..engine.errors import FlexMapsError
 from ..engine.mesh import PolygonMesh
-from ..engine.params import SHOWN, Settings
+from ..engine.params import SHOWN, RemeshParams, Settings
 from ..engine.progress import Progress
-from . import scene
 
 SHAPE = "shape:"
+SHEET, MODEL, REPORT, PICTURES = "sheet", "model.blend", "report.json", ("layout.png", "panels.png")
+NewFile = Callable[[Path], Path]
 
 
 def main(argv: list[str]) -> int:
@@ -24,7 +29,7 @@ def main(argv: list[str]) -> int:
     args = _parser().parse_args(argv)
     console = _Console()
     try:
-        _run(args, Progress(console))
+        described = _run(args, Progress(console))
     except FlexMapsError as error:
         console.end_line()
         print(f"flexmaps: {error}", file=sys.stderr)
@@ -33,25 +38,75 @@ def main(argv: list[str]) -> int:
         console.end_line()
         print("flexmaps: stopped; earlier files are as they were", file=sys.stderr)
         return 130
+    console.end_line()
+    _print_summary(described, Path(args.out))
     return 0
 
 
-def _run(args: argparse.Namespace, progress: Progress) -> None:
-    out = Path(args.out)
+def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    out, settings = Path(args.out), _settings(args)
     polygons = _read(args.mesh)
     edge, height = _metres(args.edge), _metres(args.height)
     if edge is None and height is None and args.mesh.startswith(SHAPE):
-        edge = shapes.EDGE
-    with files.replacing_many() as new:
-        new(out / REPORT)  # a folder that cannot be written to says so before the work
+        edge = RemeshParams.edge
+    with files.replacing_many(_stale(out)) as new:
+        new(out / REPORT)  # a folder that cannot be written to says so before the work, not after
         result = job.run(
-            polygons, _settings(args), edge=edge, height=height, stop_after=args.stop_after, progress=progress.part(0.0, 0.6)
+            polygons, settings, edge=edge, height=height, stop_after=args.stop_after, progress=progress.part(0.0, 0.6)
         )
-        described = report.build(result, source=Path(args.mesh).name, program=PROGRAM)
-        _write(result, described, out, new, progress.part(0.6, 1.0), pictures=not args.no_pictures)
-    for path in _left_over(out, described):
-        path.unlink(missing_ok=True)
-    _print_summary(described, out)
+        with _quiet_blender():
+            written = _write(result, settings, _title(args.mesh), out, new, progress.part(0.6, 1.0), args.pictures)
+        described = report.build(result, source=_title(args.mesh), files=written)
+        new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    return described
+
+
+def _write(
+    result: job.Result, settings: Settings, name: str, out: Path, new: NewFile, progress: Progress, pictures: bool
+) -> list[Path]:
+    """Write all but the report; returns the files of the sheets."""
+    from . import picture, scene
+
+    written = []
+    if result.sheets is not None:
+        progress(0.0, "writing the sheets")
+        written = export.write(result.sheets, out / SHEET, new=new)
+    progress(0.2, "building the Blender file")
+    model = scene.show(result, name, settings)
+    scene.save(new(out / MODEL))
+    if pictures:
+        for share, draw, file in zip((0.4, 0.7), (picture.layout, picture.panels), PICTURES, strict=True):
+            progress(share, f"rendering {file}")
+            if draw is picture.layout or result.flat is not None:
+                draw(model, new(out / file))
+    progress(1.0, "done")
+    return written
+
+
+def _stale(out: Path) -> list[Path]:
+    """What an earlier run left in the folder: it goes when the new files come, and only what its report names."""
+    try:
+        earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
+        sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
+    except (OSError, ValueError, AttributeError, TypeError):
+        return []
+    return [*sheets, *(out / name for name in PICTURES)]
+
+
+def _read(name: str) -> PolygonMesh:
+    if name.startswith(SHAPE):
+        return PolygonMesh.of(shapes.make(name.removeprefix(SHAPE)))
+    if name.lower().endswith(".blend"):
+        from . import scene
+
+        return scene.read_blend(name)
+    return meshio.read(name)
+
+
+def _title(name: str) -> str:
+    return name.removeprefix(SHAPE) if name.startswith(SHAPE) else Path(name).name
+
+
 def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres / 1e3
 
@@ -72,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     size.add_argument("--height", type=float, metavar="MM", help="scale the mesh to this extent along z")
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
-    parser.add_argument("--no-pictures", action="store_true", help="skip the rendered pictures")
+    parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
     for block in fields(Settings):
         group = parser.add_argument_group(f"{block.name} settings")
         for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
@@ -109,28 +164,45 @@ def _settings(args: argparse.Namespace) -> Settings:
 # -- what the person at the terminal sees --------------------------------------------------------------------------
 
 
+@contextmanager
+def _quiet_blender() -> Iterator[None]:
+    """Blender writes a line for every step of a render straight to the process's standard output: not for people."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
+
+
 class _Console:
-    """Progress to standard error: one line that rewrites itself in a terminal, one line a step elsewhere."""
+    """Progress to standard error: a line that rewrites itself in a terminal, elsewhere a line every other second."""
+
+    EVERY = 2.0  # seconds between lines that stay
 
     def __init__(self) -> None:
         self._live = sys.stderr.isatty()
-        self._last = ""
+        self._last = 0.0
 
     def __call__(self, fraction: float, text: str) -> None:
         if self._live:
             print(f"\r\033[K{fraction:4.0%}  {text}", end="", file=sys.stderr, flush=True)
-        elif text and text.split(":")[0] != self._last:
+        elif time.monotonic() - self._last > self.EVERY or fraction >= 1.0:
             print(f"{fraction:4.0%}  {text}", file=sys.stderr, flush=True)
-        self._last = text.split(":")[0]
+            self._last = time.monotonic()
 
     def end_line(self) -> None:
-        if self._live and self._last:
+        if self._live:
             print(file=sys.stderr)
 
 
 def _print_summary(described: dict[str, Any], out: Path) -> None:
     given = described["input"]
-    print(f"\n{given['file']}: {given['quads']} quads, edge {given['edge_mm']:.1f} mm, "
+    print(f"{given['file']}: {given['quads']} quads, edge {given['edge_mm']:.1f} mm, "
           f"{' x '.join(f'{x:.0f}' for x in given['size_mm'])} mm")  # fmt: skip
     for finding in described["checks"]:
         print(f"  {finding['severity']}: {finding['message']}")

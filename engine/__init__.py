@@ -7,3 +7,5 @@ One datum goes one way, each arrow a function of the module named below it:
 
 Modules import downward only; nothing here imports ``bpy``.
 """
+
+PROGRAM, VERSION = "FlexMaps for Blender", "0.1.0"

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import PROGRAM, VERSION
 from .design import design_report
 from .flatten import layout_report
 from .job import Result
@@ -21,11 +24,11 @@ from .sheets import sheets_report
 SCHEMA = 1
 
 
-def build(result: Result, *, source: str, program: str) -> dict[str, Any]:
-    """The report of a run as plain JSON types; ``source`` names the input, ``program`` this program and its version."""
+def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[str, Any]:
+    """The report of a run as plain JSON types; ``source`` names the input, ``files`` are the sheets that were written."""
     report: dict[str, Any] = {
         "schema": SCHEMA,
-        "program": program,
+        "program": f"{PROGRAM} {VERSION}",
         "input": _input(result.mesh, source),
         "checks": [finding.as_dict() for finding in result.findings],
     }
@@ -34,7 +37,7 @@ def build(result: Result, *, source: str, program: str) -> dict[str, Any]:
     if result.design is not None:
         report["spirals"] = design_report(result.design)
     if result.sheets is not None:
-        report["sheets"] = sheets_report(result.sheets)
+        report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
     report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
     peak = peak_memory()
     if peak is not None:
