@@ -262,13 +262,20 @@ def touching(drawn: list[Outline]) -> np.ndarray:
         rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
         if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
             continue
-        places = [ring for ring, simple in zip(rings, shapely.is_simple(rings), strict=True) if not simple]
-        # where a ring crosses itself, the lines that its nodes cut it into do not end at nodes only
-        points = [shapely.node(ring).boundary for ring in places] or []
+        places = [_crossing(ring) for ring in np.array(rings)[~shapely.is_simple(rings)]]
         one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
-        points += [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
-        at = np.concatenate([shapely.get_coordinates(p) for p in points] or [np.empty((0, 2))])
+        both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
+        at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
         if not len(at):  # a hole outside the panel, say: no single place
             at = shapely.get_coordinates(rings[0])[:1]
         found.append(np.column_stack([np.full(len(at), patch), at]))
     return np.concatenate(found) if found else np.empty((0, 3))
+
+
+def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
+    """A place where a closed line crosses or touches itself."""
+    import shapely
+
+    return shapely.Point(
+        *map(float, shapely.is_valid_reason(shapely.Polygon(ring)).partition("[")[2].rstrip("]").split())
+    )

@@ -12,11 +12,13 @@ from .contours import Hubs, Outline, hubs, outlines, touching
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
-from .slots import DEPTH, gaps, gaps_across, gaps_round, room, slot_needed, twist_bound, twist_limit
-from .spiral import Arms, arms, inner_radius, mates
+from .slots import DEPTH, gaps, gaps_across, gaps_round, narrowest, slot_needed, twist_bound, twist_limit
+from .spiral import Arms, arms, inner_radius, mates, room, roomy
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 
+# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
+_THINNEST = 0.5
 _SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
 
 
@@ -59,9 +61,18 @@ class SpiralDesign:
         return 2.0 * self.arms.radius.mean(axis=1)
 
     @cached_property
-    def gap(self) -> np.ndarray:
-        """(F,) metres: narrowest gap beside the outer parts of every quad's arms, on the true shape."""
-        return _gap(self.arms, self.flat, np.arange(len(self.width)))
+    def thin(self) -> np.ndarray:
+        """(N,) int: quads too small for the smallest width, with thinner arms than asked for."""
+        return np.flatnonzero(self.width < self.params.width_min * (1.0 - 1e-6))
+
+    @cached_property
+    def narrowest(self) -> tuple[float, float]:
+        """Width in metres of the narrowest slot and of the narrowest piece of material, between the true edges."""
+        layout, every = self.flat.layout, np.arange(len(self.width))
+        slot, bridge = narrowest(self.arms, self.roots.left, self.roots.right, self.params.fillet)
+        # what lies across a cut is another panel
+        across = gaps_across(self.arms, layout.mesh, self.flat.corners, every)[~layout.outline_sides]
+        return min(slot, float(across.min(initial=slot)), float(gaps_round(self.arms, layout, every).min())), bridge
 
     @cached_property
     def coordinates(self) -> np.ndarray:
@@ -79,7 +90,7 @@ def uniform(
     """The same spiral in every quad, as far as the quads allow: each is narrowed and unwound until it can be cut.
 
     width : metres, the mean of the allowed range if not given; twist : radians, half of the largest if not given.
-    Raises ``FlexMapsError`` with the faces that are too small for the smallest width.
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = 0.5 * (params.width_min + params.width_max) if width is None else width
     twist = 0.5 * params.twist_max if twist is None else twist
@@ -92,7 +103,8 @@ def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarra
 
     curvature : (F,) RMS curvature, 1/m. Both descriptors are linear in c = C / C_max, where C_max is a high percentile of
     the curvature (``params.curvature_top``; 100 is the maximum of the publication): one sharp crease would else leave all
-    the rest of the surface at c near 0. Raises ``FlexMapsError`` with the faces that are too small for the smallest width.
+    the rest of the surface at c near 0. Raises ``FlexMapsError`` with the faces that are far too small for the
+    smallest width.
     """
     curvature = np.asarray(curvature, dtype=float)
     top = float(np.percentile(curvature, params.curvature_top))
@@ -106,38 +118,53 @@ def _cuttable(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist:
     """Bring widths and twists (F,) inside what can be cut in the real quads, joints and neighbours included."""
     if params.width_min > params.width_max:
         raise FlexMapsError("The smallest width is larger than the largest width; exchange them")
-    widest = room(flat)
-    small = np.flatnonzero(widest < params.width_min)
+    widest = room(flat, params)
+    small = np.flatnonzero(widest < _THINNEST * params.width_min)
     if len(small):
-        need = params.width_min / widest[small].min()
+        need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
+        remedy = (
+            f"the object {need:.3g} times larger, or the smallest width {least:.2g} mm"
+            if least > 0.0
+            else "those quads larger"
+        )
         raise FlexMapsError(
-            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; "
-            f"make the object {need:.3g} times larger, or the smallest width {widest[small].min() * 1e3:.2g} mm",
+            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
             faces=small,
         )
     width = np.minimum(width, widest)
-    twist = _unwound(flat, params, width, np.minimum(twist, twist_bound(flat, params, width)))
+    # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
+    width = np.minimum(width, np.maximum(params.width_min, roomy(flat, slot_needed(params), DEPTH)))
+    twist = np.minimum(twist, twist_bound(flat, params, width))
+    width, twist = _relieved(flat, params, width, twist)
     return _proved(SpiralDesign(flat, params, width, twist))
 
 
-def _proved(design: SpiralDesign, rounds: int = 12) -> SpiralDesign:
+def _proved(design: SpiralDesign, rounds: int = 30) -> SpiralDesign:
     """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
 
-    Raises ``FlexMapsError`` with the faces where even straight arms touch.
+    Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
+    mate = mates(design.flat.layout.mesh)[0]
+    thinnest = _THINNEST * design.params.width_min
     culprits = np.empty(0, dtype=np.int64)
     for _ in range(rounds):
-        where = touching(design.outlines())
-        if not len(where):
-            return design
-        culprits = nearest_quads(design.flat, where)
-        if not design.twist[culprits].any():
+        culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+        if not len(culprits):
+            where = touching(design.outlines())
+            if not len(where):
+                return design
+            culprits = nearest_quads(design.flat, where)
+        # unwind first, the neighbours too, whose arms pull at the joints; then make the arms thinner
+        beside = np.union1d(culprits, mate[culprits])
+        straight = culprits[(design.twist[culprits] == 0.0) & (design.twist[mate[culprits]] == 0.0).all(axis=1)]
+        twist, width = design.twist.copy(), design.width.copy()
+        twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
+        width[straight] = np.maximum(0.85 * width[straight], thinnest)
+        if (twist == design.twist).all() and (width == design.width).all():
             break
-        twist = design.twist.copy()
-        twist[culprits] = np.where(twist[culprits] < 0.3, 0.0, 0.7 * twist[culprits])
-        design = replace(design, twist=twist)
+        design = replace(design, twist=twist, width=width)
     raise FlexMapsError(
-        f"The arms of {len(culprits)} quads touch each other however little they are wound; make those quads more regular",
+        f"There is no room for the arms of {len(culprits)} quads however thin and straight; make those quads more regular",
         faces=culprits,
     )
 
@@ -152,8 +179,10 @@ def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.nd
     return np.unique(np.concatenate(found))
 
 
-def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """(F,) radians: the twists, reduced where the blended joints or the neighbours leave too little room."""
+def _relieved(
+    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Widths and twists (F,), reduced where the blended joints or the neighbours leave too little room."""
     # a little more: the gap is judged at some points of every slot only
     slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
     mate, side = mates(mesh)
@@ -169,15 +198,18 @@ def _unwound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: 
         tight = gap < slot
         # an arm also gives way where it is its neighbour's that has no room
         beside = tight[mate].any(axis=1) & (gap < 1.5 * slot)
-        change = (tight | beside | gives) & (twist > 0.0)
+        unwind = (tight | beside | gives) & (twist > 0.0)
+        thin = tight & (twist == 0.0) & (width > params.width_min)
+        change = unwind | thin
         if not change.any():
             break
         share = np.clip((gap + width) / (slot + width), 0.8, 0.98)
         loose = np.sqrt(np.maximum((twist**2 + rest) * share**2 - rest, 0.0))
         loose = np.where(gives, np.minimum(loose, 0.85 * twist), np.maximum(loose, 0.8 * twist))
-        twist = np.where(change, np.where(twist < 0.1, 0.0, loose), twist)
+        twist = np.where(unwind, np.where(twist < 0.1, 0.0, loose), twist)
+        width = np.where(thin, np.maximum(0.85 * width, params.width_min), width)
         quads = np.flatnonzero(change | change[mate].any(axis=1))
-    return twist
+    return width, twist
 
 
 def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
@@ -198,5 +230,6 @@ def design_report(design: SpiralDesign) -> dict[str, Any]:
         "width_mm": spread(design.width * 1e3),
         "twist_deg": spread(np.degrees(design.twist)),
         "scale_mm": spread(design.scale * 1e3),
-        "slot_min_mm": round(float(design.gap.min()) * 1e3, 4),
+        "slot_min_mm": round(design.narrowest[0] * 1e3, 4),
+        "too_thin": len(design.thin),
     }

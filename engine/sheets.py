@@ -15,7 +15,6 @@ from .labels import Labels, make_labels
 from .packing import Packing, fits, least_box, pack
 from .params import SheetParams
 from .progress import SILENT, Progress
-from .slots import narrowest
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,17 +110,15 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
         Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes))
         for i, o in enumerate(drawn)
     )
-    warnings = _oversize(panels, layout.patches, params)
+    warnings = [*_oversize(panels, layout.patches, params), *_tight(design)]
     if labels.left_out:
-        warnings.append(
-            f"{labels.left_out} of {labels.placed + labels.left_out} labels have no room on their arms and are left out"
-        )
+        whole = labels.placed + labels.left_out
+        warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     shapes = [p.outline.sampled(1e-4) for p in panels]
     packing = pack(
         shapes, (params.sheet_width, params.sheet_height), params.margin, params.spacing, progress.part(0.65, 1.0)
     )
-    slot, bridge = narrowest(arms, root.left, root.right, root.fillet)
-    slot = min(slot, float(design.gap.min()))
+    slot, bridge = design.narrowest
     return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
 
 
@@ -141,6 +138,22 @@ def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params
                 f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch]
             )
         found.append(f"{text}; it gets a sheet of the size that it needs")
+    return found
+
+
+def _tight(design: SpiralDesign) -> list[str]:
+    """Warnings where some quads are too small for what was asked of their spirals."""
+    found, params = [], design.params
+    if len(design.thin):
+        found.append(
+            f"{len(design.thin)} quads have no room for arms {params.width_min * 1e3:g} mm wide; "
+            f"theirs are down to {design.width.min() * 1e3:.2g} mm: make the object larger or those quads more regular"
+        )
+    if design.narrowest[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:
+        found.append(
+            f"The narrowest slot is {design.narrowest[0] * 1e3:.2g} mm wide and not {params.slot_min * 1e3:g} mm; "
+            "make the object larger or its smallest quads more regular"
+        )
     return found
 
 

@@ -149,15 +149,6 @@ def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.nd
     return (points - 0.5 * (a + b)[:, None]) @ frame.swapaxes(1, 2)
 
 
-def room(flat: FlatPatches) -> np.ndarray:
-    """(F,) metres: the widest arms whose straight cross still leaves slots over the outer third of every quad."""
-    shape = arms(flat, SpiralParams(), np.zeros(len(flat.corners)), np.zeros(len(flat.corners)))
-    opening = np.diff(shape.angle, axis=1)
-    # edges of two straight arms of width w meet at w (1 + cos) / (2 sin) from the centre
-    reach = ((1.0 + np.abs(np.cos(opening))) / (2.0 * np.maximum(np.sin(opening), 1e-9))).max(axis=1)
-    return (2.0 / 3.0) * shape.radius.min(axis=1) / reach
-
-
 def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray) -> np.ndarray:
     """(F,) radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
 

@@ -85,25 +85,43 @@ def mates(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> Arms:
     """The arms of the spirals with these widths (F,) in metres and twists (F,) in radians, joints blended."""
+    centre, radius, angle = _spokes(flat)
+    wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
+    width = np.asarray(width, dtype=float)
+    quad, side = mates(flat.layout.mesh)
+    # a joint is as wide as both arms in the mean, if there is room for that
+    widest = np.maximum(room(flat, params), width)
+    joint = np.minimum(0.5 * (width[:, None] + width[quad]), np.minimum(widest[:, None], widest[quad]))
+    pull, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
+    pure = Arms(centre, radius, angle, wind, width, joint, pull, share)
+    return _with_room(replace(pure, pull=_pulls(pure, flat.corners, quad, side)))
+
+
+def room(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
+    """(F,) metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
+    _, radius, angle = _spokes(flat)
+    opening = np.diff(angle, axis=1)
+    # edges at the distance a from straight centre lines meet at a (1 + cos) / sin from the centre
+    reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
+    return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
+
+
+def roomy(flat: FlatPatches, slot: float, depth: float) -> np.ndarray:
+    """(F,) metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
+    _, radius, angle = _spokes(flat)
+    least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
+    return (1.0 - depth) * radius.min(axis=1) * least - slot
+
+
+def _spokes(flat: FlatPatches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centre (F, 2), and distance and direction (F, 4) of the middles of the sides from it, directions ascending."""
     corners = flat.corners
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
-    # ascending: the middles of the sides go round the centre once, counter-clockwise
-    angle = angle[:, :1] + np.concatenate(
-        [np.zeros((len(angle), 1)), np.cumsum(np.diff(angle) % (2 * np.pi), axis=1)], 1
-    )
-    radius = np.linalg.norm(spokes, axis=2)
-    wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
-    width = np.asarray(width, dtype=float)
-    quad, side = mates(flat.layout.mesh)
-    pure = Arms(
-        centre, radius, angle, wind, width,
-        joint_width=0.5 * (width[:, None] + width[quad]),
-        pull=np.zeros_like(spokes),
-        share=np.full(radius.shape, params.blend),
-    )  # fmt: skip
-    return _with_room(replace(pure, pull=_pulls(pure, corners, quad, side)))
+    # the middles of the sides go round the centre once, counter-clockwise
+    angle[:, 1:] = angle[:, :1] + np.cumsum(np.diff(angle, axis=1) % (2.0 * np.pi), axis=1)
+    return centre, np.linalg.norm(spokes, axis=2), angle
 
 
 def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
