@@ -7,21 +7,43 @@ import numpy as np
 from ..engine.flatten import FlatPatches
 
 
-def rows(sizes: np.ndarray, gap: float, aspect: float = 1.4) -> np.ndarray:
+def rows(sizes: np.ndarray, gap: float, aspect: float = 1.6) -> np.ndarray:
     """(N, 2) metres: the lower left corners of boxes of these sizes (N, 2), set in rows from the top down.
 
-    The whole has its upper left corner at the origin and is about ``aspect`` times as wide as high.
+    The whole has its upper left corner at the origin; of several widths, the one that fills a page of this aspect best.
     """
     padded = sizes + gap
-    wanted = max(np.sqrt(padded.prod(axis=1).sum() * aspect), padded[:, 0].max())
+    ideal = np.sqrt(padded.prod(axis=1).sum() * aspect)
+    widths = np.maximum(np.array([0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2]) * ideal, padded[:, 0].max())
+    tried = [_rows(sizes, gap, width) for width in widths]
+
+    def page(corners: np.ndarray) -> float:
+        width, height = (corners + sizes)[:, 0].max(), -corners[:, 1].min()
+        return max(width / aspect, height)
+
+    return min(tried, key=page)
+
+
+def _rows(sizes: np.ndarray, gap: float, width: float) -> np.ndarray:
+    """Rows no wider than ``width``, each centred under the widest."""
+    lines: list[list[int]] = [[]]
+    x = 0.0
+    for i in np.lexsort((np.arange(len(sizes)), -sizes[:, 1].round(5))).tolist():
+        if lines[-1] and x + sizes[i, 0] > width * 1.001:
+            lines.append([])
+            x = 0.0
+        lines[-1].append(i)
+        x += sizes[i, 0] + gap
+    lengths = [sizes[line, 0].sum() + gap * (len(line) - 1) for line in lines]
     corners = np.zeros_like(sizes)
-    x = y = height = 0.0
-    for i in np.lexsort((np.arange(len(sizes)), -sizes[:, 1].round(9))):
-        if x > 0 and x + padded[i, 0] > wanted * 1.001:
-            x, y, height = 0.0, y - height, 0.0
-        height = max(height, padded[i, 1])
-        corners[i] = x, y - sizes[i, 1]
-        x += padded[i, 0]
+    y = 0.0
+    for line, length in zip(lines, lengths):
+        x = 0.5 * (max(lengths) - length)
+        height = sizes[line, 1].max()
+        for i in line:
+            corners[i] = x, y - 0.5 * (height + sizes[i, 1])
+            x += sizes[i, 0] + gap
+        y -= height + gap
     return corners
 
 

@@ -66,7 +66,9 @@ def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.nda
     if attribute is None:
         if kind == "FLOAT2":
             if mesh.uv_layers.new(name=name, do_init=False) is None:
-                raise FlexMapsError(f"The mesh has no room for another UV map; remove one, so that '{name}' can be made")
+                raise FlexMapsError(
+                    f"The mesh has no room for another UV map; remove one, so that '{name}' can be made"
+                )
         else:
             mesh.attributes.new(name, kind, domain)
         attribute = mesh.attributes[name]

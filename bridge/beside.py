@@ -62,12 +62,12 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "o
 
 def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> np.ndarray:
     """(3,) metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
-    box = np.array([obj.matrix_world @ v for v in map(_vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])
 
 
-def _vector(corner: object) -> object:
+def vector(corner: object) -> object:
     from mathutils import Vector
 
     return Vector(corner)
@@ -160,6 +160,7 @@ def polygons(name: str, points: np.ndarray, corners: np.ndarray, sizes: np.ndarr
     mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(corners, dtype=np.int32))
     mesh.polygons.add(len(sizes))
     mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
+    mesh.polygons.foreach_set("use_smooth", np.zeros(len(sizes), bool))
     mesh.update(calc_edges=True)
     return mesh
 
@@ -263,7 +264,9 @@ def bezier(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # seen from the chord, an arc's tangents lean by half its angle; handle = 4/3 tan(angle / 4) radius
     quarter = np.arctan(curve.bulge)
     chord = (b - a)[:, 0] + 1j * (b - a)[:, 1]
-    length = np.where(np.abs(quarter) > 1e-9, 2.0 * curve.bulge / (3.0 * np.sin(np.where(quarter == 0, 1, 2 * quarter))), 1 / 3)
+    length = np.where(
+        np.abs(quarter) > 1e-9, 2.0 * curve.bulge / (3.0 * np.sin(np.where(quarter == 0, 1, 2 * quarter))), 1 / 3
+    )
     out = chord * length * np.exp(-2j * quarter)
     into = chord * length * np.exp(2j * quarter)
     right = a + np.stack([out.real, out.imag], axis=1)

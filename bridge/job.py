@@ -17,8 +17,12 @@ from ..engine.progress import Progress
 
 Work = Callable[[Progress], Any]
 
-# the job that runs now, if any; panels read it to draw the progress line
-current: Job | None = None
+_running: list[Job] = []
+
+
+def current() -> Job | None:
+    """The job that runs now, if any; panels read it to draw the progress line."""
+    return _running[0] if _running else None
 
 
 class Job:
@@ -36,10 +40,9 @@ class Job:
 
     def start(self) -> None:
         """Become the current job; raises ``RuntimeError`` while another one runs."""
-        global current
-        if current is not None:
-            raise RuntimeError(f"{current.title} is still running")
-        current = self
+        if _running:
+            raise RuntimeError(f"{_running[0].title} is still running")
+        _running.append(self)
         self._thread.start()
 
     @property
@@ -56,12 +59,11 @@ class Job:
 
     def end(self) -> None:
         """Stop if it still runs, wait for the thread, and make room for the next job."""
-        global current
         self.stop()
         if self._thread.ident is not None:
             self._thread.join()
-        if current is self:
-            current = None
+        if self in _running:
+            _running.remove(self)
 
     def _run(self) -> None:
         try:
@@ -103,5 +105,5 @@ def run_here(title: str, work: Work) -> Any:
 
 def stop_current(*_: object) -> None:
     """End the current job and wait for it: before another file is loaded, and when the extension is disabled."""
-    if current is not None:
-        current.end()
+    for running in list(_running):
+        running.end()

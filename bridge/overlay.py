@@ -207,11 +207,15 @@ def _draw_legend() -> None:
     steps = np.linspace(0.0, 1.0, 25)
     anchors = np.linspace(0.0, 1.0, len(legend.scale))
     rgb = np.stack([np.interp(steps, anchors, legend.scale[:, k]) for k in range(3)], axis=1)
-    strip = np.stack([np.repeat(x + width * steps, 2), np.tile([y + 14 * unit, y + 14 * unit + height], len(steps))], axis=1)
+    strip = np.stack(
+        [np.repeat(x + width * steps, 2), np.tile([y + 14 * unit, y + 14 * unit + height], len(steps))], axis=1
+    )
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     batch_for_shader(
-        shader, "TRI_STRIP", {"pos": np.c_[strip, np.zeros(len(strip))].astype(np.float32), "color": rgba.astype(np.float32)}
+        shader,
+        "TRI_STRIP",
+        {"pos": np.c_[strip, np.zeros(len(strip))].astype(np.float32), "color": rgba.astype(np.float32)},
     ).draw(shader)
     _text(x, y, legend.low)
     _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)

@@ -162,7 +162,9 @@ def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, s
             seed=0,
         )
     if "FINISHED" not in result:
-        raise FlexMapsError(f"QuadriFlow could not remesh the {before} faces; repair the mesh, or give another quad count")
+        raise FlexMapsError(
+            f"QuadriFlow could not remesh the {before} faces; repair the mesh, or give another quad count"
+        )
 
 
 class _only:

@@ -41,7 +41,7 @@ def solid(design: SpiralDesign, centres: np.ndarray, degrees_per_step: float = 1
     flat = flat + centres[layout.patch_of][:, None, None, None]
     count = len(flat)
     bottom = np.concatenate([flat, np.zeros((*flat.shape[:-1], 1))], axis=-1).reshape(-1, 3)
-    top = bottom + [0.0, 0.0, design.params.thickness]
+    top = bottom + np.array([0.0, 0.0, design.params.thickness])
     index = np.arange(len(bottom)).reshape(count, 4, 2, steps)
     blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
     loops, plates = _faces(index, blunt)

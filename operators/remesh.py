@@ -26,7 +26,8 @@ class QuadRemesh(bpy.types.Operator):
         from ..bridge.objects import unusable
 
         obj = context.object
-        problem = f"{job.current.title} is running" if job.current is not None else unusable(obj)
+        running = job.current()
+        problem = f"{running.title} is running" if running is not None else unusable(obj)
         if problem is None and obj.mode != "OBJECT":
             problem = "Go to Object Mode: a new object is made"
         if problem is not None:

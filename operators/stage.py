@@ -8,6 +8,7 @@ An error of the user's selects the culprits, is reported, and leaves the mesh as
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -131,7 +132,9 @@ class Stage:
         assert self._surface is not None
         obj = find(self._surface.uid)
         if not mesh.read_surface(obj, context.scene).same_as(self._surface):
-            raise FlexMapsError(f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again")
+            raise FlexMapsError(
+                f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again"
+            )
         message = self.finish(context, obj, self._surface, result)
         redraw(context)
         self.report({"INFO"}, message)
@@ -158,10 +161,8 @@ class Stage:
         from ..bridge.objects import find
 
         if self._surface is not None and (error.faces or error.edges):
-            try:
+            with suppress(FlexMapsError):  # where the object is gone there is nothing to select
                 reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
-            except FlexMapsError:
-                pass  # the object is gone: there is nothing to select
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
@@ -171,8 +172,9 @@ def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
     """Why a stage cannot run on the object now, as a sentence; ``None`` if it can."""
     from ..bridge.objects import changed_by_modifiers, unusable
 
-    if job.current is not None:
-        return f"{job.current.title} is running; wait for it, or stop it with ESC"
+    running = job.current()
+    if running is not None:
+        return f"{running.title} is running; wait for it, or stop it with ESC"
     problem = unusable(obj)
     if problem is None and obj is not None:
         problem = changed_by_modifiers(obj) or stage.obstacle(obj)

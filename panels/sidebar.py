@@ -24,7 +24,7 @@ class MainPanel(Sidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        running = job.current
+        running = job.current()
         if running is not None:
             text = "stopping" if running.stopping else running.text or running.title
             layout.progress(factor=running.fraction, text=f"{running.title}: {text}")
@@ -102,7 +102,12 @@ class PatchPanel(StagePanel, bpy.types.Panel):
         for name in ("flips", "overlaps"):
             if block.get(name):
                 number(grid, name.capitalize(), str(block[name]), alert=True)
-        choice_row(layout, context.window_manager, "flexmaps_overlay", (("ENERGY", "E"), ("SQUARE", "Esq"), ("PATCH", "Patches")))
+        choice_row(
+            layout,
+            context.window_manager,
+            "flexmaps_overlay",
+            (("ENERGY", "E"), ("SQUARE", "Esq"), ("PATCH", "Patches")),
+        )
 
 
 class SpiralPanel(StagePanel, bpy.types.Panel):

@@ -1,0 +1,229 @@
+"""Pictures of a finished job: a white ground, soft light, a camera that fits. Cycles on the CPU, so no screen is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+from . import beside, colours
+
+SIZE = (1600, 900)
+SAMPLES = 6  # a pixel; the denoiser does the rest
+
+
+def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+    """The model from above and one side, in the colours of its patches, quads as thin and seams as dark lines."""
+    with _studio([obj], np.array([0.62, -1.0, 0.8]), size, samples) as scene:
+        lines = _lines(obj, scene)
+        try:
+            _render(scene, path)
+        finally:
+            for line in lines:
+                data = line.data
+                bpy.data.objects.remove(line)
+                bpy.data.curves.remove(data)
+
+
+def panels(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+    """What lies flat beside the model, straight from above. Raises ``FlexMapsError`` where nothing is there yet."""
+    found = beside.existing(obj)
+    shown = [o for o in found.objects if not o.hide_render] if found is not None else []
+    if not shown:
+        raise FlexMapsError("There are no flat patches yet; merge or flatten first")
+    with _studio(shown, np.array([0.0, 0.0, 1.0]), size, samples) as scene:
+        _render(scene, path)
+
+
+@contextmanager
+def _studio(
+    shown: list[bpy.types.Object], direction: np.ndarray, size: tuple[int, int], samples: int
+) -> Iterator[bpy.types.Scene]:
+    """A scene of its own with only these objects, light, ground and a camera looking against ``direction`` (3,)."""
+    scene = bpy.data.scenes.new("FlexMaps picture")
+    made: list[bpy.types.ID] = []
+    try:
+        for obj in shown:
+            scene.collection.objects.link(obj)
+        points = _corners(shown)
+        _settings(scene, size, samples)
+        made += _light(scene, points)
+        made += _camera(scene, points, direction)
+        yield scene
+    finally:
+        world = scene.world
+        bpy.data.scenes.remove(scene)
+        for item in made:
+            bpy.data.batch_remove([item])
+        if world is not None:
+            bpy.data.worlds.remove(world)
+
+
+def _corners(shown: Iterable[bpy.types.Object]) -> np.ndarray:
+    """(N, 3): points that enclose the objects tightly enough to frame them: the vertices of meshes, boxes of others."""
+    found = []
+    for obj in shown:
+        matrix = np.array(obj.matrix_world)
+        if obj.type == "MESH":
+            points = np.empty(3 * len(obj.data.vertices), np.float32)
+            obj.data.vertices.foreach_get("co", points)
+            points = points.reshape(-1, 3).astype(float)
+        else:
+            points = np.array(obj.bound_box, dtype=float)
+        found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
+    return np.concatenate(found)
+
+
+def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int) -> None:
+    render = scene.render
+    render.engine = "CYCLES"
+    render.resolution_x, render.resolution_y = size
+    render.resolution_percentage = 100
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.compression = 60
+    cycles = scene.cycles
+    cycles.device = "CPU"
+    cycles.samples = samples
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = True
+    cycles.denoising_prefilter = "NONE"
+    if hasattr(cycles, "denoising_quality"):
+        cycles.denoising_quality = "FAST"
+    cycles.max_bounces = 3
+    cycles.seed = 0
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+
+
+def _light(scene: bpy.types.Scene, points: np.ndarray) -> list[bpy.types.ID]:
+    """A bright sky, one large soft lamp from the upper left, and a white ground under the lowest point."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    radius = float(np.linalg.norm(high - low)) / 2
+    middle = (low + high) / 2
+    world = bpy.data.worlds.new("FlexMaps picture")
+    world.use_nodes = True
+    sky = world.node_tree.nodes["Background"]
+    sky.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    sky.inputs["Strength"].default_value = 0.70
+    scene.world = world
+
+    lamp = bpy.data.lights.new("FlexMaps lamp", "SUN")
+    lamp.energy = 1.55
+    lamp.angle = 0.6
+    sun = bpy.data.objects.new("FlexMaps lamp", lamp)
+    sun.rotation_euler = (0.55, -0.42, 0.0)
+    scene.collection.objects.link(sun)
+
+    reach = 60 * radius
+    ground = beside.quads(
+        "FlexMaps ground",
+        np.array([[-reach, -reach, 0], [reach, -reach, 0], [reach, reach, 0], [-reach, reach, 0]], dtype=float),
+        np.array([[0, 1, 2, 3]]),
+    )
+    paper = bpy.data.materials.new("FlexMaps ground")
+    paper.use_nodes = True
+    paper.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.88, 0.88, 0.88, 1.0)
+    paper.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 1.0
+    ground.materials.append(paper)
+    floor = bpy.data.objects.new("FlexMaps ground", ground)
+    floor.location = (middle[0], middle[1], low[2] - 0.002 * radius)
+    scene.collection.objects.link(floor)
+    return [sun, lamp, floor, ground, paper]
+
+
+def _camera(scene: bpy.types.Scene, points: np.ndarray, direction: np.ndarray) -> list[bpy.types.ID]:
+    """A camera that sees all points with a little room; straight from above without perspective."""
+    from mathutils import Vector
+
+    data = bpy.data.cameras.new("FlexMaps camera")
+    camera = bpy.data.objects.new("FlexMaps camera", data)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    low, high = points.min(axis=0), points.max(axis=0)
+    radius = float(np.linalg.norm(high - low)) / 2
+    from_above = abs(direction[2]) > 0.999 * np.linalg.norm(direction)
+    if from_above:
+        data.type = "ORTHO"
+    else:
+        data.lens = 70.0
+    data.clip_start, data.clip_end = 0.01 * radius, 200 * radius
+    camera.rotation_euler = Vector(direction).to_track_quat("Z", "Y").to_euler()
+    graph = scene.view_layers[0].depsgraph
+    graph.update()
+    thinned = points[:: max(1, len(points) // 20000)]
+    margin = (low + high) / 2 + 1.06 * (thinned - (low + high) / 2)
+    location, scale = camera.camera_fit_coords(graph, margin.ravel().tolist())
+    camera.location = location
+    if from_above:
+        data.ortho_scale = scale
+        camera.location = (location[0], location[1], high[2] + 5 * radius)
+    return [camera, data]
+
+
+def _lines(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The edges of the model as thin round lines, its seams and borders as thicker, darker ones."""
+    data = obj.data
+    points, pairs = np.empty(3 * len(data.vertices), np.float32), np.empty(2 * len(data.edges), np.int32)
+    cut, corners = np.empty(len(data.edges), bool), np.empty(len(data.loops), np.int32)
+    data.vertices.foreach_get("co", points)
+    data.edges.foreach_get("vertices", pairs)
+    data.edges.foreach_get("use_seam", cut)
+    data.loops.foreach_get("edge_index", corners)
+    border = np.bincount(corners, minlength=len(data.edges)) == 1
+    matrix = np.array(obj.matrix_world)
+    world = points.reshape(-1, 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    pairs = pairs.reshape(-1, 2)
+    edge = float(np.median(np.linalg.norm(world[pairs[:, 0]] - world[pairs[:, 1]], axis=1)))
+    made = []
+    for name, chosen, radius, grey in (("quad", ~(cut | border), 0.014, 0.32), ("seam", cut | border, 0.05, 0.1)):
+        curve = beside.lines(f"FlexMaps {name} lines", [world[p] for p in _chains(pairs[chosen])], radius * edge)
+        colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
+        curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
+        made.append(bpy.data.objects.new(curve.name, curve))
+        scene.collection.objects.link(made[-1])
+    return made
+
+
+def _chains(pairs: np.ndarray) -> list[list[int]]:
+    """Edges (n, 2) put together into chains of vertices that end where more or less than two edges meet."""
+    at: dict[int, list[int]] = {}
+    for k, (a, b) in enumerate(pairs.tolist()):
+        at.setdefault(a, []).append(k)
+        at.setdefault(b, []).append(k)
+    used = [False] * len(pairs)
+    chains = []
+
+    def walk(start: int, k: int) -> None:
+        chain = [start]
+        while not used[k]:
+            used[k] = True
+            a, b = pairs[k].tolist()
+            chain.append(b if chain[-1] == a else a)
+            onward = [e for e in at[chain[-1]] if not used[e]]
+            if len(at[chain[-1]]) != 2 or not onward:
+                break
+            k = onward[0]
+        chains.append(chain)
+
+    for vertex, edges in at.items():
+        if len(edges) != 2:
+            for k in edges:
+                if not used[k]:
+                    walk(vertex, k)
+    for k in range(len(pairs)):
+        if not used[k]:
+            walk(int(pairs[k, 0]), k)
+    return chains
+
+
+def _render(scene: bpy.types.Scene, path: str | Path) -> None:
+    scene.render.filepath = str(Path(path).absolute())
+    try:
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+    except RuntimeError as error:
+        raise FlexMapsError(f"The picture {path} could not be made: {error}") from error

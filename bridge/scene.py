@@ -1,0 +1,126 @@
+"""Finished results as a Blender scene: for the main job and for scripts, with the same functions as the operators."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..engine.contours import hubs, outlines
+from ..engine.design import SpiralDesign, design_report
+from ..engine.errors import FlexMapsError
+from ..engine.flatten import layout_report
+from ..engine.job import Result
+from ..engine.mesh import PolygonMesh, QuadMesh
+from ..engine.params import Settings
+from ..engine.sheets import sheets_report
+from ..engine.slots import slot_needed
+from . import arrange, beside, mesh, notes, overlay, settings
+
+DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
+
+
+def read_blend(path: str | Path) -> PolygonMesh:
+    """The active mesh object of a .blend file, or else its first one, as it is seen there: metres, world axes.
+
+    Raises ``FlexMapsError`` where the file cannot be read or holds no mesh. The file that is open is left.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FlexMapsError(f"There is no file {path}; give the path of a .blend file")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].removeprefix("Error: ")
+        raise FlexMapsError(f"{path.name} cannot be opened ({reason}); save it again in Blender") from error
+    context = bpy.context
+    active = context.view_layer.objects.active
+    found = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
+    obj = next((o for o in found if o.type == "MESH" and len(o.data.polygons)), None)
+    if obj is None:
+        raise FlexMapsError(f"{path.name} holds no mesh object with faces; add one, or give another file")
+    if obj.mode != "OBJECT":
+        obj.update_from_editmode()
+    return mesh.read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+
+
+def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -> bpy.types.Object:
+    """Empty the file and put a finished job into it: the model with seams, UV map, attributes and colours, and what is flat.
+
+    name : of the model; used : the settings of the job, which the object then carries with it
+    """
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
+    scene = bpy.context.scene
+    scene.unit_settings.length_unit = "MILLIMETERS"
+    obj = add_model(scene, result.mesh, name)
+    if used is not None and hasattr(obj, "flexmaps"):
+        settings.write(obj.flexmaps, used)
+    notes.write_checks(obj.data, [f.as_dict() | {"edges": list(f.edges)} for f in result.findings])
+    surface = mesh.read_surface(obj, scene)
+    if result.flat is not None:
+        centres = arrange.side_by_side(result.flat)
+        mesh.write_flat(obj, surface, result.flat, centres)
+        notes.write(obj.data, "layout", layout_report(result.flat))
+        overlay.store(obj, "PATCH")
+        if result.design is None:
+            beside.show_flat(obj, scene, result.flat, centres)
+        else:
+            mesh.write_design(obj, result.design)
+            notes.write(obj.data, "spirals", design_report(result.design))
+            beside.show_spirals(obj, scene, result.design, _outlines(result), centres)
+    if result.sheets is not None:
+        notes.write(obj.data, "sheets", sheets_report(result.sheets))
+    return obj
+
+
+def _outlines(result: Result) -> list[tuple[Any, ...]]:
+    if result.sheets is not None:
+        return [(panel.outline, *panel.holes) for panel in result.sheets.panels]
+    design: SpiralDesign = result.design  # type: ignore[assignment]
+    root = hubs(design.arms, design.params.fillet)
+    drawn = outlines(design.flat.layout, design.arms, root, slot_needed(design.params), DRAWN)
+    return [(o.outer, *o.holes) for o in drawn]
+
+
+def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
+    """The surface as a mesh object, selected and active, in the scene's units."""
+    data = beside.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
+    data.materials.append(beside.material("FlexMaps panel", None))
+    obj = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(obj)
+    layer = bpy.context.view_layer
+    layer.objects.active = obj
+    obj.select_set(True)
+    layer.update()
+    return obj
+
+
+def save(path: str | Path) -> None:
+    """Save the file, compressed, with the 3D views framed on what is there. Raises ``FlexMapsError`` where it cannot be."""
+    _frame_views()
+    Path(path).unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
+    except RuntimeError as error:
+        raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
+
+
+def _frame_views() -> None:
+    """Whoever opens the file sees everything at once, small pieces included."""
+    objects = bpy.context.scene.objects
+    boxes = [np.array([o.matrix_world @ beside.vector(c) for c in o.bound_box]) for o in objects]
+    if not boxes:
+        return
+    points = np.concatenate(boxes)
+    low, high = points.min(axis=0), points.max(axis=0)
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if space.type != "VIEW_3D" or space.region_3d is None:
+                    continue
+                space.clip_start = 0.001 * float(np.linalg.norm(high - low))
+                space.shading.color_type = "VERTEX"
+                space.region_3d.view_location = 0.5 * (low + high)
+                space.region_3d.view_distance = 1.2 * float(np.linalg.norm(high - low))
