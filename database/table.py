@@ -1,0 +1,151 @@
+"""The stiffness table: Chebyshev nodes over the region that can be cut, one linear factorisation each."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from ..engine import stiffness
+from ..engine.progress import SILENT, Progress
+from . import linear
+from .geometry import Spiral
+from .solid import Fineness
+from .statics import Model
+
+COUNTS = (9, 7, 11, 3)
+"""Nodes in ln(s/w), ln(w/h), twist / limit and Poisson's ratio."""
+FINENESS = Fineness(length=2.5, turn=0.7, across=2, through=1, root=0.4)
+CHANNELS = 18
+
+
+def roots(count: int) -> np.ndarray:
+    """(count,) Chebyshev points in (-1, 1)."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def _axes(counts: tuple[int, int, int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """s/w, w/h, twist share and Poisson's ratio at the nodes."""
+
+    def spread(x: np.ndarray, low: float, high: float) -> np.ndarray:
+        return low + 0.5 * (x + 1.0) * (high - low)
+
+    ratio = np.exp(spread(roots(counts[0]), *np.log(stiffness.SCALE_RANGE)))
+    flatness = np.exp(spread(roots(counts[1]), *np.log(stiffness.WIDTH_RANGE)))
+    return ratio, flatness, spread(roots(counts[2]), 0.0, 1.0), spread(roots(counts[3]), *stiffness.POISSON_RANGE)
+
+
+def arm(spiral: Spiral, poisson: float, fineness: Fineness = FINENESS, like: Model | None = None) -> tuple[np.ndarray, Model]:
+    """(18,) what the table stores of one spiral: the relative factor (12) and the logarithms of six peak strains."""
+    model = Model(spiral, poisson, fineness, like=like)
+    motions = linear.unit_motions(model)
+    compliance = linear.tip_compliance(model, motions)
+    factor = stiffness.relative_factor(compliance, spiral.scale, spiral.height, spiral.twist, poisson)
+    return np.concatenate([factor, np.log(linear.peak_strains(model, motions))]), model
+
+
+def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Progress = SILENT) -> np.ndarray:
+    """(Nx, Ny, Nz, Np, 18) the values at all nodes; one file a plan under ``folder``, those that exist are not made again."""
+    ratios, flatnesses, shares, poissons = _axes(counts)
+    folder.mkdir(parents=True, exist_ok=True)
+    out = np.empty((*counts, CHANNELS))
+    plans = [(i, k) for i in range(counts[0]) for k in range(counts[2])]
+    for done, (i, k) in enumerate(plans):
+        ratio, twist = ratios[i], shares[k] * float(stiffness.twist_limit(ratios[i]))
+        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{_digest()}.npy"
+        if not name.is_file():
+            like, values = None, np.empty((counts[1], counts[3], CHANNELS))
+            for j, flatness in enumerate(flatnesses):
+                for p, poisson in enumerate(poissons):
+                    values[j, p], model = arm(Spiral(ratio, 1.0 / flatness, twist), float(poisson), like=like)
+                    like = like or model
+            part = name.with_suffix(".part.npy")
+            np.save(part, values)
+            part.replace(name)
+        out[i, :, k] = np.load(name)
+        progress((done + 1) / len(plans), f"stiffness table: plan {done + 1} of {len(plans)}")
+    return out
+
+
+def _digest() -> str:
+    import hashlib
+
+    return hashlib.sha256(json.dumps(asdict(FINENESS), sort_keys=True).encode()).hexdigest()[:10]
+
+
+def coefficients(values: np.ndarray) -> np.ndarray:
+    """Chebyshev coefficients (Nx, Ny, Nz, Np, channels) of values at the nodes, exactly interpolating."""
+    for axis in range(4):
+        count = values.shape[axis]
+        basis = np.cos(np.outer(np.arange(count), np.pi * (np.arange(count) + 0.5) / count))
+        transform = 2.0 / count * basis
+        transform[0] *= 0.5
+        values = np.moveaxis(np.tensordot(transform, values, axes=(1, axis)), 0, axis)
+    return values
+
+
+def write(values: np.ndarray, path: Path, provenance: dict) -> None:
+    """Write the table as the engine reads it: float32 coefficients, tiny pairs of degrees dropped."""
+    c = coefficients(values)
+    nx, ny, nz, npo, channels = c.shape
+    pairs = np.array([(j, k) for j in range(ny) for k in range(nz)])
+    arranged = c.transpose(1, 2, 4, 0, 3).reshape(ny * nz, channels, nx, npo)
+    keep = np.abs(arranged).max(axis=(1, 2, 3)) > DROP
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part.npz")
+    np.savez_compressed(
+        part,
+        coefficients=arranged[keep].astype(np.float32),
+        pairs=pairs[keep].astype(np.int16),
+        provenance=json.dumps({"format": stiffness.FORMAT, "fineness": asdict(FINENESS), **provenance}),
+    )
+    part.replace(path)
+    stiffness.load_table.cache_clear()
+
+
+DROP = 1e-3
+
+
+def held_out(count: int = 48, seed: int = 20180801) -> list[tuple[Spiral, float]]:
+    """Random spirals and Poisson's ratios of the region, for judging the table."""
+    rng = np.random.Generator(np.random.Philox(seed))
+    out = []
+    for _ in range(count):
+        x, y, z, p = rng.random(4)
+        ratio = math.exp(math.log(5.0) + x * math.log(10.0))
+        flatness = math.exp(math.log(0.3) + y * math.log(10.0))
+        out.append((Spiral(ratio, 1.0 / flatness, z * float(stiffness.twist_limit(ratio))), 0.25 + 0.17 * p))
+    return out
+
+
+def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stiffness.Table) -> np.ndarray:
+    """(6,) relative errors of the table: eigenvalues of the interpolated against the true compliance, minus 1."""
+    made = stiffness.blocks(
+        np.array([spiral.scale]), np.array([1.0 / spiral.height]), np.array([spiral.twist]), table, poisson
+    ).values[..., 0]
+    out = []
+    for b, entries in enumerate(made):
+        true = true_block(values, spiral, poisson, b)
+        found = np.zeros((3, 3))
+        for value, (i, j) in zip(entries, stiffness.ENTRIES):
+            found[i, j] = found[j, i] = value
+        out.append(np.linalg.eigvals(np.linalg.solve(true, found)).real - 1.0)
+    return np.concatenate(out)
+
+
+def true_block(values: np.ndarray, spiral: Spiral, poisson: float, block: int) -> np.ndarray:
+    """(3, 3) dimensionless compliance block from what ``arm`` returned."""
+    from ..engine import beams
+
+    base = beams.tip_compliance(
+        np.array([spiral.scale]), np.array([spiral.height]), np.array([spiral.twist]), poisson
+    ).values[block, :, 0]
+    beam, factor = np.zeros((3, 3)), np.zeros((3, 3))
+    for value, stored, (i, j) in zip(base, values[6 * block : 6 * block + 6], stiffness.ENTRIES):
+        beam[i, j] = beam[j, i] = value
+        factor[i, j] = math.exp(stored) if i == j else stored
+    whole = np.linalg.cholesky(beam) @ factor
+    return whole @ whole.T

@@ -1,0 +1,139 @@
+"""The arm of a spiral as a curved beam: the baseline that the stiffness table corrects.
+
+Castigliano's theorem on the centre line c(u) = (s/2) u exp(i phi (1 - u)), from the spiral's centre to the tip, with
+the rectangular section's bending, torsion, shear and stretch. Dimensionless: lengths in arm widths, Young's modulus 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev as cheb
+
+LARGEST_TWIST = math.radians(620.0)
+SHEAR_FACTOR = 1.2
+_DEGREE = 44
+_TERMS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The two symmetric 3 x 3 blocks of a tip compliance, with derivatives.
+
+    values : (2, 6, n): block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
+    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+
+
+def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> np.ndarray:
+    """(24,) integrals along the arm of radius 1 from u = start to the tip, by Gauss quadrature.
+
+    With (X, Y) from the point to the tip and t, n the tangent and the normal: the six products of the in-plane bending
+    moments (-Y, X, 1); the three of t; the three of n; the six of the torques (Y tx - X ty, tx, ty); the six of the
+    out-of-plane bending moments (-Y ty - X tx, -ty, tx). Products in the order 00, 10, 11, 20, 21, 22.
+    """
+    x, w = np.polynomial.legendre.leggauss(points)
+    u, w = start + (1.0 - start) * 0.5 * (x + 1.0), (1.0 - start) * 0.5 * w
+    turn = np.exp(1j * twist * (1.0 - u))
+    velocity = turn * (1.0 - 1j * twist * u)
+    speed = np.abs(velocity)
+    t = velocity / speed
+    r = 1.0 - u * turn
+    ds = w * speed
+    tx, ty, rx, ry = t.real, t.imag, r.real, r.imag
+
+    def products(*v: np.ndarray) -> list[float]:
+        return [float(ds @ (v[i] * v[j])) for i in range(len(v)) for j in range(i + 1)]
+
+    return np.array(
+        products(-ry, rx, np.ones_like(u))
+        + products(tx, ty)
+        + products(-ty, tx)
+        + products(ry * tx - rx * ty, tx, ty)
+        + products(-ry * ty - rx * tx, -ty, tx)
+    )
+
+
+@lru_cache(maxsize=1)
+def _series() -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev coefficients (degree + 1, 24) of the path integrals and of their derivatives over the twist."""
+    nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
+    samples = np.array([path_integrals(0.5 * (x + 1.0) * LARGEST_TWIST) for x in nodes])
+    series = cheb.chebfit(nodes, samples, _DEGREE)
+    return series, cheb.chebder(series) * (2.0 / LARGEST_TWIST)
+
+
+def torsion_constant(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Saint-Venant torsion constant J of a 1 x height rectangle, and dJ/dheight (both of the shape of ``height``).
+
+    J = height (1/3 - (64 height / pi^5) sum over odd k of tanh(k pi / (2 height)) / k^5), Timoshenko and Goodier; with
+    sides swapped so that the series is taken along the shorter side.
+    """
+    height = np.asarray(height, dtype=float)
+    k = 2.0 * np.arange(_TERMS) + 1.0
+    flip = height > 1.0
+    # for height > 1 the width is the shorter side: J(1, height) = height J'(ratio 1 / height), else height^4 J'(height)
+    ratio = np.where(flip, 1.0 / height, height)
+    th = np.tanh(0.5 * np.pi * k / ratio[..., None])
+    sums = (th / k**5).sum(-1)
+    slope = ((1.0 - th**2) * (-0.5 * np.pi / ratio[..., None] ** 2) / k**4).sum(-1)
+    c = 64.0 / np.pi**5
+    core, core_slope = 1.0 / 3.0 - c * ratio * sums, -c * (sums + ratio * slope)
+    value = np.where(flip, height * core, height**3 * core)
+    by_height = np.where(flip, core - core_slope * ratio, 3.0 * height**2 * core + height**3 * core_slope)
+    return value, by_height
+
+
+def tip_compliance(scale: np.ndarray, height: np.ndarray, twist: np.ndarray, poisson: float) -> Blocks:
+    """Compliance of the tip of arms that are held at the centre.
+
+    scale : (n,) s / w; height : (n,) h / w; twist : (n,) radians
+    """
+    series, slopes = _series()
+    x = 2.0 * np.asarray(twist) / LARGEST_TWIST - 1.0
+    powers = cheb.chebvander(x, _DEGREE)
+    p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # (24, n)
+    radius = 0.5 * np.asarray(scale)
+    # per entry of both blocks: the power of the radius that its integral scales with
+    in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]
+    torsion, torsion_slope = torsion_constant(height)
+    shear_modulus = 0.5 / (1.0 + poisson)
+    # flexibilities of the section and their derivatives by ln h: bending in the plane 12 / h, out of it 12 / h^3
+    bend_in, bend_out = 12.0 / height, 12.0 / height**3
+    twist_out = 1.0 / (shear_modulus * torsion)
+    d_twist_out = -twist_out * torsion_slope * height / torsion
+    stretch, shear = 1.0 / height, SHEAR_FACTOR / (shear_modulus * height)
+
+    def inside(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bend = bend_in * radius**in_degree * q[:6]
+        axial = radius * (stretch * q[6:9] + shear * q[9:12])
+        by_radius = in_degree * bend
+        by_radius[:3] += axial
+        bend[:3] += axial
+        return bend, by_radius
+
+    def outside(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        scaled = radius**out_degree
+        both = scaled * (twist_out * q[12:18] + bend_out * q[18:24])
+        slip = radius * shear * q[5]
+        value, by_radius = both.copy(), out_degree * both
+        by_height = scaled * (d_twist_out * q[12:18] - 3.0 * bend_out * q[18:24])
+        value[0] += slip
+        by_radius[0] += slip
+        by_height[0] -= slip
+        return value, by_radius, by_height
+
+    in_value, in_radius = inside(p)
+    out_value, out_radius, out_height = outside(p)
+    values = np.stack([in_value, out_value])
+    # ln(w/h) is minus ln(height); at fixed s/w every flexibility in the plane goes with 1 / height
+    by_scale = np.stack([in_radius, out_radius])
+    by_ratio = np.stack([in_value, -out_height])
+    by_twist = np.stack([inside(dp)[0], outside(dp)[0]])
+    return Blocks(values, np.stack([by_scale, by_ratio, by_twist]))
