@@ -79,9 +79,8 @@ class SpiralDesign:
         """(F, 2): width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
         p = self.params
         bound = np.maximum(twist_bound(self.flat, p, self.width), 1e-9)
-        return np.stack(
-            [(self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12), self.twist / bound], axis=1
-        )
+        width = (self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12)
+        return np.clip(np.stack([width, self.twist / bound], axis=1), 0.0, 1.0)
 
 
 def uniform(

@@ -193,9 +193,11 @@ def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) ->
     left, right : (F, 4) t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
     At its root a slot is as wide as its fillet's diameter.
     """
+    # the arm itself, up to its hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
-    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97, 32))[:2]
+    # a slot without fillet ends in a point: its width is that of its outer half
+    apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
     # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
     slot = float(np.where(lean > PARALLEL, apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)

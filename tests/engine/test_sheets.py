@@ -202,3 +202,22 @@ def test_svg_arc_flags_for_both_senses_and_large_arcs():
     assert first.point(0.5) == svgelements.Point(-math.sqrt(0.5), 10 - math.sqrt(0.5))
     # after a large arc the file goes on where it ended
     assert (first.end.x, first.end.y) == (0.0, 11.0)
+
+
+@pytest.mark.parametrize("name", ["cubesphere", "saddle", "two_bodies"])
+def test_sheets_of_real_layouts(name):
+    from flexmaps.engine import curvature, merge, shapes, trace
+    from flexmaps.engine.params import LayoutParams
+
+    mesh = shapes.make(name)
+    flat = merge.merge(trace.trace(mesh, LayoutParams()), LayoutParams())
+    result = sheets.make_sheets(
+        design.from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams()
+    )
+    assert len(result.panels) == len(flat.layout.patches)
+    assert result.slot_min >= 0.3e-3 - 1e-9
+    assert result.bridge_min >= 0.99e-3
+    for index in range(result.count):
+        polygons = [_polygon(p) for p in result.on_sheet(index)]
+        assert all(p.is_valid for p in polygons)
+        assert all(a.distance(b) >= 0.003 for i, a in enumerate(polygons) for b in polygons[:i])
