@@ -15,6 +15,7 @@ from .spiral import Arms, centre_line, width_at
 
 _FILL = 0.62  # height of the letters along an arm, as a share of its width
 _SAMPLES = 97
+_SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
 
 
@@ -32,12 +33,12 @@ class Labels:
 
 
 def seam_name(number: int) -> str:
-    """A, B, ... Z, AA, AB, ..."""
+    """A, B, ... Z, AA, AB, ... without I and O, which look like numbers."""
     name = ""
     number += 1
     while number:
-        number, letter = divmod(number - 1, 26)
-        name = chr(ord("A") + letter) + name
+        number, letter = divmod(number - 1, len(_SEAM_LETTERS))
+        name = _SEAM_LETTERS[letter] + name
     return name
 
 

@@ -62,7 +62,8 @@ def test_labels_that_would_be_too_small_are_counted(flat_grid):
 
 
 def test_names():
-    assert [seam_name(i) for i in (0, 25, 26, 27, 701, 702)] == ["A", "Z", "AA", "AB", "ZZ", "AAA"]
+    assert [seam_name(i) for i in (0, 23, 24, 25, 599, 600)] == ["A", "Z", "AA", "AB", "ZZ", "AAA"]
+    assert not set("IO") & set("".join(seam_name(i) for i in range(100)))
     assert [panel_name(i - 1) for i in (1, 5, 6, 8, 9, 12, 66, 68, 69, 91)] == [
         "1",
         "5",
@@ -98,7 +99,7 @@ def _svg_polygons(path):
             points = []
             for segment in element:
                 if isinstance(segment, svgelements.Arc):
-                    points += [segment.point(t) for t in np.linspace(0, 1, 2 + int(abs(segment.sweep) / 0.02))]
+                    points += [segment.point(t) for t in np.linspace(0, 1, 2 + int(abs(segment.sweep) / 0.04))]
                 elif isinstance(segment, svgelements.Line):
                     points += [segment.start, segment.end]
             found.setdefault(FLIPPED[element.stroke.hex], []).append(np.array([(p.x, p.y) for p in points]))
@@ -206,11 +207,11 @@ def test_svg_arc_flags_for_both_senses_and_large_arcs():
 
 @pytest.mark.parametrize("name", ["cubesphere", "saddle", "two_bodies"])
 def test_sheets_of_real_layouts(name):
-    from flexmaps.engine import curvature, merge, shapes, trace
+    from flexmaps.engine import curvature, flatten, shapes, trace
     from flexmaps.engine.params import LayoutParams
 
     mesh = shapes.make(name)
-    flat = merge.merge(trace.trace(mesh, LayoutParams()), LayoutParams())
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
         design.from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams()
     )
@@ -218,6 +219,9 @@ def test_sheets_of_real_layouts(name):
     assert result.slot_min >= 0.3e-3 - 1e-9
     assert result.bridge_min >= 0.99e-3
     for index in range(result.count):
-        polygons = [_polygon(p) for p in result.on_sheet(index)]
-        assert all(p.is_valid for p in polygons)
-        assert all(a.distance(b) >= 0.003 for i, a in enumerate(polygons) for b in polygons[:i])
+        panels = result.on_sheet(index)
+        assert all(_polygon(p).is_valid for p in panels)
+        # chords stray from their arcs by a hundredth of a millimetre
+        grown = [shapely.Polygon(p.outline.sampled(1e-5)).buffer(0.00149) for p in panels]
+        one, two = shapely.STRtree(grown).query(grown, predicate="intersects")
+        assert (one == two).all()
