@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from dataclasses import asdict
@@ -55,7 +56,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     plans = [(i, k) for i in range(counts[0]) for k in range(counts[2])]
     for done, (i, k) in enumerate(plans):
         ratio, twist = ratios[i], shares[k] * float(stiffness.twist_limit(ratios[i]))
-        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{_digest()}.npy"
+        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{digest()}.npy"
         if not name.is_file():
             like, values = None, np.empty((counts[1], counts[3], CHANNELS))
             for j, flatness in enumerate(flatnesses):
@@ -70,9 +71,8 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     return out
 
 
-def _digest() -> str:
-    import hashlib
-
+def digest() -> str:
+    """Name of the discretisation."""
     return hashlib.sha256(json.dumps(asdict(FINENESS), sort_keys=True).encode()).hexdigest()[:10]
 
 
@@ -109,7 +109,10 @@ def write(values: np.ndarray, path: Path, provenance: dict) -> None:
 DROP = 1e-3
 
 
-def held_out(count: int = 48, seed: int = 20180801) -> list[tuple[Spiral, float]]:
+HELD_OUT_SEED = 20180801
+
+
+def held_out(count: int = 48, seed: int = HELD_OUT_SEED) -> list[tuple[Spiral, float]]:
     """Random spirals and Poisson's ratios of the region, for judging the table."""
     rng = np.random.Generator(np.random.Philox(seed))
     out = []

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -297,14 +297,12 @@ def peak_strain(
     """
     _refuse_material(thickness, youngs)
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
-    at = _locate(scale / width, width / thickness, twist)
-    found = np.exp(_interpolate(load_table(float(poisson)), at, slice(12, 18))[0])
+    found = np.exp(log_strains(scale / width, width / thickness, twist, load_table(float(poisson))))
     found[:3] /= youngs * width**2
     found[3:] /= youngs * width**3
     return np.einsum("nk,kn->n", np.abs(np.asarray(wrench, dtype=float)), found)
 
 
-def with_smallest_terms_dropped(table: Table, share: float) -> Table:
-    """The table without the pairs of degrees whose coefficients all stay below ``share``."""
-    keep = np.abs(table.coefficients).max(axis=(1, 2)) > share
-    return replace(table, coefficients=table.coefficients[keep], pairs=table.pairs[keep])
+def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:
+    """(6, n) logarithms of the dimensionless peak strains per unit of the six components of a tip wrench."""
+    return _interpolate(table, _locate(ratio, flatness, twist), slice(12, 18))[0]

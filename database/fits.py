@@ -1,0 +1,136 @@
+"""Three fits of one spiral's energies, all bounded linear least squares on the sums that the chunks keep.
+
+"chord": the paper's four parameters, eq. 5 on edges from the hub to the free tips; "pair": the same four fitted on
+edges from hub to hub, where the assembly uses them; "arm": the twelve numbers of the tip stiffness from the linear
+limit, which need no fitting.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from ..engine.errors import FlexMapsError
+from . import rods
+from .chunks import MODELS, joint_wrenches
+from .sampling import VERSION, Samples, Subject
+
+FLOOR = 1e-3
+"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
+FEWEST = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """What is kept of one spiral under one load law; see ``chunks.Chunk``."""
+
+    subject: Subject
+    law: str
+    normal: dict[str, tuple[np.ndarray, np.ndarray]]
+    fitted: dict[str, int]
+    counts: dict[str, float]
+    compliance: np.ndarray
+    kept: Samples
+
+    @property
+    def rest_tips(self) -> np.ndarray:
+        """(4, 3) rest positions of the tips against the hub, in arm widths."""
+        z = self.subject.spiral.radius * 1j ** np.arange(4)
+        return np.column_stack([z.real, z.imag, np.zeros(4)])
+
+
+def load(pack: Path) -> list[Series]:
+    """All series of a packed file; raises FlexMapsError where it is missing, broken or of another version."""
+    if not pack.is_file():
+        raise FlexMapsError(f"{pack} is not there; run: tools/dev.py database build")
+    try:
+        with np.load(pack, allow_pickle=False) as stored:
+            header = json.loads(str(stored["header"]))
+            if header["version"] != VERSION:
+                raise FlexMapsError(f"{pack.name} is of version {header['version']}, not {VERSION}; build the database again")
+            arrays = {n: stored[n] for n in stored.files if n != "header"}
+    except (OSError, ValueError, KeyError) as error:
+        raise FlexMapsError(f"{pack.name} cannot be read ({error}); build the database again") from None
+    out = []
+    for number, entry in enumerate(header["series"]):
+        mine = arrays["kept_series"] == number
+        columns = {n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}
+        kept = Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in columns.items()})
+        normal = {m: (arrays[f"{m}_matrix"][number], arrays[f"{m}_side"][number]) for m in MODELS}
+        subject = Subject(**entry["subject"])
+        out.append(Series(subject, entry["law"], normal, entry["fitted"], entry["counts"], arrays["compliance"][number], kept))
+    return out
+
+
+def solve(matrix: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
+    """Positive parameters that minimise the sum of (a . p - 1)^2 over ``count`` samples (FlexMaps 6.2, eq. 5)."""
+    scale = 1.0 / np.sqrt(np.diag(matrix) / count)
+    scaled, right = matrix * np.outer(scale, scale), side * scale
+    values, vectors = np.linalg.eigh(scaled)
+    values = np.maximum(values, 1e-12 * values[-1])
+    root = np.sqrt(values)[:, None] * vectors.T
+    found = lsq_linear(root, (vectors.T @ right) / np.sqrt(values), bounds=(FLOOR, np.inf), tol=1e-14)
+    return found.x * scale
+
+
+def parameters(series: Series, model: str) -> np.ndarray:
+    """The parameters of one model for one spiral, dimensionless: (4,), or (12,) for "arm"."""
+    if model == "arm":
+        return rods.stiffness_parameters(series.compliance)
+    return solve(*series.normal[model], series.fitted[model])
+
+
+def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Energies of the held-out samples: by the model with ``fitted`` parameters, and true."""
+    s = series.kept.chosen(series.kept.converged & (series.kept.number % 10 == 0))
+    if model == "pair":
+        features, true = rods.pair_features(joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale)
+    elif model == "arm":
+        features, true = rods.stiffness_features(rods.arm_motions(s.centres, s.rotations, series.rest_tips)), s.energy
+    else:
+        features, true = rods.chord_features(s.centres, s.rotations, series.rest_tips), s.energy
+    return features @ fitted, true
+
+
+def errors(all_series: list[Series], model: str, law: str) -> np.ndarray:
+    """Relative held-out errors of all spirals under one law, each fitted on its own sums."""
+    out = [np.zeros(0)]
+    for series in all_series:
+        if series.law == law and series.fitted[model] >= FEWEST:
+            made, true = predicted(series, model, parameters(series, model))
+            out.append(np.abs(made / true - 1.0))
+    return np.concatenate(out)
+
+
+def write_parameters(pack: Path, say: Callable[[str], None]) -> None:
+    """Fit the four parameters of every spiral, train the networks, and write what the engine reads."""
+    from ..engine import stiffness_rods
+    from . import network
+
+    all_series = [s for s in load(pack) if s.law == "strain" and min(s.fitted.values()) >= FEWEST]
+    if len(all_series) < FEWEST:
+        raise FlexMapsError(f"{len(all_series)} spirals have samples; the networks need {FEWEST} or more: build first")
+    points = np.array([stiffness_rods.coordinates(s.subject.spiral) for s in all_series])
+    arrays, notes = {}, {}
+    for model in ("chord", "pair"):
+        logs = np.log([parameters(s, model) for s in all_series])
+        made = network.train(points, logs)
+        left_out = network.leave_one_out(points, logs, made)
+        arrays.update({f"{model}_{n}": v for n, v in made.arrays().items()})
+        notes[model] = {
+            "spread": made.spread, "neurons": len(made.centres), "rms": made.rms,
+            "leave_one_out_median": float(np.median(left_out)), "leave_one_out_95": float(np.quantile(left_out, 0.95)),
+        }
+        say(f"{model}: {notes[model]['neurons']} neurons, spread {made.spread:.3f}, leave one out "
+            f"{100 * notes[model]['leave_one_out_median']:.1f} % median, {100 * notes[model]['leave_one_out_95']:.1f} % at 95 %")
+    samples = sum(s.fitted["chord"] for s in all_series)
+    provenance = {"format": stiffness_rods.FORMAT, "spirals": len(all_series), "samples": samples, "version": VERSION, "networks": notes}
+    stiffness_rods.PARAMETERS.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(stiffness_rods.PARAMETERS, provenance=json.dumps(provenance), **arrays)
+    stiffness_rods.load_network.cache_clear()
+    say(f"{stiffness_rods.PARAMETERS.name}: {len(all_series)} spirals, {samples} samples")

@@ -1,0 +1,113 @@
+"""The paper's radial basis function network (FlexMaps section 6.3): neurons added one by one, spread chosen by count.
+
+Inputs and outputs are scaled to the unit range. The outputs are logarithms of the parameters: without them the
+network's errors are many times the smallest parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+SPREADS = np.linspace(0.2, 0.8, 20)
+GOAL = 1e-3
+HALF = np.sqrt(np.log(2.0))
+"""A neuron's answer falls to one half at a distance of one spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """y(x) = offset + span * (bias + sum of weights * exp(-(HALF |x' - centre| / spread)^2)), x' scaled to [0, 1].
+
+    low, high : (3,) input range; offset, span : (4,) output range; centres : (m, 3) scaled; weights : (m + 1, 4), bias last
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    offset: np.ndarray
+    span: np.ndarray
+    centres: np.ndarray
+    weights: np.ndarray
+    spread: float
+    rms: float
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        return {n: np.asarray(v) for n, v in vars(self).items() if n != "rms"}
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        basis = _basis((points - self.low) / (self.high - self.low), self.centres, self.spread)
+        return self.offset + self.span * (basis @ self.weights)
+
+
+def _basis(points: np.ndarray, centres: np.ndarray, spread: float) -> np.ndarray:
+    """(n, m + 1): the neurons' answers, and a column of ones."""
+    distance = np.linalg.norm(points[:, None] - centres[None], axis=2)
+    return np.column_stack([np.exp(-((HALF * distance / spread) ** 2)), np.ones(len(points))])
+
+
+def _grow(points: np.ndarray, outputs: np.ndarray, spread: float, most: int) -> tuple[list[int], float]:
+    """Neurons by orthogonal least squares, the most useful first, until the RMS error meets the goal."""
+    basis = _basis(points, points, spread)
+    columns, ones = basis[:, :-1].copy(), basis[:, -1:] / np.sqrt(len(points))
+    columns -= ones @ (ones.T @ columns)
+    left = outputs - ones @ (ones.T @ outputs)
+    chosen: list[int] = []
+    rms = float(np.sqrt((left**2).mean()))
+    while rms > GOAL and len(chosen) < most:
+        norms = (columns**2).sum(0)
+        gain = ((columns.T @ left) ** 2).sum(1) / np.maximum(norms, 1e-300)
+        gain[norms < 1e-12] = -1.0
+        gain[chosen] = -1.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0:
+            break
+        q = columns[:, best : best + 1] / np.sqrt(norms[best])
+        left = left - q @ (q.T @ left)
+        columns = columns - q @ (q.T @ columns)
+        chosen.append(best)
+        rms = float(np.sqrt((left**2).mean()))
+    return chosen, rms
+
+
+def train(points: np.ndarray, outputs: np.ndarray) -> Network:
+    """The network with the fewest neurons that meets the goal over 20 spreads; (n, 3) inputs, (n, 4) outputs.
+
+    Where none meets it, the one that comes closest.
+    """
+    low, high, offset = points.min(0), points.max(0), outputs.min(0)
+    span = np.maximum(outputs.max(0) - offset, 1e-12)
+    x, y = (points - low) / (high - low), (outputs - offset) / span
+    best: tuple[bool, float, float, list[int], float] | None = None
+    for spread in SPREADS:
+        chosen, rms = _grow(x, y, float(spread), len(x) - 1)
+        failed = rms > GOAL
+        rank = (failed, float(len(chosen)) if not failed else rms, float(spread), chosen, rms)
+        if best is None or rank[:2] < best[:2]:
+            best = rank
+    assert best is not None
+    _, _, spread, chosen, _ = best
+    return _solved(x, y, low, high, offset, span, np.array(chosen, dtype=int), spread)
+
+
+def _solved(
+    x: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray, offset: np.ndarray, span: np.ndarray,
+    chosen: np.ndarray, spread: float,
+) -> Network:
+    basis = _basis(x, x[chosen], spread)
+    weights = np.linalg.lstsq(basis, y, rcond=1e-12)[0]
+    return Network(low, high, offset, span, x[chosen], weights, spread, float(np.sqrt(((basis @ weights - y) ** 2).mean())))
+
+
+def leave_one_out(points: np.ndarray, outputs: np.ndarray, made: Network) -> np.ndarray:
+    """(n, 4) relative errors of the parameters at every point when the network is solved without it."""
+    x, y = (points - made.low) / (made.high - made.low), (outputs - made.offset) / made.span
+    position = np.array([int(np.argmin(((x - c) ** 2).sum(1))) for c in made.centres])
+    out = np.empty_like(outputs)
+    for k in range(len(x)):
+        keep = np.arange(len(x)) != k
+        own = position[position != k]
+        basis = _basis(x, x[own], made.spread)
+        weights = np.linalg.lstsq(basis[keep], y[keep], rcond=1e-10)[0]
+        out[k] = np.abs(np.exp(((basis[k] @ weights) - y[k]) * made.span) - 1.0)
+    return out
