@@ -76,22 +76,23 @@ class Job:
 
 
 class Ticks:
-    """Prints progress for people who watch a console: a line per new step, and one a second in between.
+    """Prints progress for people who watch a console: a line when a step comes up first, and one a second in between.
 
     What follows a colon in the text is a detail of the same step.
     """
 
     def __init__(self, title: str):
         self._title = title
-        self._step: str | None = None
+        self._steps: set[str] = set()
         self._time = 0.0
 
     def __call__(self, fraction: float, text: str) -> None:
         now = time.monotonic()
         step = text.partition(":")[0]
-        if step == self._step and now - self._time < 1.0:
+        if step in self._steps and now - self._time < 1.0:
             return
-        self._step, self._time = step, now
+        self._steps.add(step)
+        self._time = now
         print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip(), file=sys.stdout, flush=True)
 
 

@@ -32,7 +32,11 @@ def _property(f: Field) -> Any:
     if isinstance(default, bool):
         return BoolProperty(default=default, **common)
     if isinstance(default, str):
-        return StringProperty(default=default, subtype="DIR_PATH" if meta["folder"] else "NONE", **common)
+        if meta["folder"]:
+            # from 4.5 on a path that may begin with // has to say so
+            options = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
+            return StringProperty(default=default, subtype="DIR_PATH", options=options, **common)
+        return StringProperty(default=default, **common)
     factor = SHOWN[meta["unit"]][0]
     bounds = {name: meta[key] * factor for name, key in (("min", "low"), ("max", "high")) if meta[key] is not None}
     if isinstance(default, int):

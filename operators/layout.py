@@ -66,11 +66,9 @@ class Merge(LayoutStage, bpy.types.Operator):
         return work
 
 
-class Flatten(LayoutStage, bpy.types.Operator):
-    """Flatten all patches between the seams anew; a patch that is no disk is cut open"""
+class FlattenStage(LayoutStage):
+    """Flattens the patches between the seams; with ``reuse`` only those that are not flat yet."""
 
-    bl_idname = "flexmaps.flatten"
-    bl_label = "Flatten"
     reuse = False
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
@@ -89,7 +87,14 @@ class Flatten(LayoutStage, bpy.types.Operator):
         return work
 
 
-class UpdateFromSeams(Flatten, bpy.types.Operator):
+class Flatten(FlattenStage, bpy.types.Operator):
+    """Flatten all patches between the seams anew; a patch that is no disk is cut open"""
+
+    bl_idname = "flexmaps.flatten"
+    bl_label = "Flatten"
+
+
+class UpdateFromSeams(FlattenStage, bpy.types.Operator):
     """Flatten the patches whose seams were edited with Mark Seam and Clear Seam; the others stay as they are"""
 
     bl_idname = "flexmaps.update_from_seams"

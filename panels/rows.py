@@ -42,7 +42,7 @@ def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[t
 def wrapped(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
     """A sentence over as many lines as the sidebar's width needs."""
     region = context.region
-    unit = context.preferences.system.ui_scale
+    unit = context.preferences.system.ui_scale or 1.0  # 0 without a window
     width = region.width if region is not None else 240
     column = layout.column(align=True)
     column.scale_y = 0.8

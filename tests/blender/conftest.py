@@ -1,0 +1,102 @@
+"""Every test here begins with an empty file and the extension enabled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import bpy
+import flexmaps
+import numpy as np
+import pytest
+from flexmaps.engine import shapes
+from flexmaps.engine.mesh import QuadMesh
+
+
+@pytest.fixture(scope="session")
+def extension() -> Iterator[None]:
+    flexmaps.register()
+    yield
+    flexmaps.unregister()
+
+
+@pytest.fixture(autouse=True)
+def empty(extension: None) -> None:
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+
+
+Add = Callable[..., Any]
+
+
+@pytest.fixture
+def add() -> Add:
+    """Put a quad mesh, or vertices and faces, into the scene as the active object."""
+
+    def make(mesh: QuadMesh | tuple[Any, Any], name: str = "piece") -> Any:
+        vertices, faces = (mesh.vertices, mesh.quads) if isinstance(mesh, QuadMesh) else mesh
+        data = bpy.data.meshes.new(name)
+        data.from_pydata(np.asarray(vertices).tolist(), [], [list(map(int, face)) for face in faces])
+        obj = bpy.data.objects.new(name, data)
+        bpy.context.scene.collection.objects.link(obj)
+        bpy.context.view_layer.objects.active = obj
+        obj.select_set(True)
+        bpy.context.view_layer.update()
+        return obj
+
+    return make
+
+
+@pytest.fixture
+def dome(add: Add) -> Any:
+    """A small open surface with real curvature, quads of 20 mm."""
+    return add(shapes.make("dome"))
+
+
+def _content(obj: Any) -> dict[str, bytes]:
+    """Everything that a mesh holds but the selection, as bytes, edit mode included."""
+    obj.update_from_editmode()
+    mesh = obj.data.copy()
+    found: dict[str, bytes] = {"report": str(mesh.get("flexmaps_report")).encode()}
+    kinds = {"FLOAT": ("value", "f", 1), "INT": ("value", "i", 1), "BOOLEAN": ("value", "?", 1), "FLOAT2": ("vector", "f", 2),
+             "FLOAT_VECTOR": ("vector", "f", 3), "FLOAT_COLOR": ("color", "f", 4), "INT32_2D": ("value", "i", 2)}  # fmt: skip
+    for attribute in mesh.attributes:
+        if attribute.name.startswith((".select", ".vs.", ".es.", ".pn.", ".hide")):
+            continue
+        prop, dtype, width = kinds[attribute.data_type]
+        values = np.empty(len(attribute.data) * width, dtype=dtype)
+        attribute.data.foreach_get(prop, values)
+        found[attribute.name] = values.tobytes()
+    seams = np.empty(len(mesh.edges), bool)
+    mesh.edges.foreach_get("use_seam", seams)
+    found["seams"] = seams.tobytes()
+    bpy.data.meshes.remove(mesh)
+    return found
+
+
+def _seams_of(obj: Any) -> np.ndarray:
+    obj.update_from_editmode()
+    found = np.empty(len(obj.data.edges), bool)
+    obj.data.edges.foreach_get("use_seam", found)
+    return found
+
+
+def _attribute(obj: Any, name: str, prop: str = "value", width: int = 1) -> np.ndarray:
+    data = obj.data.attributes[name].data
+    values = np.empty(len(data) * width, np.float32)
+    data.foreach_get(prop, values)
+    return values.reshape(-1, width) if width > 1 else values
+
+
+@pytest.fixture
+def content() -> Callable[[Any], dict[str, bytes]]:
+    return _content
+
+
+@pytest.fixture
+def seams_of() -> Callable[[Any], np.ndarray]:
+    return _seams_of
+
+
+@pytest.fixture
+def attribute() -> Callable[..., np.ndarray]:
+    return _attribute

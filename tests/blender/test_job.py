@@ -1,0 +1,280 @@
+"""The background job, driven by hand: a window's events are played to the operators."""
+
+from __future__ import annotations
+
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import pytest
+from flexmaps.bridge import job
+from flexmaps.engine import shapes
+from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.operators import stage
+
+TIMER = SimpleNamespace(type="TIMER", value="NOTHING")
+ESCAPE = SimpleNamespace(type="ESC", value="PRESS")
+MOUSE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
+
+
+class Manager:
+    """A window manager that notes what is asked of it."""
+
+    def __init__(self) -> None:
+        self.timers: list[Any] = []
+        self.handlers: list[Any] = []
+        self.cursor: list[float] = []
+        self.windows: list[Any] = []
+
+    def event_timer_add(self, step: float, window: Any) -> Any:
+        self.timers.append(object())
+        return self.timers[-1]
+
+    def event_timer_remove(self, timer: Any) -> None:
+        self.timers.remove(timer)
+
+    def modal_handler_add(self, operator: Any) -> None:
+        self.handlers.append(operator)
+
+    def progress_begin(self, low: float, high: float) -> None:
+        self.cursor = [low]
+
+    def progress_update(self, value: float) -> None:
+        self.cursor.append(value)
+
+    def progress_end(self) -> None:
+        self.cursor = []
+
+
+class Window:
+    """A context as a window has it, around Blender's own data."""
+
+    def __init__(self) -> None:
+        self.window_manager = Manager()
+        self.window = None
+        self.status: list[str | None] = []
+        self.workspace = SimpleNamespace(status_text_set=self.status.append)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(bpy.context, name)
+
+
+class Move(stage.Stage):
+    """A stage that takes as long as the test wants, and marks the first edge."""
+
+    bl_label = "Move"
+
+    def __init__(self) -> None:
+        self.go = threading.Event()
+        self.begun = threading.Event()
+        self.said: list[tuple[str, str]] = []
+        self.error: Exception | None = None
+
+    def report(self, kind: set[str], text: str) -> None:
+        self.said.append((*kind, text))
+
+    def prepare(self, surface: Any, settings: Any) -> stage.Work:
+        def work(progress: Any) -> Any:
+            self.begun.set()
+            for k in range(1000):
+                progress(k / 1000, f"step: {k}")
+                if self.go.wait(0.01):
+                    break
+            if self.error is not None:
+                raise self.error
+            return 7
+
+        return work
+
+    def finish(self, context: Any, obj: Any, surface: Any, result: Any) -> str:
+        obj.data.edges[0].use_seam = True
+        return f"got {result}"
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> Window:
+    monkeypatch.setattr(
+        stage, "bpy", SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
+    )
+    return Window()
+
+
+@pytest.fixture
+def move(dome: Any) -> Any:
+    operator = Move()
+    yield operator
+    operator.go.set()
+    job.stop_current()
+
+
+def drive(operator: Any, window: Window) -> set[str]:
+    """Timer ticks until the operator ends."""
+    for _ in range(500):
+        result = operator.modal(window, TIMER)
+        if result != {"PASS_THROUGH"}:
+            return result
+        time.sleep(0.01)
+    raise AssertionError("the job does not end")
+
+
+def clean(window: Window) -> bool:
+    return not window.window_manager.timers and not window.window_manager.cursor and window.status[-1] is None
+
+
+def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -> None:
+    assert move.invoke(window, None) == {"RUNNING_MODAL"}
+    assert job.current() is not None and window.window_manager.handlers == [move]
+    assert "ESC" in (window.status[-1] or "")
+    move.begun.wait(5)
+    assert move.modal(window, TIMER) == {"PASS_THROUGH"}
+    assert move.modal(window, MOUSE) == {"PASS_THROUGH"}  # the user goes on working
+    assert not dome.data.edges[0].use_seam
+    move.go.set()
+    assert drive(move, window) == {"FINISHED"}
+    assert dome.data.edges[0].use_seam
+    assert move.said == [("INFO", "got 7")]
+    assert clean(window) and job.current() is None
+
+
+def test_escape_stops_and_changes_nothing(move: Any, window: Window, dome: Any, content: Any) -> None:
+    before = content(dome)
+    move.invoke(window, None)
+    move.begun.wait(5)
+    assert move.modal(window, ESCAPE) == {"RUNNING_MODAL"}
+    assert drive(move, window) == {"CANCELLED"}
+    assert content(dome) == before
+    assert move.said[0][0] == "WARNING"
+    assert clean(window) and job.current() is None
+
+
+def test_an_error_of_the_engine_is_reported(move: Any, window: Window, dome: Any, content: Any) -> None:
+    move.error = FlexMapsError("Face 3 is wrong; mend it", faces=[3])
+    before = content(dome)
+    move.go.set()
+    move.invoke(window, None)
+    assert drive(move, window) == {"CANCELLED"}
+    assert move.said == [("ERROR", "Face 3 is wrong; mend it")]
+    assert clean(window) and job.current() is None
+    assert dome.mode == "EDIT"  # where the culprits are seen
+    dome.update_from_editmode()
+    assert [f.index for f in dome.data.polygons if f.select] == [3]
+    assert content(dome) == before
+
+
+def test_a_bug_propagates_and_leaves_nothing_running(move: Any, window: Window) -> None:
+    move.error = ZeroDivisionError("a bug")
+    move.go.set()
+    move.invoke(window, None)
+    with pytest.raises(ZeroDivisionError):
+        drive(move, window)
+    assert clean(window) and job.current() is None
+
+
+def test_the_object_may_be_renamed_meanwhile(move: Any, window: Window, dome: Any) -> None:
+    move.invoke(window, None)
+    dome.name = "something else"
+    move.go.set()
+    assert drive(move, window) == {"FINISHED"}
+    assert dome.data.edges[0].use_seam
+
+
+def test_the_object_may_be_deleted_meanwhile(move: Any, window: Window, dome: Any) -> None:
+    move.invoke(window, None)
+    bpy.data.objects.remove(dome)
+    move.go.set()
+    assert drive(move, window) == {"CANCELLED"}
+    assert "deleted" in move.said[0][1]
+    assert clean(window) and job.current() is None
+
+
+@pytest.mark.parametrize("change", ["vertex", "scale", "seam", "face"])
+def test_a_mesh_changed_meanwhile_is_not_overwritten(
+    move: Any, window: Window, dome: Any, content: Any, change: str
+) -> None:
+    move.invoke(window, None)
+    if change == "vertex":
+        dome.data.vertices[5].co.z += 0.01
+    elif change == "scale":
+        dome.scale = (2, 2, 2)
+        bpy.context.view_layer.update()
+    elif change == "seam":
+        dome.data.edges[9].use_seam = True
+    else:
+        import bmesh
+
+        bm = bmesh.new()
+        bm.from_mesh(dome.data)
+        bm.faces.ensure_lookup_table()
+        bmesh.ops.delete(bm, geom=[bm.faces[0]], context="FACES")
+        bm.to_mesh(dome.data)
+        bm.free()
+    before = content(dome)
+    move.go.set()
+    assert drive(move, window) == {"CANCELLED"}
+    assert "was changed" in move.said[0][1]
+    assert content(dome) == before
+
+
+def test_another_file_is_loaded_meanwhile(move: Any, window: Window) -> None:
+    move.invoke(window, None)
+    move.begun.wait(5)
+    running = job.current()
+    assert running is not None
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # load_pre stops the job and waits for it
+    assert running.finished and job.current() is None
+    move.cancel(window)  # what Blender then calls
+    assert clean(window)
+
+
+def test_only_one_job_at_a_time(move: Any, window: Window, dome: Any) -> None:
+    move.invoke(window, None)
+    assert "is running" in (stage.why_not(Move, dome) or "")
+    with pytest.raises(RuntimeError):
+        job.Job("Other", lambda progress: None).start()
+
+
+def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
+    dome.modifiers.new("Fine", "SUBSURF")
+    operator = Move()
+    assert operator.invoke(window, None) == {"CANCELLED"}
+    assert "Fine" in operator.said[0][1]
+    assert job.current() is None and not window.window_manager.timers
+
+
+def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -> None:
+    """The same result as at once."""
+    from flexmaps.operators import layout
+
+    class Merge(layout.Merge.__mro__[1], Move):  # type: ignore[misc]  # LayoutStage without bpy.types.Operator
+        bl_label = "Merge"
+        prepare = layout.Merge.prepare
+        finish = layout.LayoutStage.finish
+
+    here = add(shapes.make("cubesphere"), "here")
+    bpy.ops.flexmaps.merge()
+    there = add(shapes.make("cubesphere"), "there")
+    operator = Merge()
+    assert operator.invoke(window, None) == {"RUNNING_MODAL"}
+    assert drive(operator, window) == {"FINISHED"}
+    assert (seams_of(here) == seams_of(there)).all()
+
+
+def test_ticks_are_one_line_a_step(capsys: pytest.CaptureFixture[str]) -> None:
+    def work(progress: Any) -> int:
+        for k in range(50):
+            progress(k / 100, f"first: {k}")
+        progress(0.9, "second")
+        return 3
+
+    assert job.run_here("Merge", work) == 3
+    assert [line.split("% ")[1] for line in capsys.readouterr().out.splitlines()] == ["first: 0", "second"]
+
+
+def test_control_c_becomes_cancelled() -> None:
+    def work(progress: Any) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(Cancelled):
+        job.run_here("Merge", work)
