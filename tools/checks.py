@@ -1,0 +1,106 @@
+"""``test`` and ``lint`` of tools/dev.py: ruff, mypy and the tests, tier by tier; what was left out is said at the end."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# in the order of what tells most per second; each in a process of its own, so that a crash of Blender costs one tier
+TIERS = {
+    "engine": "the numerics, without Blender",
+    "database": "the offline simulations",
+    "blender": "operators and sidebar through Blender as a module",
+    "install": "the zip, installed into a fresh Blender",
+    "window": "a real Blender with its window",
+}
+
+
+def main(argv: list[str]) -> int:
+    """``lint``, or ``test [TIER ...] [pytest options]``; the exit status is 0 when nothing failed."""
+    command, *rest = argv
+    tiers = [name for name in rest if name in TIERS]
+    options = [word for word in rest if word not in TIERS]
+    failed = [] if tiers else _lint()
+    if command == "lint":
+        print("lint: " + (f"failed ({', '.join(failed)})" if failed else "clean"))
+        return 1 if failed else 0
+    rows = []
+    for tier in tiers or TIERS:
+        if (ROOT / "tests" / tier).is_dir():
+            rows.append(_run(tier, options))
+    return _summary(failed, rows)
+
+
+def _lint() -> list[str]:
+    """Style and types; returns the names of what failed."""
+    failed = []
+    for name, command in (
+        ("ruff check", ["ruff", "check", "."]),
+        ("ruff format", ["ruff", "format", "--check", "--quiet", "."]),
+    ):
+        print(f"== {name}", flush=True)
+        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT).returncode:
+            failed.append(name)
+    print("== mypy", flush=True)
+    # the checkout is the package: mypy finds it by the name that it is imported by
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / "flexmaps").symlink_to(ROOT, target_is_directory=True)
+        packages = ["-p", "flexmaps.engine", "-p", "flexmaps.bridge", "-p", "flexmaps.operators", "-p", "flexmaps.panels"]
+        config = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
+        environment = dict(os.environ, MYPYPATH=folder)
+        if subprocess.run([sys.executable, "-m", "mypy", *config, *packages], cwd=folder, env=environment).returncode:
+            failed.append("mypy")
+    return failed
+
+
+def _run(tier: str, options: list[str]) -> tuple[str, int, dict[str, int], list[str], float]:
+    """One tier: its name, exit status, counts, reasons of skipped tests, seconds."""
+    print(f"== {tier}: {TIERS[tier]}", flush=True)
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        results = Path(folder) / "results.xml"
+        pytest = [sys.executable, "-m", "pytest", f"tests/{tier}", "-q", f"--junit-xml={results}", *options]
+        environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+        status = subprocess.run(pytest, cwd=ROOT, env=environment).returncode
+        counts, reasons = _counts(results)
+    return tier, status, counts, reasons, time.monotonic() - start
+
+
+def _counts(results: Path) -> tuple[dict[str, int], list[str]]:
+    counts, reasons = dict.fromkeys(("passed", "failed", "skipped"), 0), set()
+    if not results.is_file():
+        return counts, []
+    for case in ElementTree.parse(results).iter("testcase"):
+        kinds = {child.tag: child for child in case}
+        if "failure" in kinds or "error" in kinds:
+            counts["failed"] += 1
+        elif "skipped" in kinds:
+            counts["skipped"] += 1
+            reasons.add(kinds["skipped"].get("message", ""))
+        else:
+            counts["passed"] += 1
+    return counts, sorted(reasons)
+
+
+def _summary(failed: list[str], rows: list[tuple[str, int, dict[str, int], list[str], float]]) -> int:
+    print("== summary")
+    print("lint      " + (f"failed: {', '.join(failed)}" if failed else "clean"))
+    bad = bool(failed)
+    for tier, status, counts, reasons, seconds in rows:
+        # 5: pytest found no test, as with -k; a crash leaves no results
+        broken = status not in (0, 5) and not counts["failed"]
+        bad |= status not in (0, 5)
+        text = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n or kind == "passed")
+        print(f"{tier:9} {text}, {seconds:.0f} s" + (f"; ended with status {status}" if broken else ""))
+        for reason in reasons:
+            print(f"{'':9} skipped: {reason}")
+    totals = {kind: sum(row[2][kind] for row in rows) for kind in ("passed", "failed", "skipped")}
+    print(f"{totals['passed']} passed, {totals['failed']} failed, {totals['skipped']} skipped", flush=True)
+    return 1 if bad else 0
