@@ -7,27 +7,24 @@ stay on these lines, their corners stay where they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from .mesh import QuadMesh
 from .params import RegulariseParams
 from .progress import SILENT, Progress
+from .regularise_guide import Guide, distances, samples
 from .symmetry import symmetries
 
-STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it
 MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
-EVERY = 5  # rounds after which spoilt quads are looked for
-TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there
-CREASE = np.radians(80.0)  # faces that meet at a larger angle than this have a crease between them
-CREASE_EDGES = 6  # fewest edges in a row of creases that counts: single sharp edges are noise
-WORSE = 0.02  # how much a quad's square energy may grow for the good of the others
-SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
+EVERY = 8  # rounds after which spoilt quads are looked for
+MENDING = 36  # how often spoilt quads are mended at the end
+GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it had before
+WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
+DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
 WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
-DEVIATION = 0.3  # how far the new mesh may leave a vertex or middle of the old one, relative to the edges there
+SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
 
 
 def square_energy(corners: np.ndarray) -> np.ndarray:
@@ -57,44 +54,63 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     """
     if params.iterations == 0:
         return mesh
-    guide = _Guide.of(mesh, params.boundary)
+    guide = Guide.of(mesh, params.boundary)
     points = before = mesh.vertices
-    anchor = np.zeros(len(points))
+    hold = _Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
     for done in range(params.iterations):
-        progress(0.9 * done / params.iterations, "regularise")
+        progress(0.8 * done / params.iterations, "regularise")
         if done % EVERY == EVERY - 1:
-            anchor = _anchored(mesh, points, anchor)
-        pull = _pull(mesh, points)
-        hold = anchor[:, None]
-        wanted = points + (pull + hold * (mesh.vertices - points)) / (1 + hold) + MOMENTUM * (points - before)
+            hold = hold.after(*_spoilt(mesh, points, 0.8), keep=0.8)
+        wanted = points + hold.pull(points) + MOMENTUM * (points - before)
         points, before = guide.back(points, wanted), points
+    progress(0.8, "regularise")
+    points = _mended(points, hold, guide)
     progress(0.9, "regularise")
-    points = _symmetric(mesh, _unwarped(mesh, _guarded(mesh, points, guide)))
+    points = _symmetric(mesh, _unwarped(mesh, points))
     better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
     return mesh.moved(points) if better else mesh
-
-
-def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
-    """Largest distance between two surfaces with the same quads, metres: from the vertices and middles of each to the other."""
-    return float(max(_distances(mesh, _samples(other)).max(), _distances(other, _samples(mesh)).max()))
 
 
 # -- one round -------------------------------------------------------------------------------------------------------
 
 
-def _pull(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be."""
-    corners = points[mesh.quads]
-    squares = _best_squares(corners)
-    # distances relative to the quad's size are what counts: without the weight large quads crush small neighbours
-    diagonals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    area = np.linalg.norm(diagonals, axis=1)
-    weight = np.repeat(1.0 / np.maximum(area, 1e-3 * np.median(area)), 4)
-    at = mesh.quads.ravel()
-    total = np.stack(
-        [np.bincount(at, weight * squares[..., k].ravel(), minlength=len(points)) for k in range(3)], axis=1
-    )
-    return total / np.maximum(np.bincount(at, weight, minlength=len(points)), 1e-300)[:, None] - points
+@dataclass(frozen=True, eq=False)
+class _Hold:
+    """What stands against spoiling.
+
+    weight : (F,) how much every quad's wish counts; more for quads that became worse
+    anchor : (V,) how strongly a vertex is drawn to its first place, relative to its quads; more where surface is lost
+    """
+
+    mesh: QuadMesh
+    weight: np.ndarray
+    anchor: np.ndarray
+
+    def pull(self, points: np.ndarray) -> np.ndarray:
+        """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be, and its first place."""
+        corners = points[self.mesh.quads]
+        squares = _best_squares(corners)
+        # distances relative to the quad's size are what counts: without it large quads crush small neighbours
+        area = np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1)
+        weight = np.repeat(self.weight / np.maximum(area, 1e-3 * np.median(area)), 4)
+        at, n = self.mesh.quads.ravel(), len(points)
+        total = np.stack([np.bincount(at, weight * squares[..., k].ravel(), minlength=n) for k in range(3)], axis=1)
+        wanted = total / np.maximum(np.bincount(at, weight, minlength=n), 1e-300)[:, None]
+        share = (1.0 / (1.0 + self.anchor))[:, None]
+        return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
+
+    def after(self, worse: np.ndarray, away: np.ndarray, keep: float = 1.0) -> _Hold:
+        """Tighter where quads (F,) became ``worse`` or where the surface went ``away``; elsewhere ``keep`` of it."""
+        weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
+        near = _corners_of(self.mesh, away)
+        return replace(self, weight=weight, anchor=np.where(near, 2 * self.anchor + 0.2, keep * self.anchor))
+
+
+def _corners_of(mesh: QuadMesh, quads: np.ndarray) -> np.ndarray:
+    """(V,) bool: the vertices of some quads (F,) bool."""
+    mask = np.zeros(len(mesh.vertices), dtype=bool)
+    mask[mesh.quads[quads]] = True
+    return mask
 
 
 def _best_squares(corners: np.ndarray) -> np.ndarray:
@@ -115,148 +131,29 @@ def _best_squares(corners: np.ndarray) -> np.ndarray:
     return np.stack([middle - one, middle - two, middle + one, middle + two], axis=1)
 
 
-def _fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of the surface: every quad as four triangles round its middle, which favours no diagonal."""
-    middle = len(mesh.vertices) + np.arange(len(mesh.quads))
-    triangles = np.stack([mesh.quads, np.roll(mesh.quads, -1, axis=1), np.repeat(middle[:, None], 4, axis=1)], axis=2)
-    return np.concatenate([mesh.vertices, mesh.centroids]), np.ascontiguousarray(
-        triangles.reshape(-1, 3), dtype=np.int64
-    )
-
-
-def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(V, 3) unit, weighted by area."""
-    p = points[mesh.quads]
-    vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
-    total = np.zeros_like(points)
-    np.add.at(total, mesh.quads, vectors[:, None, :])
-    return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
-
-
-@dataclass(frozen=True, eq=False)
-class _Guide:
-    """Where the vertices may go: the surface of the mesh as it came, its lines (border and creases) and their corners.
-
-    reach : (V,) metres, the longest step of every vertex
-    fixed : (V,) bool; sliding : (S,) int, vertices on a line; before, after : (S,) int, their neighbours on it
-    line_edges : (L, 2) int, the lines
-    """
-
-    mesh: QuadMesh
-    tree: object
-    vertices: np.ndarray
-    triangles: np.ndarray
-    normals: np.ndarray
-    reach: np.ndarray
-    fixed: np.ndarray
-    sliding: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    line_edges: np.ndarray
-
-    @classmethod
-    def of(cls, mesh: QuadMesh, boundary: bool) -> _Guide:
-        import igl
-
-        vertices, triangles = _fan(mesh)
-        tree = igl.AABB()
-        tree.init(vertices, triangles)
-        a, b, c = vertices[triangles.T]
-        normals = np.cross(b - a, c - a)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-        shortest = np.full(len(mesh.vertices), np.inf)
-        np.minimum.at(shortest, mesh.edges, mesh.edge_lengths[:, None])
-        line_edges = mesh.edges[_lines(mesh, boundary)]
-        fixed, sliding, before, after = _along(mesh, line_edges)
-        return cls(mesh, tree, vertices, triangles, normals, STEP * shortest, fixed, sliding, before, after, line_edges)
-
-    def back(self, start: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(V, 3) metres: ``wanted`` brought back to the surface and the lines, no further than ``reach`` from ``start``."""
-        step = wanted - start
-        normal = _vertex_normals(self.mesh, start)
-        step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
-        tangent = start[self.after] - start[self.before]
-        tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
-        step[self.sliding] = np.einsum("si,si->s", step[self.sliding], tangent)[:, None] * tangent
-        step[self.fixed] = 0.0
-        length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1.0, self.reach / np.maximum(length, 1e-300))[:, None]
-        _, face, found = self.tree.squared_distance(self.vertices, self.triangles, start + step)  # type: ignore[attr-defined]
-        # on a thin part the nearest point may lie on the far side
-        found[np.einsum("vi,vi->v", self.normals[face], normal) < 0] = start[
-            np.einsum("vi,vi->v", self.normals[face], normal) < 0
-        ]
-        if len(self.sliding):
-            import igl
-
-            found[self.sliding] = igl.point_mesh_squared_distance(
-                (start + step)[self.sliding], self.mesh.vertices, self.line_edges
-            )[2]
-        found[self.fixed] = start[self.fixed]
-        return found
-
-
-def _lines(mesh: QuadMesh, boundary: bool) -> np.ndarray:
-    """(L,) int: edges of the border and of creases."""
-    a, b = mesh.dual.T
-    sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
-    if len(sharp):
-        ends = mesh.edges[sharp]
-        n = len(mesh.vertices)
-        part = connected_components(coo_array((np.ones(len(ends)), ends.T), shape=(n, n)), directed=False)[1][
-            ends[:, 0]
-        ]
-        sharp = sharp[np.bincount(part)[part] >= CREASE_EDGES]
-    return np.union1d(np.flatnonzero(mesh.border), sharp) if boundary else sharp
-
-
-def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fixed vertices (V,) bool: ends, crossings and corners of lines; the sliding ones, and their neighbours along the line."""
-    n = len(mesh.vertices)
-    ends = np.concatenate([line_edges, line_edges[:, ::-1]])
-    ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
-    count = np.bincount(ends[:, 0], minlength=n)
-    first = np.searchsorted(ends[:, 0], np.flatnonzero(count == 2))
-    sliding = np.flatnonzero(count == 2)
-    before, after = ends[first, 1], ends[np.minimum(first + 1, len(ends) - 1), 1] if len(ends) else first
-    incoming, outgoing = mesh.vertices[sliding] - mesh.vertices[before], mesh.vertices[after] - mesh.vertices[sliding]
-    cosine = np.einsum("si,si->s", incoming, outgoing)
-    cosine /= np.maximum(np.linalg.norm(incoming, axis=1) * np.linalg.norm(outgoing, axis=1), 1e-300)
-    straight = cosine > np.cos(TURN)
-    fixed = (count > 0) & (count != 2)
-    fixed[sliding[~straight]] = True
-    return fixed, sliding[straight], before[straight], after[straight]
-
-
-def _anchored(mesh: QuadMesh, points: np.ndarray, anchor: np.ndarray) -> np.ndarray:
-    """(V,): how strongly every vertex is held where it was; more where quads are spoilt, less elsewhere."""
-    bad = _spoilt(mesh, mesh.moved(points))
-    near = np.zeros(len(points), dtype=bool)
-    near[mesh.quads[bad]] = True
-    return np.where(near, np.minimum(2 * anchor + 0.2, 10.0), 0.8 * anchor)
-
-
 # -- guard -----------------------------------------------------------------------------------------------------------
 
 
-def _guarded(mesh: QuadMesh, points: np.ndarray, guide: _Guide) -> np.ndarray:
-    """Take moves back, more and more and in a wider and wider round, until nothing is worse than allowed."""
-    share = np.ones(len(points))
-    current = points
-    for _ in range(40):
-        bad = _spoilt(mesh, mesh.moved(current))
-        if not bad.any():
-            return current
-        near = np.zeros(len(points), dtype=bool)
-        near[mesh.quads[bad]] = True
-        share[near] *= 0.5
-        share[share < 0.1] = 0.0
-        # spread, so that the next quads do not tear
-        spread = share[mesh.quads].min(axis=1)
-        softer = np.ones(len(points))
-        np.minimum.at(softer, mesh.quads, 0.5 * (1 + spread)[:, None])
-        share = np.minimum(share, softer)
-        current = guide.back(mesh.vertices, mesh.vertices + share[:, None] * (points - mesh.vertices))
+def _mended(points: np.ndarray, hold: _Hold, guide: Guide) -> np.ndarray:
+    """More rounds in which spoilt quads are held ever more tightly, until none is spoilt.
+
+    What is spoilt even then goes back where it was, in a wider and wider round; in the worst case all of it.
+    """
+    mesh = guide.mesh
+    back = np.zeros(len(points), dtype=bool)
+    for done in range(MENDING):
+        worse, away = _spoilt(mesh, points)
+        if not (worse | away).any():
+            return points
+        hold = hold.after(worse, away)
+        if done >= MENDING // 3:
+            back |= _corners_of(mesh, worse | away)
+            if done >= 2 * MENDING // 3:
+                back |= _corners_of(mesh, back[mesh.quads].any(axis=1))
+            hold.anchor[back] = np.inf
+            points = np.where(back[:, None], mesh.vertices, points)
+        for _ in range(3):
+            points = guide.back(points, points + hold.pull(points))
     return mesh.vertices
 
 
@@ -291,23 +188,11 @@ def _symmetric(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     return mesh.vertices + total / (1 + len(group))
 
 
-def _spoilt(mesh: QuadMesh, moved: QuadMesh) -> np.ndarray:
-    """(F,) bool: quads of the old mesh that became much worse or that the new mesh leaves."""
-    before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(moved.vertices[mesh.quads])
-    worse = after > before + np.maximum(WORSE, 0.3 * before)
-    size = np.sqrt(mesh.areas)
-    corner = _distances(moved, _samples(mesh))
-    n = len(mesh.vertices)
-    away = np.maximum(corner[:n][mesh.quads].max(axis=1), corner[n:]) > DEVIATION * size
-    return worse | away
-
-
-def _samples(mesh: QuadMesh) -> np.ndarray:
-    return np.concatenate([mesh.vertices, mesh.centroids])
-
-
-def _distances(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(n,) metres: from points (n, 3) to the surface."""
-    import igl
-
-    return np.sqrt(igl.point_mesh_squared_distance(points, *_fan(mesh))[0])
+def _spoilt(mesh: QuadMesh, points: np.ndarray, limit: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) bool each: quads that became much worse, and quads that the new surface leaves, at ``limit`` times what is allowed."""
+    before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
+    worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
+    distance = distances(mesh.moved(points), samples(mesh))
+    at_corners, at_middle = np.split(distance, [len(points)])
+    away = np.maximum(at_corners[mesh.quads].max(axis=1), at_middle) > DEVIATION * limit * np.sqrt(mesh.areas)
+    return worse, away

@@ -82,7 +82,7 @@ def cubesphere(n: int = 5) -> QuadMesh:
     """A unit sphere of 6 n^2 quads: a cube's faces, divided by equal angles and blown up."""
     u, v, quads = _grid(n, n)
     face = np.stack([np.tan(u * np.pi / 4), np.tan(v * np.pi / 4), np.ones_like(u)], axis=1)
-    sides = [np.roll(face, k, axis=1) for k in range(3)] + [-np.roll(face, k, axis=1)[:, ::1] for k in range(3)]
+    sides = [np.roll(face, k, axis=1) for k in range(3)] + [-np.roll(face, k, axis=1) for k in range(3)]
     vertices = np.concatenate(sides)
     vertices /= np.linalg.norm(vertices, axis=1)[:, None]
     all_quads = [quads + k * len(u) if k < 3 else quads[:, ::-1] + k * len(u) for k in range(6)]
@@ -158,18 +158,27 @@ def two_bodies() -> QuadMesh:
 
 
 def demo(n: int = 12) -> QuadMesh:
-    """A canopy on three feet: a dome in the middle, and between the feet lips that turn up.
+    """A canopy on three feet: a dome in the middle, edges that flare upwards between the feet.
 
-    Positively curved on top, negatively towards the lips; 3 n^2 quads round one vertex of three.
+    3 n^2 quads round one vertex of three: an eighth of a cubesphere, laid out flat and given its height. Gaussian
+    curvature is positive round the top and negative towards the edges.
     """
     u, v, quads = _grid(n, n)
-    u, v = (u + 1) / 2, (v + 1) / 2
-    # three faces of a cube seen along its diagonal
-    a, b = np.tan(np.pi / 4 * (1 - 2 * u * 0.8)), np.tan(np.pi / 4 * (1 - 2 * v * 0.8))
-    face = np.stack([a, b, np.ones_like(a)], axis=1)
-    vertices = np.concatenate([np.roll(face, k, axis=1) for k in range(3)])
-    vertices /= np.linalg.norm(vertices, axis=1)[:, None]
-    return _welded(vertices, np.concatenate([quads + k * len(u) for k in range(3)]))
+    face = np.stack([np.tan((1 - u) * np.pi / 8), np.tan((1 - v) * np.pi / 8), np.ones_like(u)], axis=1)
+    points = np.concatenate([np.roll(face, k, axis=1) for k in range(3)])
+    mesh = _welded(
+        points / np.linalg.norm(points, axis=1)[:, None],
+        np.concatenate([quads + k * len(u) for k in range(3)]),
+    )
+    to_top = np.array([[1, 1, 1], [1, -1, 0], [1, 1, -2]]) / np.sqrt([[3], [2], [6]])
+    top, x, y = to_top @ mesh.vertices.T
+    radius = np.arccos(np.clip(top, -1, 1)) / np.arccos(np.sqrt(1 / 3))  # 1 at the feet
+    angle = np.arctan2(y, x) - np.pi / 6  # 0 towards a foot
+    leg = np.cos(3 * angle)
+    height = 0.7 * (1 - radius**2) + 0.65 * (1 - leg * radius**3.3)
+    reach = radius * (1 - 0.05 * radius**2 * (1 + leg))
+    angle = angle + 0.28 * np.sin(3 * angle) * radius**4  # broader feet
+    return mesh.moved(np.stack([reach * np.cos(angle), reach * np.sin(angle), height], axis=1))
 
 
 BUILDERS: dict[str, Callable[[], QuadMesh]] = {

@@ -1,0 +1,149 @@
+"""Where vertices may go while a mesh is regularised: its surface, its border and creases, their corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .mesh import QuadMesh
+
+STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it
+TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there
+CREASE = np.radians(80.0)  # faces that meet at a larger angle than this have a crease between them
+CREASE_EDGES = 6  # fewest edges in a row of creases that counts: single sharp edges are noise
+
+
+def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of the surface: every quad as four triangles round its middle, which favours no diagonal."""
+    middle = len(mesh.vertices) + np.arange(len(mesh.quads))
+    triangles = np.stack([mesh.quads, np.roll(mesh.quads, -1, axis=1), np.repeat(middle[:, None], 4, axis=1)], axis=2)
+    return np.concatenate([mesh.vertices, mesh.centroids]), np.ascontiguousarray(
+        triangles.reshape(-1, 3), dtype=np.int64
+    )
+
+
+def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """(V, 3) unit, weighted by area."""
+    p = points[mesh.quads]
+    vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+    total = np.zeros_like(points)
+    np.add.at(total, mesh.quads, vectors[:, None, :])
+    return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """Where the vertices may go: the surface of the mesh as it came, its lines (border and creases) and their corners.
+
+    reach : (V,) metres, the longest step of every vertex
+    fixed : (V,) bool; sliding : (S,) int, vertices on a line; before, after : (S,) int, their neighbours on it
+    line_edges : (L, 2) int, the lines
+    """
+
+    mesh: QuadMesh
+    tree: Any
+    vertices: np.ndarray
+    triangles: np.ndarray
+    normals: np.ndarray
+    reach: np.ndarray
+    fixed: np.ndarray
+    sliding: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    line_edges: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: QuadMesh, boundary: bool) -> Guide:
+        import igl
+
+        vertices, triangles = fan(mesh)
+        tree = igl.AABB()
+        tree.init(vertices, triangles)
+        a, b, c = vertices[triangles.T]
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        shortest = np.full(len(mesh.vertices), np.inf)
+        np.minimum.at(shortest, mesh.edges, mesh.edge_lengths[:, None])
+        line_edges = mesh.edges[_lines(mesh, boundary)]
+        fixed, sliding, before, after = _along(mesh, line_edges)
+        return cls(mesh, tree, vertices, triangles, normals, STEP * shortest, fixed, sliding, before, after, line_edges)
+
+    def back(self, start: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """(V, 3) metres: ``wanted`` brought back to the surface and the lines, no further than ``reach`` from ``start``."""
+        step = wanted - start
+        normal = _vertex_normals(self.mesh, start)
+        step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
+        tangent = start[self.after] - start[self.before]
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1), 1e-300)[:, None]
+        step[self.sliding] = np.einsum("si,si->s", step[self.sliding], tangent)[:, None] * tangent
+        step[self.fixed] = 0.0
+        length = np.linalg.norm(step, axis=1)
+        step *= np.minimum(1.0, self.reach / np.maximum(length, 1e-300))[:, None]
+        _, face, found = self.tree.squared_distance(self.vertices, self.triangles, start + step)
+        # on a thin part the nearest point may lie on the far side
+        found[np.einsum("vi,vi->v", self.normals[face], normal) < 0] = start[
+            np.einsum("vi,vi->v", self.normals[face], normal) < 0
+        ]
+        if len(self.sliding):
+            import igl
+
+            found[self.sliding] = igl.point_mesh_squared_distance(
+                (start + step)[self.sliding], self.mesh.vertices, self.line_edges
+            )[2]
+        found[self.fixed] = start[self.fixed]
+        return found
+
+
+def _lines(mesh: QuadMesh, boundary: bool) -> np.ndarray:
+    """(L,) int: edges of the border and of creases."""
+    a, b = mesh.dual.T
+    sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
+    if len(sharp):
+        ends = mesh.edges[sharp]
+        n = len(mesh.vertices)
+        part = connected_components(coo_array((np.ones(len(ends)), ends.T), shape=(n, n)), directed=False)[1][
+            ends[:, 0]
+        ]
+        sharp = sharp[np.bincount(part)[part] >= CREASE_EDGES]
+    return np.union1d(np.flatnonzero(mesh.border), sharp) if boundary else sharp
+
+
+def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Fixed vertices (V,) bool: ends, crossings and corners of lines; the sliding ones, and their neighbours along the line."""
+    n = len(mesh.vertices)
+    ends = np.concatenate([line_edges, line_edges[:, ::-1]])
+    ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
+    count = np.bincount(ends[:, 0], minlength=n)
+    first = np.searchsorted(ends[:, 0], np.flatnonzero(count == 2))
+    sliding = np.flatnonzero(count == 2)
+    before, after = ends[first, 1], ends[np.minimum(first + 1, len(ends) - 1), 1] if len(ends) else first
+    incoming, outgoing = mesh.vertices[sliding] - mesh.vertices[before], mesh.vertices[after] - mesh.vertices[sliding]
+    cosine = np.einsum("si,si->s", incoming, outgoing)
+    cosine /= np.maximum(np.linalg.norm(incoming, axis=1) * np.linalg.norm(outgoing, axis=1), 1e-300)
+    straight = cosine > np.cos(TURN)
+    fixed = (count > 0) & (count != 2)
+    fixed[sliding[~straight]] = True
+    return fixed, sliding[straight], before[straight], after[straight]
+
+
+# -- distances ----------------------------------------------------------------------------------------------------------
+
+
+def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
+    """Largest distance between two surfaces with the same quads, metres: from the vertices and middles of each to the other."""
+    return float(max(distances(mesh, samples(other)).max(), distances(other, samples(mesh)).max()))
+
+
+def samples(mesh: QuadMesh) -> np.ndarray:
+    return np.concatenate([mesh.vertices, mesh.centroids])
+
+
+def distances(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """(n,) metres: from points (n, 3) to the surface."""
+    import igl
+
+    return np.sqrt(igl.point_mesh_squared_distance(points, *fan(mesh))[0])
