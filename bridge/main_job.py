@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import Field, fields
 from pathlib import Path
@@ -21,7 +21,6 @@ from ..engine.progress import Progress
 
 SHAPE = "shape:"
 SHEET, MODEL, REPORT, PICTURES = "sheet", "model.blend", "report.json", ("layout.png", "panels.png")
-NewFile = Callable[[Path], Path]
 
 
 def main(argv: list[str]) -> int:
@@ -62,7 +61,7 @@ def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _write(
-    result: job.Result, settings: Settings, name: str, out: Path, new: NewFile, progress: Progress, pictures: bool
+    result: job.Result, settings: Settings, name: str, out: Path, new: export.NewFile, progress: Progress, pictures: bool
 ) -> list[Path]:
     """Write all but the report; returns the files of the sheets."""
     from . import picture, scene
@@ -116,7 +115,8 @@ def _metres(millimetres: float | None) -> float | None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="run", description="Turn a mesh into flat, flexible panels: sheets to cut, a .blend, pictures, report.json."
+        prog="run",
+        description="Turn a mesh into flat, flexible panels: sheets to cut, a .blend, pictures, report.json.",
     )
     parser.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
@@ -138,7 +138,8 @@ def _parser() -> argparse.ArgumentParser:
 def _add_flag(group: argparse._ArgumentGroup, f: Field, kind: type) -> None:
     flag, meta = "--" + f.name.replace("_", "-"), f.metadata
     factor, symbol = SHOWN[meta["unit"]]
-    help = f"{meta['help']} (default {f.default * factor:g}{symbol})" if kind in (int, float) else meta["help"]
+    default: Any = f.default
+    help = f"{meta['help']} (default {default * factor:g}{symbol})" if kind in (int, float) else meta["help"]
     if kind is bool:
         group.add_argument(flag, action=argparse.BooleanOptionalAction, default=f.default, help=help)
     elif meta["choices"]:
@@ -151,13 +152,13 @@ def _add_flag(group: argparse._ArgumentGroup, f: Field, kind: type) -> None:
 def _settings(args: argparse.Namespace) -> Settings:
     blocks = {}
     for block in fields(Settings):
-        kind = block.default_factory
+        kind: Any = block.default_factory
         given = {}
-        for f in fields(kind):  # type: ignore[arg-type]
+        for f in fields(kind):
             value = getattr(args, f.name)
             if value is not None:
                 given[f.name] = value / SHOWN[f.metadata["unit"]][0] if isinstance(value, float) else value
-        blocks[block.name] = kind(**given)  # type: ignore[misc]
+        blocks[block.name] = kind(**given)
     return Settings(**blocks)
 
 
