@@ -14,6 +14,7 @@ from . import beside, colours
 
 SIZE = (1600, 900)
 SAMPLES = 6  # a pixel; the denoiser does the rest
+MARGIN = 1.06
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
@@ -146,22 +147,21 @@ def _camera(scene: bpy.types.Scene, points: np.ndarray, direction: np.ndarray) -
     scene.camera = camera
     low, high = points.min(axis=0), points.max(axis=0)
     radius = float(np.linalg.norm(high - low)) / 2
-    from_above = abs(direction[2]) > 0.999 * np.linalg.norm(direction)
-    if from_above:
-        data.type = "ORTHO"
-    else:
-        data.lens = 70.0
     data.clip_start, data.clip_end = 0.01 * radius, 200 * radius
     camera.rotation_euler = Vector(direction).to_track_quat("Z", "Y").to_euler()
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    middle = (low + high) / 2
+    if abs(direction[2]) > 0.999 * np.linalg.norm(direction):
+        data.type = "ORTHO"  # its scale is the extent along the picture's longer side
+        across = MARGIN * np.ptp(points, axis=0)[:2] / np.array([width, height])
+        data.ortho_scale = float(across.max()) * max(width, height)
+        camera.location = (middle[0], middle[1], high[2] + 5 * radius)
+        return [camera, data]
+    data.lens = 70.0
     graph = scene.view_layers[0].depsgraph
     graph.update()
     thinned = points[:: max(1, len(points) // 20000)]
-    margin = (low + high) / 2 + 1.06 * (thinned - (low + high) / 2)
-    location, scale = camera.camera_fit_coords(graph, margin.ravel().tolist())
-    camera.location = location
-    if from_above:
-        data.ortho_scale = scale
-        camera.location = (location[0], location[1], high[2] + 5 * radius)
+    camera.location, _ = camera.camera_fit_coords(graph, (middle + MARGIN * (thinned - middle)).ravel().tolist())
     return [camera, data]
 
 
@@ -179,9 +179,13 @@ def _lines(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Obje
     world = points.reshape(-1, 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     pairs = pairs.reshape(-1, 2)
     edge = float(np.median(np.linalg.norm(world[pairs[:, 0]] - world[pairs[:, 1]], axis=1)))
+    bold = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(world, axis=0))))
     made = []
-    for name, chosen, radius, grey in (("quad", ~(cut | border), 0.014, 0.32), ("seam", cut | border, 0.05, 0.1)):
-        curve = beside.lines(f"FlexMaps {name} lines", [world[p] for p in _chains(pairs[chosen])], radius * edge)
+    for name, chosen, radius, grey in (
+        ("quad", ~(cut | border), 0.014 * edge, 0.32),
+        ("seam", cut | border, bold, 0.1),
+    ):
+        curve = beside.lines(f"FlexMaps {name} lines", [world[p] for p in _chains(pairs[chosen])], radius)
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
         made.append(bpy.data.objects.new(curve.name, curve))

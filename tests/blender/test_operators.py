@@ -325,7 +325,7 @@ def test_modifiers_shape_keys_and_other_objects_are_refused_by_name(dome: Any) -
 def test_export_says_what_is_missing(dome: Any, tmp_path: Path) -> None:
     press("merge")
     press("spirals")
-    with pytest.raises(RuntimeError, match="Save the .blend file first"):
+    with pytest.raises(RuntimeError, match="file first, or choose a folder"):
         bpy.ops.flexmaps.export()
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
