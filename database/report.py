@@ -1,0 +1,101 @@
+"""How well the three models predict held-out energies: numbers as JSON, scatter plots as PNG (like Fig. 7 of FlexMaps)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from . import fits
+from .fits import Series
+
+TITLES = {
+    "chord": "four parameters, hub to free tip",
+    "pair": "four parameters, hub to hub",
+    "arm": "twelve numbers, linear limit",
+}
+
+
+def summary(all_series: list[Series]) -> dict:
+    """Held-out errors per model and law, over all spirals and per spiral, and what was solved."""
+    out: dict = {"models": {}, "spirals": [], "laws": {}}
+    for law in sorted({s.law for s in all_series}):
+        mine = [s for s in all_series if s.law == law]
+        converged, failed = (int(sum(s.counts[k] for s in mine)) for k in ("converged", "failed"))
+        solved = {"spirals": len(mine), "converged": converged, "failed": failed}
+        solved["iterations_mean"] = float(sum(s.counts["iterations"] for s in mine) / max(converged + failed, 1))
+        solved["in_one_step"] = 1.0 - float(sum(s.counts["stepped"] for s in mine)) / max(converged + failed, 1)
+        out["laws"][law] = solved
+        for model in fits.MODELS:
+            e = fits.errors(all_series, model, law)
+            if len(e):
+                out["models"].setdefault(model, {})[law] = _quantiles(e)
+    for s in all_series:
+        row = {"scale_mm": 1e3 * s.subject.scale, "width_mm": 1e3 * s.subject.width, "twist_deg": float(np.degrees(s.subject.twist))}
+        row.update({"law": s.law, "samples": s.fitted["chord"]})
+        for model in fits.MODELS:
+            if s.fitted[model] >= fits.FEWEST:
+                made, true = fits.predicted(s, model, fits.parameters(s, model))
+                if len(true):
+                    row[model] = _quantiles(np.abs(made / true - 1.0))
+        out["spirals"].append(row)
+    return out
+
+
+def _quantiles(e: np.ndarray) -> dict[str, float | int]:
+    return {"median": round(float(np.median(e)), 5), "p95": round(float(np.quantile(e, 0.95)), 5), "count": len(e)}
+
+
+def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
+    """Write fit_report.json and one scatter plot a model into ``folder``; the summary is returned."""
+    all_series = fits.load(pack)
+    found = summary(all_series)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "fit_report.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    for law, solved in found["laws"].items():
+        say(f"{law}: {solved['spirals']} spirals, {solved['converged']} converged, {solved['failed']} failed")
+    for model, by_law in found["models"].items():
+        for law, e in by_law.items():
+            say(f"{TITLES[model]:34s} {law:7s} median {100 * e['median']:6.2f} %   95 % {100 * e['p95']:6.2f} %   ({e['count']} held out)")
+        plot(all_series, model, folder / f"energies_{model}.png")
+    say(f"written to {folder}")
+    return found
+
+
+def plot(all_series: list[Series], model: str, path: Path) -> None:
+    """Predicted against true energies of nine spirals, coloured by relative error, in millijoules."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    usable = [s for s in all_series if s.law == "strain" and s.fitted[model] >= fits.FEWEST]
+    if not usable:
+        return
+    order = sorted(usable, key=lambda s: (s.subject.twist, s.subject.scale, s.subject.width))
+    chosen = [order[int(k)] for k in np.unique(np.linspace(0, len(order) - 1, min(9, len(order))).round())]
+    figure, axes = plt.subplots(3, 3, figsize=(10, 9.6), constrained_layout=True)
+    image = None
+    for axis, series in zip(axes.flat, chosen):
+        made, true = fits.predicted(series, model, fits.parameters(series, model))
+        unit = series.subject.youngs * series.subject.width**3 * 1e3
+        error = np.abs(made / true - 1.0)
+        image = axis.scatter(true * unit, made * unit, c=100 * error, s=12, cmap="turbo", vmin=0, vmax=30)
+        ends = np.array([min(true.min(), made.min()), max(true.max(), made.max())]) * unit
+        axis.plot(ends, ends, "k-", lw=0.6)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        s = series.subject
+        axis.set_title(f"s {1e3 * s.scale:g}, w {1e3 * s.width:g} mm, {np.degrees(s.twist):.0f}°: {100 * np.median(error):.1f} %", fontsize=9)
+        axis.tick_params(labelsize=7)
+    for axis in axes.flat[len(chosen) :]:
+        axis.set_visible(False)
+    figure.suptitle(f"Elastic energy of held-out samples: {TITLES[model]}")
+    figure.supxlabel("finite elements, mJ")
+    figure.supylabel("model, mJ")
+    if image is not None:
+        figure.colorbar(image, ax=axes, label="relative error, %", shrink=0.6)
+    figure.savefig(path, dpi=80)
+    plt.close(figure)

@@ -1,0 +1,218 @@
+"""The solid mesh, its elements and its equilibria against closed forms, finite differences and scikit-fem."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from flexmaps.database import linear
+from flexmaps.database.elastic import Elements
+from flexmaps.database.geometry import Spiral, edge, outline
+from flexmaps.database.solid import Fineness, make_solid
+from flexmaps.database.statics import Model
+from flexmaps.engine import beams
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.sparse import block_array, csc_array
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
+
+SMALL = Spiral(6.0, 1.0, 1.5)
+
+
+def test_straight_cross_has_the_volume_of_its_outline():
+    solid = make_solid(Spiral(10.0, 1.5, 0.0, fillet=0.05))
+    elements = Elements(solid.nodes, solid.elements, 0.3)
+    corner = (1.0 - math.pi / 4.0) * 0.05**2
+    assert elements.weight.sum() == pytest.approx(1.5 * (2 * 10.0 - 1.0 + 4 * corner), rel=5e-4)
+
+
+@pytest.mark.parametrize(("scale", "share"), [(5.0, 1.0), (7.0, 0.95), (10.0, 1.0), (30.0, 0.6), (50.0, 0.0)])
+def test_region_can_be_meshed(scale, share):
+    spiral = Spiral(scale, 1.0, share * float(twist_limit(scale)))
+    solid = make_solid(spiral)
+    tips = np.array([solid.nodes[t].mean(0) for t in solid.tips])
+    assert np.allclose(tips, solid.tip_centres, atol=1e-9)
+    assert sum(len(t) for t in solid.tips) == 64
+
+
+def test_fillet_touches_both_edges():
+    shape = outline(Spiral(10.0, 1.0, 3.0, fillet=0.1))
+    near = edge(shape.spiral, np.linspace(0.0, 1.0, 20001), 0.5)
+    assert np.abs(near - shape.centre).min() == pytest.approx(0.1, abs=1e-6)
+    near = 1j * edge(shape.spiral, np.linspace(0.0, 1.0, 20001), -0.5)
+    assert np.abs(near - shape.centre).min() == pytest.approx(0.1, abs=1e-6)
+
+
+@pytest.mark.parametrize("bad", [(10.0, 1.0, 7.5), (4.0, 1.0, 3.0), (-1.0, 1.0, 0.0), (10.0, -1.0, 0.0), (10.0, 1.0, math.nan)])
+def test_what_cannot_be_cut_is_refused(bad):
+    with pytest.raises(FlexMapsError):
+        make_solid(Spiral(*bad))
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.45, -0.2, math.nan])
+def test_poisson_outside_its_range_is_refused(poisson):
+    with pytest.raises(FlexMapsError, match="Poisson"):
+        Model(SMALL, poisson)
+
+
+def test_rigid_motion_costs_nothing():
+    model = Model(SMALL, 0.3)
+    turn = Rotation.from_rotvec([0.4, 2.0, -1.0]).as_matrix()
+    moved = model.solid.nodes @ turn.T + [1.0, -2.0, 3.0] - model.solid.nodes
+    el = model.elements
+    f = el.gradients(moved)
+    assert el.energy(el.strain(f)) < 1e-24
+    assert np.abs(el.forces(f, el.stress(el.strain(f)))).max() < 1e-12
+    centres, rotations = model.frames(moved)
+    assert np.allclose(rotations, turn, atol=1e-10)
+
+
+def test_forces_and_tangent_are_the_derivatives_of_the_energy():
+    model = Model(SMALL, 0.35)
+    el, rng = model.elements, np.random.default_rng(0)
+    q = rng.normal(size=model.size) * 0.01
+    v = rng.normal(size=model.size)
+
+    def energy(q):
+        return el.energy(el.strain(el.gradients(model.expand(q))))
+
+    def forces(q):
+        f = el.gradients(model.expand(q))
+        return model.inner_forces(f, el.stress(el.strain(f)))
+
+    h = 1e-5
+    # fourth-order differences, so that the comparison is limited by rounding alone
+    slope = (8 * (energy(q + h * v) - energy(q - h * v)) - energy(q + 2 * h * v) + energy(q - 2 * h * v)) / (12 * h)
+    assert forces(q) @ v == pytest.approx(slope, rel=1e-8)
+    f = el.gradients(model.expand(q))
+    values = model.stiffness(f, el.stress(el.strain(f)))
+    bend = (8 * (forces(q + h * v) - forces(q - h * v)) - forces(q + 2 * h * v) + forces(q - 2 * h * v)) / (12 * h)
+    found = model.pattern.matrix(values) @ v
+    assert np.abs(found - bend).max() < 1e-8 * np.abs(found).max()
+
+
+@pytest.mark.parametrize(("height", "twist"), [(1.0, 0.0), (0.5, 3.0), (2.0, 6.0)])
+def test_slender_arms_agree_with_castigliano(height, twist):
+    model = Model(Spiral(50.0, height, twist), 0.3)
+    compliance = linear.tip_compliance(model, linear.unit_motions(model))
+    assert np.abs(compliance[np.ix_(IN_PLANE, OUT_OF_PLANE)]).max() < 1e-6 * np.abs(compliance).max()
+    base = beams.tip_compliance(np.array([50.0]), np.array([height]), np.array([twist]), 0.3).values[..., 0]
+    for block, rows in zip(base, (IN_PLANE, OUT_OF_PLANE)):
+        beam = np.zeros((3, 3))
+        for value, (i, j) in zip(block, ENTRIES):
+            beam[i, j] = beam[j, i] = value
+        scale = np.diag([0.04, 0.04, 1.0] if rows == IN_PLANE else [0.04, 1.0, 1.0])
+        true = np.linalg.eigvalsh(scale @ compliance[np.ix_(rows, rows)] @ scale)[-1]
+        assert np.linalg.eigvalsh(scale @ beam @ scale)[-1] == pytest.approx(true, rel=0.03)
+
+
+def test_equilibrium_matches_scikit_fem():
+    """An independent St. Venant-Kirchhoff solver: quadratic hexahedra of scikit-fem on a finer mesh, same loads."""
+    skfem = pytest.importorskip("skfem")
+    model = Model(Spiral(6.0, 1.0, 0.0, fillet=0.04), 0.3)
+    force = 1.5e-3
+    wrenches = np.zeros((4, 6))
+    wrenches[2, 2] = force
+    ours = model.solve(model.loads(wrenches))
+    assert ours.energy == pytest.approx(cross_energy(skfem, force, model.solid.nodes, ours.displacement), rel=0.005)
+
+
+def cross_energy(skfem, force: float, nodes: np.ndarray, start: np.ndarray) -> float:
+    """Energy of a cross, 6 long and 1 wide and high, held in the mean at +x and pulled along z at -x, by scikit-fem.
+
+    Its Newton iteration starts near our displacements ``start`` at ``nodes``, and goes on to an equilibrium of its own.
+    """
+    from skfem.helpers import ddot, grad, identity, mul, trace, transpose
+
+    edges = np.concatenate([np.linspace(-3, -0.5, 5), [0.0], np.linspace(0.5, 3, 5)])
+    mesh = skfem.MeshHex.init_tensor(edges, edges, np.linspace(-0.5, 0.5, 3))
+    middle = np.abs(mesh.p[:, mesh.t].mean(1))
+    mesh = mesh.restrict(np.flatnonzero((middle[0] < 0.5) | (middle[1] < 0.5)))
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
+    face = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] < -3 + 1e-9), intorder=4)
+    load = skfem.LinearForm(lambda v, _: force * v[2]).assemble(face)
+    held = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] > 3 - 1e-9), intorder=4)
+    means = [
+        skfem.LinearForm(lambda v, w, i=i: v[i]).assemble(held) for i in range(3)
+    ] + [
+        skfem.LinearForm(lambda v, w: w.x[1] * v[2] - w.x[2] * v[1]).assemble(held),
+        skfem.LinearForm(lambda v, w: w.x[2] * v[0]).assemble(held),
+        skfem.LinearForm(lambda v, w: w.x[1] * v[0]).assemble(held),
+    ]
+    hold = csc_array(np.array(means))
+    lame, shear = 0.3 / (1.3 * 0.4), 0.5 / 1.3
+
+    def stress(e):
+        return 2 * shear * e + lame * identity(e) * trace(e)
+
+    def strain(h):
+        return 0.5 * (h + transpose(h) + mul(transpose(h), h))
+
+    @skfem.BilinearForm
+    def tangent(u, v, w):
+        h = grad(w["state"])
+        f = h + identity(h)
+        du, dv = (0.5 * (mul(transpose(f), grad(x)) + mul(transpose(grad(x)), f)) for x in (u, v))
+        return ddot(stress(du), dv) + ddot(mul(grad(u), stress(strain(h))), grad(v))
+
+    @skfem.LinearForm
+    def inner(v, w):
+        h = grad(w["state"])
+        return ddot(mul(h + identity(h), stress(strain(h))), grad(v))
+
+    @skfem.Functional
+    def energy(w):
+        e = strain(grad(w["state"]))
+        return 0.5 * ddot(stress(e), e)
+
+    near = NearestNDInterpolator(nodes, nodes + start)
+    u = basis.zeros()
+    for i in range(3):
+        own = basis.get_dofs(elements=True).all(f"u^{i + 1}")
+        place = basis.doflocs[:, own].T
+        smooth = LinearNDInterpolator(nodes, start)(place)
+        u[own] = np.where(np.isnan(smooth), near(place) - place, smooth)[:, i]
+    multipliers = np.zeros(6)
+    for _ in range(8):
+        state = basis.interpolate(u)
+        residual = load - inner.assemble(basis, state=state) - hold.T @ multipliers
+        border = block_array([[tangent.assemble(basis, state=state), hold.T], [hold, None]]).tocsc()
+        step = splu(border).solve(np.concatenate([residual, -hold @ u]))
+        du, multipliers = step[: basis.N], multipliers + step[basis.N :]
+        u += du
+        if np.abs(du).max() < 1e-4:
+            break
+    else:
+        raise AssertionError("scikit-fem's side did not converge")
+    return float(energy.assemble(basis, state=basis.interpolate(u)))
+
+
+def test_full_load_in_one_step_and_energy_balance():
+    model = Model(Spiral(20.0, 1.4, 3.0), 0.3)
+    wrenches = np.zeros((4, 6))
+    wrenches[1:, 2] = [8e-5, -4e-5, 6e-5]
+    wrenches[2, :2] = [4e-5, -8e-5]
+    found = model.solve(model.loads(wrenches))
+    assert found.converged and found.steps == 1 and found.iterations <= 8
+    assert np.linalg.norm(found.displacement, axis=1).max() > 2.0
+    # the work of the growing load, by Gauss quadrature over its share, is the stored energy
+    x, w = np.polynomial.legendre.leggauss(4)
+    nodal = model.loads(wrenches)
+    shares = 0.5 * (x + 1.0)
+    reached = [float((nodal * model.solve(share * nodal).displacement).sum()) for share in shares]
+    complementary = float(np.dot(0.5 * w, reached))
+    total = float((nodal * found.displacement).sum())
+    assert found.energy == pytest.approx(total - complementary, rel=2e-3)
+
+
+def test_finer_mesh_changes_little():
+    wrenches = np.zeros((4, 6))
+    wrenches[1:, :3] = np.random.default_rng(2).normal(size=(3, 3)) * 2e-4
+    coarse, fine = (
+        Model(Spiral(10.0, 1.0, 3.5), 0.3, fineness) for fineness in (Fineness(), Fineness(length=1.25, turn=0.4, across=2))
+    )
+    energies = [m.solve(m.loads(wrenches)).energy for m in (coarse, fine)]
+    assert energies[0] == pytest.approx(energies[1], rel=0.02)
