@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -74,6 +75,8 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
                 if elements[-1].count < 0:
                     raise ValueError
             elif words[0] == b"property" and words[1] == b"list":
+                if PLY_TYPES[words[2]][0] == "f":
+                    raise ValueError
                 elements[-1].properties.append(_Property(words[4], PLY_TYPES[words[3]], PLY_TYPES[words[2]]))
             elif words[0] == b"property":
                 elements[-1].properties.append(_Property(words[2], PLY_TYPES[words[1]]))
@@ -100,7 +103,7 @@ def _columns(element: _Element, name: str) -> list[int]:
 def _face_list(element: _Element, name: str) -> int:
     """Which property of the faces holds the vertex indices."""
     for i, p in enumerate(element.properties):
-        if p.name in FACE_LISTS and p.count_type and "f" not in p.type + p.count_type:
+        if p.name in FACE_LISTS and p.count_type and p.type[0] != "f":
             return i
     raise FlexMapsError(f"{name}: its faces have no list of vertex indices; export it again")
 
@@ -153,14 +156,14 @@ def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, li
             if length < 0 or at + 1 + length > len(words):
                 raise IndexError
             if i == wanted:
-                found = [min(int(w), 2**62) for w in words[at + 1 : at + 1 + length]]
+                found = [max(min(int(w), 2**62), -1) for w in words[at + 1 : at + 1 + length]]
             at += 1 + length
     except (IndexError, ValueError):
         raise FlexMapsError(f"{name}, line {line}: the numbers do not make a face; the file may be cut short") from None
     return found
 
 
-def _no_small(sizes: np.ndarray, place, name: str) -> np.ndarray:
+def _no_small(sizes: np.ndarray, place: Callable[[int], str], name: str) -> np.ndarray:
     small = np.flatnonzero(sizes < 3)
     if len(small):
         where = place(int(small[0]))
@@ -171,6 +174,7 @@ def _no_small(sizes: np.ndarray, place, name: str) -> np.ndarray:
 def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
     at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     for element in elements:
+        columns = _columns(element, name) if element.name == b"vertex" else []
         if element.flat:
             dtype = np.dtype([(f"p{i}", order + p.type) for i, p in enumerate(element.properties)])
             need = element.count * dtype.itemsize
@@ -178,7 +182,7 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
                 raise _cut_short(name, element)
             if element.name == b"vertex":
                 table = np.frombuffer(data, dtype, element.count, at)
-                vertices = np.stack([table[f"p{c}"].astype(float) for c in _columns(element, name)], axis=1)
+                vertices = np.stack([table[f"p{c}"].astype(float) for c in columns], axis=1)
             elif element.name == b"face":
                 _face_list(element, name)
             at += need

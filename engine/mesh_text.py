@@ -104,7 +104,7 @@ def parse_obj(data: bytes, name: str) -> RawMesh:
     vertices = numbers(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
     sizes = np.array([len(face) for face in faces], dtype=np.int64)
     _refuse_small(sizes, face_lines, name)
-    if any(b"/" in face[0] for face in faces):
+    if b"/" in data:
         faces = [[word.split(b"/", 1)[0] for word in face] for face in faces]
     index = integers(faces, face_lines, name)
     before = np.repeat(np.array(known, dtype=np.int64), sizes)

@@ -1,0 +1,238 @@
+"""Regularising: squarer quads on the same surface."""
+
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+from flexmaps.engine import check, meshio, shapes
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.params import RegulariseParams
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.regularise import GOOD, WARP, WORSE, _best_squares, regularise, square_energy
+from flexmaps.engine.regularise_guide import Guide, deviation
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+from scipy.spatial import cKDTree
+
+PARAMS = RegulariseParams()
+
+
+def shaken(mesh: QuadMesh, amount: float, seed: int = 0) -> QuadMesh:
+    """Inner vertices moved at random along the surface."""
+    rng = np.random.default_rng(seed)
+    normal = np.zeros_like(mesh.vertices)
+    np.add.at(normal, mesh.quads, mesh.area_vectors[:, None])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    step = rng.uniform(-1, 1, mesh.vertices.shape) * amount * mesh.median_edge
+    step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
+    step[mesh.on_border] = 0
+    return mesh.moved(mesh.vertices + step)
+
+
+def energy(mesh: QuadMesh) -> np.ndarray:
+    return square_energy(mesh.vertices[mesh.quads])
+
+
+def rect(a: float, b: float) -> np.ndarray:
+    return np.array([[[0, 0, 0], [a, 0, 0], [a, b, 0], [0, b, 0]]], float)
+
+
+def test_square_energy_closed_forms():
+    assert square_energy(rect(3, 3))[0] == pytest.approx(0, abs=1e-12)
+    stretch = np.sqrt(2)  # a 2 x 1 rectangle against the square of the same area
+    assert square_energy(rect(2, 1))[0] == pytest.approx((stretch - 1) ** 2 + (1 / stretch - 1) ** 2)
+    skewed = rect(1, 1) + np.array([[[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0]]])
+    values = np.linalg.svd(np.array([[1, 1], [0, 1]]), compute_uv=False)
+    assert square_energy(skewed)[0] == pytest.approx(((values - 1) ** 2).sum())
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_square_energy_against_singular_values(seed):
+    """Any convex planar quad, turned in space, against numpy's SVD of the four corner maps."""
+    rng = np.random.default_rng(seed)
+    flat = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + rng.uniform(-0.2, 0.2, (4, 2))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    side = np.sqrt(0.5 * abs(np.cross(flat[2] - flat[0], flat[3] - flat[1])))
+    total = 0.0
+    for k in range(4):
+        map_ = np.stack([flat[(k + 1) % 4] - flat[k], flat[(k - 1) % 4] - flat[k]], axis=1) / side
+        total += ((np.linalg.svd(map_, compute_uv=False) - 1) ** 2).sum() / 4
+    corners = np.c_[flat, np.zeros(4)] @ turn.T
+    assert square_energy(corners[None])[0] == pytest.approx(total, rel=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_best_square_is_the_nearest(seed):
+    rng = np.random.default_rng(seed)
+    quad = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) + rng.uniform(-0.3, 0.3, (4, 3))
+    square = _best_squares(quad[None])[0]
+    sides = np.roll(square, -1, axis=0) - square
+    np.testing.assert_allclose(np.linalg.norm(sides, axis=1), np.linalg.norm(sides[0]))
+    assert abs(sides[0] @ sides[1]) < 1e-12
+
+    def distance(x):  # any square: middle, half a diagonal of any direction, and a turn about the normal to it
+        half = x[3:6]
+        other = np.cross(x[6:9] / np.linalg.norm(x[6:9]), half)
+        other *= np.linalg.norm(half) / max(np.linalg.norm(other), 1e-12)
+        return ((np.stack([x[:3] + d for d in (-half, -other, half, other)]) - quad) ** 2).sum()
+
+    start = np.concatenate([quad.mean(0), (quad[2] - quad[0]) / 2, [0, 0, 1.0]])
+    best = minimize(distance, start, method="BFGS", options={"gtol": 1e-9}).fun
+    assert ((square - quad) ** 2).sum() == pytest.approx(best, rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["cubesphere", "torus", "vault", "saddle", "demo", "three_holes"])
+def test_shaken_shapes_become_squarer(name):
+    mesh = shaken(shapes.make(name), 0.2)
+    better = regularise(mesh, PARAMS)
+    before, after = energy(mesh), energy(better)
+    assert np.median(after) < 0.7 * np.median(before)
+    assert after.mean() < 0.8 * before.mean()
+    assert (after <= np.maximum(1.1 * GOOD, 1.1 * WORSE * before)).all()
+    assert (np.einsum("fi,fi->f", mesh.normals, better.normals) > 0.3).all()
+    assert deviation(mesh, better) < 0.4 * mesh.median_edge
+
+
+def test_a_shaken_plane_becomes_a_grid():
+    u, v, quads = shapes._grid(8, 8)
+    mesh = shaken(QuadMesh(np.stack([u, v, 0 * u], axis=1), quads), 0.3)
+    better = regularise(mesh, RegulariseParams(iterations=600))
+    assert energy(better).max() < 1e-6
+    np.testing.assert_allclose(better.vertices, np.stack([u, v, 0 * u], axis=1), atol=2e-3)
+
+
+def test_border_keeps_its_line_and_its_corners():
+    mesh = shaken(shapes.make("vault"), 0.2)
+    better = regularise(mesh, PARAMS)
+    rim = mesh.edges[mesh.border]
+    distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
+    assert np.sqrt(distance).max() < 1e-9
+    corners = mesh.valence == 2
+    np.testing.assert_array_equal(better.vertices[corners], mesh.vertices[corners])
+    moved = np.linalg.norm(better.vertices - mesh.vertices, axis=1)
+    assert moved[mesh.on_border].max() > 0.01 * mesh.median_edge  # they do slide
+
+
+def test_free_border():
+    mesh = shaken(shapes.make("saddle"), 0.2)
+    better = regularise(mesh, RegulariseParams(boundary=False))
+    rim = mesh.edges[mesh.border]
+    distance = igl.point_mesh_squared_distance(better.vertices[mesh.on_border], mesh.vertices, rim)[0]
+    assert np.sqrt(distance).max() > 0.01 * mesh.median_edge
+
+
+def test_creases_of_a_box_stay():
+    mesh = shapes._voxels(np.ones((8, 6, 4), dtype=bool))
+    mesh = mesh.moved(mesh.vertices - mesh.vertices.min(axis=0))
+    inside = ((mesh.vertices > 0) & (mesh.vertices < [8, 6, 4])).sum(axis=1)
+    step = np.random.default_rng(0).uniform(-0.25, 0.25, mesh.vertices.shape)
+    on_face = (mesh.vertices == 0) | (mesh.vertices == [8, 6, 4])
+    step[on_face] = 0.0
+    mesh = mesh.moved(mesh.vertices + step)
+    better = regularise(mesh, PARAMS)
+    low, high = better.vertices.min(axis=0), better.vertices.max(axis=0)
+    np.testing.assert_allclose([*low, *high], [0, 0, 0, 8, 6, 4], atol=1e-9)
+    edges = inside == 1
+    on_two = (np.isclose(better.vertices, 0, atol=1e-9) | np.isclose(better.vertices, [8, 6, 4], atol=1e-9)).sum(axis=1)
+    assert (on_two[edges] == 2).all()
+    assert (on_two[inside == 0] == 3).all()
+    assert energy(better).mean() < 0.3 * energy(mesh).mean()
+
+
+@pytest.mark.parametrize(
+    ("name", "motions"),
+    [
+        ("vault", [np.diag([-1, 1, 1]), [[0, 1, 0], [1, 0, 0], [0, 0, 1]]]),
+        ("torus", [np.diag([1, 1, -1]), np.diag([1, -1, 1])]),
+        ("cubesphere", [np.diag([-1, 1, 1]), [[0, 1, 0], [0, 0, 1], [1, 0, 0]]]),
+        ("saddle", [np.diag([-1, 1, 1])]),
+        ("demo", [[[-0.5, np.sqrt(0.75), 0], [-np.sqrt(0.75), -0.5, 0], [0, 0, 1]], np.diag([1, -1, 1])]),
+    ],
+)
+def test_symmetry_stays(name, motions):
+    mesh = shapes.make(name)
+    better = regularise(mesh, PARAMS)
+    moved = np.linalg.norm(better.vertices - mesh.vertices, axis=1).max()
+    assert moved > 0.01 * mesh.median_edge
+    for motion in motions:
+        for m in (mesh, better):
+            gap = cKDTree(m.vertices).query(m.vertices @ np.asarray(motion, float).T)[0]
+            assert gap.max() < 1e-9
+
+
+def test_warped_quads_are_pressed_flat():
+    mesh = shapes.make("vault")
+    at = len(mesh.vertices) // 2
+    vertices = mesh.vertices.copy()
+    vertices[at, 2] += 1.2 * mesh.median_edge
+    better = regularise(mesh.moved(vertices), PARAMS)
+    p = better.vertices[mesh.quads]
+    off = 0.25 * np.abs(np.einsum("fi,fi->f", p[:, 0] - p[:, 1] + p[:, 2] - p[:, 3], better.normals))
+    shortest = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).min(axis=1)
+    assert (off <= 1.05 * WARP * shortest).all()
+
+
+def test_lines_of_a_box():
+    cube = shapes._voxels(np.ones((8, 6, 4), dtype=bool))
+    guide = Guide.of(cube, True)
+    assert guide.fixed.sum() == 8
+    assert len(guide.sliding) == 4 * (7 + 5 + 3)
+    assert len(guide.line_edges) == 4 * (8 + 6 + 4)
+
+
+def test_nothing_to_do():
+    mesh = shapes.make("vault")
+    assert regularise(mesh, RegulariseParams(iterations=0)) is mesh
+    single = shapes.make("quad")
+    np.testing.assert_array_equal(regularise(single, PARAMS).vertices, single.vertices)
+    np.testing.assert_array_equal(regularise(mesh, PARAMS).quads, mesh.quads)
+
+
+def test_same_again():
+    mesh = shaken(shapes.make("torus"), 0.2)
+    np.testing.assert_array_equal(regularise(mesh, PARAMS).vertices, regularise(mesh, PARAMS).vertices)
+
+
+def test_progress_and_cancel():
+    told: list[float] = []
+    regularise(shapes.make("saddle"), PARAMS, Progress(lambda fraction, text: told.append(fraction)))
+    assert len(told) > PARAMS.iterations
+    assert told == sorted(told)
+    with pytest.raises(Cancelled):
+        regularise(shapes.make("saddle"), PARAMS, Progress(stopped=lambda: len(told) > 0))
+
+
+def test_scale_does_not_matter():
+    mesh = shaken(shapes.make("demo", 1.0), 0.2)
+    small = mesh.moved(mesh.vertices * 1e-3)
+    one, two = regularise(mesh, PARAMS), regularise(small, PARAMS)
+    np.testing.assert_allclose(energy(one), energy(two), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "falls"),
+    [
+        ("bunny.obj", 0.6),
+        ("three_holes.obj", 0.6),
+        ("spot.obj", 0.5),
+        ("flower_cmc1.obj", 0.5),
+        ("amo_quad.off", 0.65),
+        ("vault.obj", 0.5),
+    ],
+)
+def test_shared_meshes(shared_meshes, name, falls):
+    mesh = check.as_quad_mesh(check.scaled(meshio.read(shared_meshes / name), edge=0.02))
+    better = regularise(mesh, PARAMS)
+    before, after = energy(mesh), energy(better)
+    assert np.median(after) < falls * np.median(before)
+    assert np.percentile(after, 95) < np.percentile(before, 95)
+    # pressing warped quads flat costs their neighbours a little
+    assert (after <= np.maximum(GOOD, WORSE * before) + 0.1).all()
+    assert ((after > np.maximum(GOOD, WORSE * before)).mean()) < 0.005
+    assert (np.einsum("fi,fi->f", mesh.normals, better.normals) > 0).all()
+    assert deviation(mesh, better) < 0.006
