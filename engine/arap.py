@@ -12,8 +12,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array
 from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
+from scipy.sparse.linalg import splu
 
 from .mesh import QuadMesh
 
@@ -216,31 +217,51 @@ class PatchProblem:
         solution, _ = dpbtrs(factor, rhs, lower=1, overwrite_b=1)
         return solution[self.place, 0] + 1j * solution[self.place, 1]
 
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(j,) complex of length 1: the turn over every joint that makes both sides of it parallel."""
+        fa, ka, fb, kb = self.joints
+        flat = self.tri.flat
+        turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) / (flat[fb, kb] - flat[fb, (kb + 1) % 4])
+        return turn / np.abs(turn)
+
     def unfolded(self) -> np.ndarray:
         """(q, 4) complex: rotations to start from, carried from the middle quad outwards over uncut sides."""
         q = len(self.quads)
         if q == 1:
             return np.ones((1, 4), dtype=complex)
-        fa, ka, fb, kb = self.joints
+        fa, _, fb, _ = self.joints
         graph = coo_array((np.ones(len(fa)), (fa, fb)), shape=(q, q))
         centre = self.mesh.centroids[self.quads]
         start = int(np.argmin(((centre - centre.mean(axis=0)) ** 2).sum(axis=1)))
         order, before = breadth_first_order(graph.tocsr(), start, directed=False)
-        flat = self.tri.flat
-        side_a = flat[fa, (ka + 1) % 4] - flat[fa, ka]
-        side_b = flat[fb, kb] - flat[fb, (kb + 1) % 4]
-        turn = side_a / side_b
-        turn /= np.abs(turn)
         step = {}
-        for a, b, t in zip(fa.tolist(), fb.tolist(), turn.tolist(), strict=True):
+        for a, b, t in zip(fa.tolist(), fb.tolist(), self._turns.tolist(), strict=True):
             step[a, b], step[b, a] = t, t.conjugate()
-        rotation = np.ones(q, dtype=complex)
         values: list[complex] = [1.0 + 0j] * q
         for quad in order[1:].tolist():
             parent = int(before[quad])
             values[quad] = values[parent] * step[parent, quad]
-        rotation[:] = values
-        return np.repeat(rotation[:, None], 4, axis=1)
+        return np.repeat(np.array(values)[:, None], 4, axis=1)
+
+    def smoothest(self) -> np.ndarray:
+        """(q, 4) complex: rotations that fit all uncut sides together best, where carrying them along paths misleads.
+
+        The lowest eigenvector of the connection Laplacian (Singer & Wu 2012), by inverse iteration.
+        """
+        q = len(self.quads)
+        fa, _, fb, _ = self.joints
+        degree = np.bincount(fa, minlength=q) + np.bincount(fb, minlength=q)
+        everyone = np.arange(q)
+        rows, cols = np.concatenate([everyone, fa, fb]), np.concatenate([everyone, fb, fa])
+        values = np.concatenate([degree + 1e-6, -self._turns.conj(), -self._turns])
+        solver = splu(csc_array((values, (rows, cols)), shape=(q, q)))
+        vector = self.unfolded()[:, 0]
+        for _ in range(20):
+            vector = solver.solve(vector)
+            vector /= np.abs(vector).max()
+        vector = vector / np.maximum(np.abs(vector), 1e-12)
+        return np.repeat(vector[:, None], 4, axis=1)
 
     @cached_property
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -13,6 +13,10 @@ from .outline import simple
 from .params import LayoutParams
 from .symmetry import Symmetry
 
+ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
+SMALL = 120  # quads: patches up to this are given more chances
+REACH = 8  # quads: isthmuses wider than this are none
+WAIST = 5.0  # largest outline behind an isthmus, over its width: a rectangle four times as long as wide has 5
 NOTHING = np.zeros(0, dtype=np.int64)
 
 
@@ -22,6 +26,7 @@ class Sketch:
 
     quads : (q,) int; corners : (q, 4) int local flat vertices; sides : (q, 4) bool outline sides
     perimeter, area : metres and square metres on the surface; necks : number of too narrow isthmuses
+    waist : the longest outline that hangs on one straight line through the patch, over the length of that line, in edges
     """
 
     quads: np.ndarray
@@ -30,6 +35,7 @@ class Sketch:
     perimeter: float
     area: float
     necks: int
+    waist: float
 
     @property
     def compactness(self) -> float:
@@ -70,8 +76,12 @@ class Board:
         self.marked = set(np.flatnonzero(layout.cut | layout.mesh.border).tolist())
         self.piece_of = -1 - layout.patch_of
         self.place = np.full(len(layout.mesh.quads), -1, dtype=np.int64)
+        self.waist = WAIST
+        self.room = ROOM
         self.serial = 0
-        self.solved = 0
+        # what was flattened before: good for every start; what failed may still work from other parents
+        self.solved: dict[tuple[bytes, bytes, float], FlatPatch] = {}
+        self.failed: set[tuple[tuple[bytes, bytes, float], tuple[int, ...]]] = set()
         self.pieces: dict[int, Piece] = {}
         for quads in layout.patches:
             sketch = self.sketch(quads, self.cut)
@@ -82,8 +92,15 @@ class Board:
     def layout(self) -> PatchLayout:
         return PatchLayout(self.mesh, self.cut.copy())
 
+    def rotations(self) -> np.ndarray:
+        """(F, 4) complex: the rotation of every corner triangle, each piece in a frame of its own."""
+        result = np.ones((len(self.mesh.quads), 4), dtype=complex)
+        for piece in self.pieces.values():
+            result[piece.quads] = piece.flat.rotation
+        return result
+
     def copy(self) -> Board:
-        """The same state, to try something on; pieces are shared, for they never change."""
+        """The same state, to try something on; pieces, which never change, and what was flattened are shared."""
         other = object.__new__(Board)
         other.__dict__.update(self.__dict__)
         other.cut, other.piece_of, other.pieces = self.cut.copy(), self.piece_of.copy(), dict(self.pieces)
@@ -197,21 +214,35 @@ class Board:
         inner = (sides.size - int(sides.sum())) // 2
         if int(sketch.corners.max()) + 1 - (4 * len(quads) - inner) + len(quads) != 1:
             return None
-        return None if sketch.necks > sum(p.sketch.necks for p in parents) else sketch
+        if sketch.necks > sum(p.sketch.necks for p in parents):
+            return None
+        return None if sketch.waist > max(self.waist, max(p.sketch.waist for p in parents)) else sketch
 
     def _solved(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray) -> Piece | None:
         """The flattened patch, if its distortion is allowed and it is injective."""
-        self.solved += 1
+        limit = max(self.room * self.params.distortion_limit, max(p.flat.worst for p in parents))
+        key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
+        start = tuple(p.serial for p in parents)
+        if key not in self.solved and (key, start) not in self.failed:
+            flat = self._flattened(sketch, parents, opens, limit)
+            if flat is None:
+                self.failed.add((key, start))
+            else:
+                self.solved[key] = flat
+        return self._named(sketch, self.solved[key]) if key in self.solved else None
+
+    def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners)
-        limit = max(self.params.distortion_limit, max(p.flat.worst for p in parents))
-        flat = settle(problem, self._turned(parents, sketch.quads, opens), tolerance=0.01, hopeless=1.8 * limit)
-        if flat.worst > 1.8 * limit:
+        # weighing the bad quads brings the worst energy down by a half; by far more where a few quads hold it all
+        bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)
+        flat = settle(problem, self._turned(parents, sketch.quads, opens), tolerance=0.01, hopeless=bar)
+        if flat.worst > bar:
             return None
         if flat.worst > limit or flat.flips:
             flat = minimax(problem, flat, target=0.97 * limit)
         if flat.worst > limit or flat.flips or not simple(flat.points, sketch.corners, sketch.sides):
             return None
-        return self._named(sketch, flat)
+        return flat
 
     def _named(self, sketch: Sketch, flat: FlatPatch) -> Piece:
         self.serial += 1
@@ -226,7 +257,8 @@ class Board:
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
         b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
         corners = groups(4 * len(quads), a, b).reshape(-1, 4)
-        return Sketch(quads, corners, sides, perimeter, float(mesh.areas[quads].sum()), self._narrow(quads, corners, sides))
+        necks, waist = self._necks(quads, corners, sides)
+        return Sketch(quads, corners, sides, perimeter, float(mesh.areas[quads].sum()), necks, waist)
 
     def _joints(self, quads: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Uncut sides among some quads: local quad, side, local other quad, its side; each side once."""
@@ -247,23 +279,27 @@ class Board:
         labels = groups(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
 
-    def _narrow(self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> int:
-        """Number of straight lines from outline to outline that are shorter than the smallest neck."""
-        outline = np.zeros(int(corners.max()) + 1, dtype=bool)
-        outline[corners[sides]] = True
-        outline[corners[:, NEXT][sides]] = True
-        q, k = np.nonzero(~sides & outline[corners])
-        found = 0
-        for _ in range(1, self.params.neck_min):
-            end = outline[corners[q, NEXT[k]]]
-            found += int(end.sum())
-            q, k = q[~end], k[~end]
-            if len(q) and self.params.neck_min > 2:
-                self.place[quads] = np.arange(len(quads))
-                quad, k, valid = straight_on(self.mesh, quads[q], k)
-                q, k = self.place[quad[valid]], k[valid]
-                self.place[quads] = -1
-        return found
+    def _necks(self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> tuple[int, float]:
+        """Straight lines from outline to outline: how many are too short, and the longest outline behind one, relative."""
+        where, total = _along_outline(corners, sides)
+        q, k = np.nonzero(~sides & (where[corners] >= 0))
+        begin = where[corners[q, k]]
+        found, waist = 0, 0.0
+        self.place[quads] = np.arange(len(quads))
+        for steps in range(1, REACH + 1):
+            at = where[corners[q, NEXT[k]]]
+            end = at >= 0
+            if end.any():
+                behind = np.abs(at[end] - begin[end])
+                waist = max(waist, float(np.minimum(behind, total - behind).max()) / steps)
+                found += int(end.sum()) if steps < self.params.neck_min else 0
+            if end.all():
+                break
+            q, k, begin = q[~end], k[~end], begin[~end]
+            quad, side, valid = straight_on(self.mesh, quads[q], k)
+            q, k, begin = self.place[quad[valid]], side[valid], begin[valid]
+        self.place[quads] = -1
+        return found, waist
 
     def _turned(self, parents: list[Piece], quads: np.ndarray, opens: np.ndarray) -> np.ndarray:
         """(q, 4) complex: the parents' rotations, turned to fit along the opened edges."""
@@ -290,6 +326,24 @@ class Board:
             rotation *= _spread(link)[owner][:, None]
         place[quads] = -1
         return rotation
+
+
+def _along_outline(corners: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, int]:
+    """Position of every flat vertex along its patch's outline, in edges, -1 for inner ones; and the outline's length."""
+    count = int(corners.max()) + 1
+    following = np.full(count, -1, dtype=np.int64)
+    following[corners[sides]] = corners[:, NEXT][sides]
+    where = np.full(count, -1, dtype=np.int64)
+    step = following.tolist()
+    vertex = first = int(np.argmax(following >= 0))
+    walk = []
+    for _ in range(count + 1):
+        walk.append(vertex)
+        vertex = step[vertex]
+        if vertex == first or vertex < 0:
+            break
+    where[walk] = np.arange(len(walk))
+    return where, len(walk)
 
 
 def _spread(link: np.ndarray) -> np.ndarray:

@@ -48,10 +48,12 @@ def flatten(
     params: LayoutParams,
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
+    start: np.ndarray | None = None,
 ) -> FlatPatches:
     """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
 
     The two sides of every seam are brought to the same length as far as the distortion limit allows.
+    start : (F, 4) complex of length 1, rotations of the corner triangles to start from where they are known
     """
     known = _known(previous, layout)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
@@ -63,7 +65,7 @@ def flatten(
             local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
             problems.append(PatchProblem(layout.mesh, quads, local))
     progress(0.1, "Flattening")
-    solved = match_seams(layout, problems, corners, params, progress)
+    solved = match_seams(layout, problems, corners, params, progress, start)
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
     for problem, flat in zip(problems, solved, strict=True):

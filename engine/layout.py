@@ -141,12 +141,15 @@ class PatchLayout:
 
         A seam is a longest run of cut edges that meets no other cut and no border on its way.
         """
+        return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
+
+    def _runs(self, passing: np.ndarray) -> np.ndarray:
+        """(E,) int: runs of cut edges that go on at the vertices (V,) bool ``passing``, -1 for uncut edges."""
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
         result = np.full(len(self.cut), -1, dtype=np.int64)
         if not len(ids):
             return result
-        passing = (self.cut_degree == 2) & ~mesh.on_border
         ends = mesh.edges[ids]
         node = np.where(passing[ends], ends, len(mesh.vertices) + 2 * np.arange(len(ids))[:, None] + np.arange(2))
         labels = groups(len(mesh.vertices) + 2 * len(ids), node[:, 0], node[:, 1])[node[:, 0]]
@@ -159,10 +162,20 @@ class PatchLayout:
     @cached_property
     def seam_edges(self) -> tuple[np.ndarray, ...]:
         """The edges of every seam, ascending."""
+        return self._grouped(self.seam_of)
+
+    @cached_property
+    def short_seam_edges(self) -> tuple[np.ndarray, ...]:
+        """The same, with seams divided at irregular vertices."""
+        mesh = self.mesh
+        return self._grouped(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
+
+    def _grouped(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
         ids = np.flatnonzero(self.cut)
-        order = np.argsort(self.seam_of[ids], kind="stable")
-        counts = np.bincount(self.seam_of[ids])
-        return tuple(np.split(ids[order], np.cumsum(counts)[:-1])) if len(ids) else ()
+        if not len(ids):
+            return ()
+        order = np.argsort(run_of[ids], kind="stable")
+        return tuple(np.split(ids[order], np.cumsum(np.bincount(run_of[ids]))[:-1]))
 
     @cached_property
     def seams(self) -> tuple[np.ndarray, ...]:

@@ -3,65 +3,195 @@
 from __future__ import annotations
 
 import heapq
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .board import Board, Change
-from .flatten import FlatPatches, flatten
+from .board import WAIST, Board, Change
+from .flatten import FlatPatches, flatten, overlapping, seam_mismatch
 from .layout import PatchLayout
+from .mesh import QuadMesh
 from .params import LayoutParams
 from .progress import SILENT, Progress
 from .symmetry import Symmetry, keeping, subgroups, symmetries
-from .tidy import natural_stops, tidy
+from .tidy import drawing_cost, natural_stops, tidy, widen
+from .trace import middle_line
 
-WORK = 60_000  # quads times seams: below this every symmetry is tried, one after the other
-SHARED = 3.0  # how much a long common seam counts against distortion
+WORK = 30_000  # quads times seams: below this several symmetries are tried, one after the other
+MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
+TRIES = 7  # most groups of symmetries that are tried
 
 
 def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
     """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
 
     A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
-    which symmetries the surface has, which were kept, and what broke the others.
+    which symmetries the surface has, which were kept, and what broke the others. Every body is laid out by itself.
     """
+    mesh = layout.mesh
+    bodies = int(mesh.body_of.max()) + 1
+    cut = layout.cut.copy()
+    notes: dict[str, object] = dict(layout.notes)
+    start = np.ones((len(mesh.quads), 4), dtype=complex)
+    for body in range(bodies):
+        part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
+        if bodies == 1:
+            board, said = _merge_body(layout, params, part)
+            cut, start, notes = board.cut, board.rotations(), notes | said
+        else:
+            quads = np.flatnonzero(mesh.body_of == body)
+            alone, edges = _alone(layout, quads)
+            board, said = _merge_body(alone, params, part)
+            cut[edges], start[quads] = board.cut, board.rotations()
+            notes |= {f"body {body + 1}": said} if said else {}
+    return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
+
+
+def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
+    layout = split_long(layout, params)
+    layout = replace(layout, notes=layout.notes | forced_notes(layout, params))
+    return flatten(layout, params, progress, start=start)
+
+
+def _alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
+    """The layout of one body by itself, and the edges of the whole mesh that its edges are."""
+    mesh = layout.mesh
+    used, corners = np.unique(mesh.quads[quads], return_inverse=True)
+    body = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
+    # vertices keep their order, and so do the edges
+    edges = np.unique(mesh.quad_edges[quads])
+    return PatchLayout(body, layout.cut[edges]), edges
+
+
+def _merge_body(
+    layout: PatchLayout, params: LayoutParams, progress: Progress
+) -> tuple[Board, dict[str, object]]:
+    """The merged layout, and what is to be said about its symmetry."""
     progress(0.0, "Looking for symmetries")
     found = symmetries(layout.mesh) if params.symmetric else []
     kept = keeping(found, layout.cut)
     start = Board(layout, params)
-    work = len(layout.seam_edges) * len(layout.mesh.quads)
-    tries = int(np.clip(WORK // max(work, 1), 2, 16))
+    dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
+    groups = _worth_trying(subgroups(kept, 60))[: 1 if dear else TRIES] + [[]] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
-    wanted = [*subgroups(kept)[:tries], []] if kept else [[]]
-    for number, group in enumerate(wanted):
+
+    def attempt(group: list[Symmetry], way: Way) -> None:
+        number = len(ranked)
         # where trying is dear, go on from what the largest group has left
-        board = (ranked[0][2] if ranked and tries == 2 else start).copy()
-        board.symmetries = group
-        run(board, progress.part(0.8 * number / len(wanted), 0.8 * (number + 1) / len(wanted)))
+        board = (ranked[0][2] if ranked and dear else start).copy()
+        board.symmetries, board.waist = group, way.waist
+        run(board, way, progress.part(number / 16, (number + 1) / 16))
         ranked.append((round(worth(board), 9), number, board))
+
+    for way in WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]:
+        for group in groups:
+            attempt(group, way)
     board = min(ranked, key=lambda r: r[:2])[2]
-    result = replace(board.layout, notes=layout.notes | symmetry_notes(found, kept, ranked, board))
-    return flatten(result, params, progress.part(0.8, 1.0))
+    tighter = board.copy()
+    tighter.room = 1.0
+    run(tighter, WAYS[0], progress.part(0.9, 1.0))
+    if len(tighter.pieces) < len(board.pieces) and _fits(tighter):
+        board = tighter
+    return board, symmetry_notes(found, kept, ranked, board)
 
 
-def run(board: Board, progress: Progress) -> None:
+def _fits(board: Board) -> bool:
+    """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
+    flat = flatten(board.layout, board.params, start=board.rotations())
+    return bool(
+        seam_mismatch(flat).max(initial=0.0) < MISMATCH
+        and flat.energy.max() <= board.params.distortion_limit
+        and not overlapping(flat)
+    )
+
+
+def _worth_trying(groups: list[list[Symmetry]]) -> list[list[Symmetry]]:
+    """The two largest groups, then single mirrors and half turns, then groups of four: in between little is won."""
+    rest = groups[2:]
+    return groups[:2] + [g for g in rest if len(g) == 1] + [g for g in rest if len(g) == 3]
+
+
+def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
+    """Halve patches that are less compact than allowed, while that helps: long strips that no merge has taken in."""
+    for _ in range(20):
+        cut = layout.cut.copy()
+        for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():
+            line = middle_line(layout, patch)
+            halves = layout.cut.copy()
+            halves[line] = True
+            tried = PatchLayout(layout.mesh, halves, layout.notes)
+            parts = np.unique(tried.patch_of[layout.patches[patch]])
+            small = min(len(tried.patches[n]) for n in parts)
+            if len(parts) > 1 and small >= params.patch_min and (tried.compactness[parts] < layout.compactness[patch]).all():
+                cut[line] = True
+        if (cut == layout.cut).all():
+            break
+        layout = PatchLayout(layout.mesh, cut, layout.notes)
+    return layout
+
+
+def forced_notes(layout: PatchLayout, params: LayoutParams) -> dict[str, object]:
+    """Where patches stay smaller, necks narrower or outlines longer than asked, because no change within the limits helps."""
+    mesh = layout.mesh
+    necks = layout.necks()
+    listed = []
+    for patch, quads in enumerate(layout.patches):
+        reasons = []
+        if len(quads) < params.patch_min:
+            reasons.append(f"{len(quads)} quads")
+        if necks[patch] < params.neck_min:
+            reasons.append(f"a neck of {necks[patch]}")
+        if layout.compactness[patch] > params.compactness_limit:
+            reasons.append(f"compactness {layout.compactness[patch]:.1f}")
+        if reasons:
+            x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
+            listed.append(
+                f"patch {patch} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
+                "every change to it would go beyond another limit"
+            )
+    return {"forced": listed} if listed else {}
+
+
+@dataclass(frozen=True)
+class Way:
+    """One order of doing things.
+
+    shared : how much a long common seam counts; straighten_first : before parts of seams are opened; waist : see Board;
+    short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion
+    """
+
+    shared: float = 3.0
+    straighten_first: bool = True
+    waist: float = WAIST
+    short: bool = False
+
+
+WAYS = (Way(), Way(waist=2 * WAIST, short=True))
+
+
+def run(board: Board, way: Way, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
-    greedy(board, progress.part(0.0, 0.5))
+    greedy(board, way, progress.part(0.0, 0.5))
     for turn in range(3):
         part = progress.part(0.5 + turn / 6, 0.5 + (turn + 1) / 6)
-        changed = tidy(board, part)
-        while partial(board, part):
+        changed = tidy(board, part, darts=not way.short) if way.straighten_first or turn else False
+        while partial(board, way, part):
             changed = True
-            greedy(board, part)
-        if not changed:
+            greedy(board, way, part)
+        if turn and not changed:
             break
-        greedy(board, part)
+        greedy(board, way, part)
+    tidy(board, progress, darts=True)
+    widen(board)
 
 
 def worth(board: Board) -> float:
-    """Patches, less what symmetry is worth: a mirror makes up for an eighth of them; then the length of the cuts."""
-    share = 1.0 - 0.125 * min(np.log2(1 + len(board.symmetries)), 4.0)
-    return len(board.pieces) * share + 1e-4 * float(board.cut.sum())
+    """Patches, less what symmetry is worth: a mirror makes up for a fifth of them; then the drawing of the cuts."""
+    share = 0.6 + 0.4 / (1 + len(board.symmetries))
+    pieces = board.pieces.values()
+    broken = sum(p.sketch.necks + (len(p.quads) < board.params.patch_min) for p in pieces)
+    waists = sum(max(p.sketch.waist - WAIST, 0.0) for p in pieces)
+    return (len(pieces) + 0.5 * broken + 0.1 * waists) * share + 1e-3 * drawing_cost(board)
 
 
 def symmetry_notes(
@@ -86,7 +216,7 @@ def symmetry_notes(
     return said | {"symmetry": text}
 
 
-def greedy(board: Board, progress: Progress) -> bool:
+def greedy(board: Board, way: Way, progress: Progress) -> bool:
     """Open whole seams, best first, until no seam can be opened."""
     mesh = board.mesh
     tried: dict[tuple[int, ...], Change | None] = {}
@@ -96,15 +226,15 @@ def greedy(board: Board, progress: Progress) -> bool:
     while True:
         current: dict[tuple[int, ...], np.ndarray] = {}
         layout = board.layout
-        for edges in layout.seam_edges:
+        for edges in layout.short_seam_edges if way.short else layout.seam_edges:
             a, b = sorted(board.sides_of(edges[:1])[0].tolist())
             key = (a, b, int(edges.min()), len(edges))
-            if a == b and (layout.cut_degree[mesh.edges[edges]] > 1).all():
-                continue  # an inner cut without a free end: without it the patch would be a ring
+            if a == b and (way.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
+                continue  # without an inner cut that has no free end the patch would be a ring
             current[key] = edges
             if key not in tried:
                 tried[key] = None
-                heapq.heappush(heap, (_score(board, edges, 0.0), key, False))
+                heapq.heappush(heap, (_score(board, edges, 0.0, way), key, False))
         while heap:
             score, key, known = heapq.heappop(heap)
             if key not in current:
@@ -114,7 +244,7 @@ def greedy(board: Board, progress: Progress) -> bool:
             change = tried[key] = board.attempt(current[key])
             if change is not None:
                 worst = max(p.flat.worst for p in change.pieces)
-                heapq.heappush(heap, (_score(board, current[key], worst), key, True))
+                heapq.heappush(heap, (_score(board, current[key], worst, way), key, True))
         else:
             return changed
         found = tried[key]
@@ -123,15 +253,15 @@ def greedy(board: Board, progress: Progress) -> bool:
         progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} patches")
 
 
-def _score(board: Board, edges: np.ndarray, worst: float) -> float:
+def _score(board: Board, edges: np.ndarray, worst: float, way: Way) -> float:
     """Priority of opening a seam, the smallest first: distortion against the share of the outline that goes."""
     sides = [board.pieces[n] for n in set(board.sides_of(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
     worst = max(worst, max(p.flat.worst for p in sides))
-    return worst / board.params.distortion_limit - SHARED * shared / min(p.sketch.perimeter for p in sides)
+    return worst / board.params.distortion_limit - way.shared * shared / min(p.sketch.perimeter for p in sides)
 
 
-def partial(board: Board, progress: Progress) -> bool:
+def partial(board: Board, way: Way, progress: Progress) -> bool:
     """Open the best part of a seam between two patches that cannot be opened as a whole; the rest stays as a dart."""
     best: tuple[float, int, Change] | None = None
     for number, edges in enumerate(board.layout.seams):
@@ -141,7 +271,7 @@ def partial(board: Board, progress: Progress) -> bool:
         change = longest_part(board, edges)
         if change is not None:
             worst = max(p.flat.worst for p in change.pieces)
-            score = _score(board, change.opens, worst)
+            score = _score(board, change.opens, worst, way)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
     progress(0.5, f"Merging: {len(board.pieces)} patches")
@@ -150,7 +280,8 @@ def partial(board: Board, progress: Progress) -> bool:
 
 def longest_part(board: Board, edges: np.ndarray) -> Change | None:
     """The longest part of a seam, between two natural stops, that can be opened."""
-    stops = natural_stops(board, edges)
+    few = min(len(board.pieces[n].quads) for n in board.sides_of(edges[:1])[0]) < 2 * board.params.patch_min
+    stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     lengths = np.concatenate([[0.0], np.cumsum(board.mesh.edge_lengths[edges])])
     spans = [(lengths[j] - lengths[i], i, j) for n, i in enumerate(stops) for j in stops[n + 1 :]]
     for length, i, j in sorted(spans, key=lambda s: (-round(s[0], 9), s[1])):

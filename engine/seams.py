@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arap import NEXT, FlatPatch, PatchProblem, Springs, settle
+from .arap import NEXT, FlatPatch, PatchProblem, Springs, minimax, settle
 from .layout import PatchLayout
 from .outline import simple
 from .params import LayoutParams
 from .progress import Progress
 
 ROUNDS = 24
-STIFFNESS = 2.0  # of a seam side against its quads, at first
+STIFFNESS = 3.0  # of a seam side against its quads, at first
 ENERGY_CAP = 0.8  # share of the distortion limit above which quads get heavier
 MISMATCH_CAP = 0.07  # difference of the two sides, as a share of their length, above which a seam edge gets stiffer
 
@@ -28,6 +28,7 @@ class _Work:
     quad: np.ndarray  # (m,) local quad of every side on a seam
     side: np.ndarray  # (m,)
     edge: np.ndarray  # (m,) mesh edge
+    outline: np.ndarray  # (q, 4) bool, sides on the outline
 
 
 def match_seams(
@@ -36,13 +37,16 @@ def match_seams(
     corners: np.ndarray,
     params: LayoutParams,
     progress: Progress,
+    start: np.ndarray | None = None,
 ) -> list[FlatPatch]:
     """Flatten some patches with springs that pull both sides of a seam to their mean length.
 
     corners : (F, 4) complex metres, flat corners of the patches that stay as they are: their seams are taken as given
+    start : (F, 4) complex of length 1, rotations to start from, constant turns of every patch left open
     """
     mesh = layout.mesh
-    works = [_begin(layout, problem) for problem in problems]
+    limit = params.distortion_limit
+    works = [_begin(layout, p, limit, None if start is None else start[p.quads]) for p in problems]
     length = np.abs(corners[:, NEXT] - corners)
     moving = np.zeros(len(mesh.quads), dtype=bool)
     for work in works:
@@ -53,23 +57,38 @@ def match_seams(
     pair, sides = mesh.edge_quads[cut], mesh.edge_sides[cut]
     best = [work.flat for work in works]
     best_score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
-    for turn in range(ROUNDS if len(cut) else 0):
+    for turn in range(ROUNDS):
         progress(0.1 + 0.8 * turn / ROUNDS, "Fitting the seams")
         for work in works:
             _relax(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
-        stiffness[cut] = np.clip(stiffness[cut] * np.clip(apart / MISMATCH_CAP, 0.8, 1.6), STIFFNESS, 1e3)
+        change = np.clip(apart / MISMATCH_CAP, 0.8, 1.6)
+        # distortion comes first: where a patch is beyond the limit, its seams give way
+        worst = np.zeros(len(mesh.quads))
+        for work in works:
+            worst[work.problem.quads] = work.flat.worst
+        over = (worst[pair] > params.distortion_limit).any(axis=1)
+        change[over] = 0.7
+        floor = np.where(over, 0.1 * STIFFNESS, STIFFNESS)
+        stiffness[cut] = np.clip(stiffness[cut] * change, floor, 1e3)
         score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
         if score < best_score:
             best, best_score = [work.flat for work in works], score
     return best
 
 
-def _begin(layout: PatchLayout, problem: PatchProblem) -> _Work:
-    flat = settle(problem, tolerance=0.005)
+def _begin(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
+    outline = layout.outline_sides[problem.quads]
+    flat = settle(problem, start, tolerance=0.005)
+    if flat.flips or flat.worst > limit:
+        flat = minimax(problem, flat, target=0.95 * limit)
+    if flat.flips or flat.worst > limit or not simple(flat.points, problem.corners, outline):
+        other = settle(problem, problem.smoothest(), rounds=100, tolerance=0.001)
+        other = minimax(problem, other, rounds=30, target=0.95 * limit)
+        flat = min((flat, other), key=lambda f: (f.flips, f.worst))
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
     edge = layout.mesh.quad_edges[problem.quads[quad], side]
-    return _Work(problem, flat, np.ones(len(problem.quads)), quad, side, edge)
+    return _Work(problem, flat, np.ones(len(problem.quads)), quad, side, edge, outline)
 
 
 def _note(length: np.ndarray, work: _Work) -> None:
@@ -114,11 +133,12 @@ def _score(
     params: LayoutParams,
 ) -> tuple[float, float]:
     """What makes one state better than another: nothing broken first, then the worst of distortion and mismatch."""
-    broken = float(sum(work.flat.flips for work in works))
+    broken = float(sum(work.flat.flips + (not _simple(work)) for work in works))
     apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
     worst = max((work.flat.worst for work in works), default=0.0) / params.distortion_limit
     over = max(worst - 0.97, 0.0)
     return broken + over, float(apart.max(initial=0.0) + 3 * np.median(apart)) if len(apart) else worst
 
 
-__all__ = ["match_seams", "simple"]
+def _simple(work: _Work) -> bool:
+    return simple(work.flat.points, work.problem.corners, work.outline)

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .board import NOTHING, Board
+from .board import NOTHING, Board, Piece
 from .corners import corner_cost, rings
 from .layout import PatchLayout
 from .progress import Progress
 
 PATCH = 15.0  # what a patch less is worth, in edges of cut
+SMALL = 5.0  # what a quad more is worth in a patch that is too small
 GAIN = 0.3  # smallest gain that is worth a change
 DEPTH, LARGEST = 8, 150  # most rows and most quads moved at once
 
@@ -29,13 +30,13 @@ class Slide:
     hosts: np.ndarray
 
 
-def tidy(board: Board, progress: Progress, sweeps: int = 8) -> bool:
-    """Slide and close while it pays; True if anything changed."""
+def tidy(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
+    """Slide seams while it pays, and if ``darts``, close inner cuts; True if anything changed."""
     changed = False
     failed: set[tuple[bytes, ...]] = set()
     for sweep in range(sweeps):
         progress(sweep / sweeps, "Straightening seams")
-        again = _close_inner(board, failed)
+        again = _close_inner(board, failed) if darts else False
         again |= _slide_all(board, failed)
         changed |= again
         if not again:
@@ -48,13 +49,13 @@ def _slide_all(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
     listed = []
     for slide in slides(board):
         flipped = flips_of(board, slide)
-        gain = gain_of(board, *flipped) if flipped is not None else 0.0
+        gain = gain_of(board, *flipped) + size_gain(board, slide) if flipped is not None else 0.0
         if gain > GAIN:
             listed.append((-round(gain, 6), len(listed), slide))
     changed = False
     for _, _, slide in sorted(listed, key=lambda item: item[:2]):
         flipped = flips_of(board, slide)
-        if flipped is None or gain_of(board, *flipped) <= GAIN:
+        if flipped is None or gain_of(board, *flipped) + size_gain(board, slide) <= GAIN:
             continue
         changed |= _try(board, *flipped, failed)
     return changed
@@ -87,6 +88,67 @@ def gain_of(board: Board, opens: np.ndarray, closes: np.ndarray) -> float:
     cut.difference_update(closes.tolist())
     length = (mesh.edge_lengths[opens].sum() - mesh.edge_lengths[closes].sum()) / mesh.median_edge
     return float(length) + before - after
+
+
+def widen(board: Board) -> bool:
+    """Take away isthmuses that are too narrow and patches that are too small, at the price of a longer seam if need be."""
+    changed = False
+    for _ in range(10):
+        poor = {n for n, p in board.pieces.items() if p.sketch.necks or len(p.quads) < board.params.patch_min}
+        if not poor or not _widen_one(board, poor):
+            break
+        changed = True
+    return changed
+
+
+def _widen_one(board: Board, poor: set[int]) -> bool:
+    listed = []
+    for slide in slides(board):
+        if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
+            continue
+        flipped = flips_of(board, slide)
+        if flipped is not None:
+            gain = gain_of(board, *flipped) + size_gain(board, slide)
+            listed.append((-round(gain, 6), len(listed), flipped))
+    for _, _, (opens, closes) in sorted(listed, key=lambda item: item[:2])[:60]:
+        names = set(board.sides_of(np.concatenate([opens, closes])).ravel().tolist())
+        before = _poverty(board, [board.pieces[n] for n in names])
+        change = board.attempt(opens, closes)
+        if change is not None and _poverty(board, change.pieces) < before and board.apply(change):
+            return True
+    return False
+
+
+def _poverty(board: Board, pieces: list[Piece]) -> int:
+    return sum(p.sketch.necks + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
+
+
+def drawing_cost(board: Board) -> float:
+    """How well drawn all cuts are together, the less the better: length in edges and corners."""
+    ring = rings(board.mesh)
+    touched = np.unique(board.mesh.edges[board.cut]).tolist()
+    length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
+    return length + sum(corner_cost(ring[v], board.marked) for v in touched)
+
+
+def size_gain(board: Board, slide: Slide) -> float:
+    """What a slide is worth because a patch goes, or because a too small one grows."""
+    old, new = board.piece_of[slide.quads].tolist(), board.piece_of[slide.hosts].tolist()
+    change: dict[int, int] = {}
+    for a, b in zip(old, new, strict=True):
+        if a != b:
+            change[a] = change.get(a, 0) - 1
+            change[b] = change.get(b, 0) + 1
+    least = board.params.patch_min
+    gain = 0.0
+    for name, difference in change.items():
+        before = len(board.pieces[name].quads)
+        gain += _lack(before, least) - _lack(before + difference, least)
+    return gain
+
+
+def _lack(size: int, least: int) -> float:
+    return 0.0 if size == 0 else PATCH + SMALL * max(least - size, 0)
 
 
 def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .arap import PatchProblem, minimax, settle
 from .errors import FlexMapsError
 from .layout import PatchLayout, straight_on
 from .mesh import QuadMesh
@@ -20,22 +21,32 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
 
     A single quad above the limit stays: nothing can be cut there.
     """
-    from .flatten import flatten
-
     progress(0.0, "Tracing parametric lines")
     layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
+    good: set[bytes] = set()
     for round_ in range(30):
-        progress(0.3 + 0.02 * round_, "Flattening the first patches")
-        flat = flatten(layout, params)
-        bad = np.unique(layout.patch_of[flat.energy > params.distortion_limit])
         cut = layout.cut.copy()
-        for patch in bad:
-            line = middle_line(layout, int(patch))
-            cut[line] = True
+        for number, quads in enumerate(layout.patches):
+            progress(0.3 + 0.02 * round_, "Flattening the first patches")
+            key = quads.tobytes()
+            if key in good:
+                continue
+            if _worst(layout, quads) > params.distortion_limit and len(line := middle_line(layout, number)):
+                cut[line] = True
+            else:
+                good.add(key)
         if (cut == layout.cut).all():
             return layout
         layout = make_disks(PatchLayout(mesh, cut))
     return layout
+
+
+def _worst(layout: PatchLayout, quads: np.ndarray) -> float:
+    """Worst energy of a patch, as far as weighing its quads brings it down."""
+    corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+    problem = PatchProblem(layout.mesh, quads, corners)
+    flat = settle(problem, tolerance=0.01)
+    return minimax(problem, flat, target=0.01).worst
 
 
 def motorcycles(mesh: QuadMesh) -> np.ndarray:
