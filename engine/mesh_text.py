@@ -110,9 +110,9 @@ def parse_obj(data: bytes, name: str) -> RawMesh:
     before = np.repeat(np.array(known, dtype=np.int64), sizes)
     zero = np.flatnonzero(index == 0)
     if len(zero):
-        line = face_lines[int(np.searchsorted(np.cumsum(sizes), zero[0], side="right"))]
+        number = face_lines[int(np.searchsorted(np.cumsum(sizes), zero[0], side="right"))]
         raise FlexMapsError(
-            f"{name}, line {line}: vertex index 0; OBJ counts vertices from 1, so export the mesh again"
+            f"{name}, line {number}: vertex index 0; OBJ counts vertices from 1, so export the mesh again"
         )
     corners = np.where(index > 0, index - 1, before + index)
     return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines))

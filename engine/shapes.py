@@ -135,17 +135,18 @@ def three_holes(steps: int = 2) -> QuadMesh:
 def _voxels(filled: np.ndarray) -> QuadMesh:
     """The outside of some unit cubes, normals outwards."""
     padded = np.pad(filled, 1)
-    vertices, quads = [], []
+    vertices: list[np.ndarray] = []
+    quads: list[np.ndarray] = []
     for axis in range(3):
         first, second = (axis + 1) % 3, (axis + 2) % 3
         for step in (-1, 1):
             bare = np.argwhere(padded & ~np.roll(padded, -step, axis=axis))
-            corner = np.repeat(bare[:, None, :].astype(float), 4, axis=1)
+            corner = np.repeat(bare[:, None, :] - 1.0, 4, axis=1)
             corner[:, :, axis] += step > 0
             ring = [0, 1, 1, 0] if step > 0 else [0, 0, 1, 1]
             corner[:, :, first] += ring
             corner[:, :, second] += [0, 0, 1, 1] if step > 0 else [0, 1, 1, 0]
-            quads.append(np.arange(4 * len(bare)).reshape(-1, 4) + 4 * sum(map(len, quads)))
+            quads.append(np.arange(4 * len(bare)).reshape(-1, 4) + 4 * sum(len(q) for q in quads))
             vertices.append(corner.reshape(-1, 3))
     return _welded(np.concatenate(vertices), np.concatenate(quads))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import struct
 
@@ -339,7 +340,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
     assert np.isfinite(mesh.vertices).all()
     assert mesh.sizes.sum() == len(mesh.corners)
     assert mesh.sizes.min() >= 3
-    assert 0 <= mesh.corners.min()
+    assert mesh.corners.min() >= 0
     assert mesh.corners.max() < len(mesh.vertices)
 
 
@@ -347,7 +348,5 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
 @given(content=st.binary(max_size=200))
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_noise_is_refused(tmp_path, suffix, content):
-    try:
+    with contextlib.suppress(FlexMapsError):
         meshio.read(save(tmp_path, f"n{suffix}", content))
-    except FlexMapsError:
-        pass

@@ -81,5 +81,5 @@ def test_subdivision_of_a_cube():
 
 
 def test_unknown_shape():
-    with pytest.raises(FlexMapsError, match="teapot.*demo"):
+    with pytest.raises(FlexMapsError, match=r"teapot.*demo"):
         shapes.make("teapot")
