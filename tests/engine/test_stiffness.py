@@ -1,0 +1,171 @@
+"""The stiffness table: derivatives, symmetry, scaling, limits, and the beam that it corrects."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from flexmaps.engine import beams, stiffness, stiffness_rods
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import MATERIALS, material
+
+SHEET = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
+
+
+@pytest.fixture(scope="module")
+def arms():
+    rng = np.random.default_rng(5)
+    scale, width = rng.uniform(0.011, 0.03, 200), rng.uniform(0.001, 0.002, 200)
+    twist = rng.uniform(0.02, 0.97, 200) * np.minimum(stiffness.twist_limit(scale / width), 2 * np.pi)
+    return scale, width, twist
+
+
+def test_straight_slender_arm_is_a_cantilever():
+    """End deflection F L^3 / (3 E I), stretch F L / (E A), twist M L / (G J); the arm starts at the hub's border."""
+    s, w, h = 0.05, 0.001, 0.0008
+    c = stiffness.tip_compliance([s], [w], [0.0], thickness=h, youngs=1e9, poisson=0.3).values[0]
+    length = 0.5 * s - 0.35 * w
+    assert c[1, 1] == pytest.approx(length**3 / (3 * 1e9 * h * w**3 / 12), rel=0.03)
+    assert c[2, 2] == pytest.approx(length**3 / (3 * 1e9 * w * h**3 / 12), rel=0.03)
+    assert c[0, 0] == pytest.approx(length / (1e9 * w * h), rel=0.03)
+    ratio = h / w
+    j = w * h**3 * (1 / 3 - 0.21 * ratio * (1 - ratio**4 / 12))
+    assert c[3, 3] == pytest.approx(length / (1e9 / 2.6 * j), rel=0.04)
+
+
+@pytest.mark.parametrize("name", ["scale", "width", "twist"])
+def test_derivatives_are_exact(arms, name):
+    position = ("scale", "width", "twist").index(name)
+    step = 1e-6 * (np.ones(200) if name == "twist" else arms[position])
+    sides = []
+    for sign in (1, -1):
+        moved = list(arms)
+        moved[position] = arms[position] + sign * step
+        sides.append(stiffness.tip_compliance(*moved, **SHEET).values)
+    slope = (sides[0] - sides[1]) / (2 * step)[:, None, None]
+    found = getattr(stiffness.tip_compliance(*arms, **SHEET), f"by_{name}")
+    size = np.abs(slope).max(axis=0)
+    assert (np.abs(found - slope) <= 1e-6 * size + 1e-30).all()
+
+
+def test_compliances_are_positive_symmetric_and_mirrored(arms):
+    values = stiffness.tip_compliance(*arms, **SHEET).values
+    assert np.array_equal(values, values.swapaxes(1, 2))
+    unit = np.array([1, 1, 1, 1e2, 1e2, 1e2])
+    assert (np.linalg.eigvalsh(values / np.outer(unit, unit)) > 0).all()
+    assert not values[:, [[0], [1], [5]], [[2, 3, 4]]].any()
+
+
+def test_one_table_serves_every_size_and_modulus(arms):
+    """Energies go with E h^3 f(s/h, w/h, twist): a sheet 3 times as thick, of twice the modulus, 3 times as large."""
+    a = stiffness.tip_compliance(*arms, **SHEET).values
+    b = stiffness.tip_compliance(3 * arms[0], 3 * arms[1], arms[2], thickness=0.006, youngs=5.2e9, poisson=0.33).values
+    unit = np.array([1, 1, 1, 1 / 3, 1 / 3, 1 / 3])
+    assert np.allclose(b, a * np.outer(unit, unit) * 3 / 9 / 2 * 1.0, rtol=1e-9)
+
+
+def test_more_twist_is_softer_and_more_width_stiffer():
+    one = np.ones(20)
+    soft = stiffness.tip_compliance(0.02 * one, 0.0015 * one, np.linspace(0, 6, 20), **SHEET).values[:, 2, 2]
+    assert (np.diff(soft) > 0).all()
+    stiff = stiffness.tip_compliance(0.02 * one, np.linspace(0.001, 0.002, 20), 2 * one, **SHEET).values[:, 2, 2]
+    assert (np.diff(stiff) < 0).all()
+
+
+@pytest.mark.parametrize(
+    ("scale", "width", "twist", "change"),
+    [
+        (0.009, 0.002, 0.0, {}),
+        (0.11, 0.002, 0.0, {}),
+        (0.01, 0.002, 3.6, {}),
+        (0.02, 0.0015, -0.1, {}),
+        (0.02, 0.0015, math.nan, {}),
+        (0.02, 0.002, 1.0, {"thickness": 0.0001}),
+        (0.02, 0.002, 1.0, {"thickness": -0.002}),
+        (0.02, 0.002, 1.0, {"youngs": 0.0}),
+        (0.02, 0.002, 1.0, {"poisson": 0.45}),
+        (0.02, 0.002, 1.0, {"poisson": 0.0}),
+    ],
+)
+def test_nothing_is_extrapolated(scale, width, twist, change):
+    with pytest.raises(FlexMapsError):
+        stiffness.tip_compliance([0.02, scale], [0.0015, width], [1.0, twist], **{**SHEET, **change})
+
+
+def test_error_names_the_arms():
+    with pytest.raises(FlexMapsError) as found:
+        stiffness.tip_compliance([0.02, 0.02, 0.011], [0.0015, 0.0015, 0.002], [1.0, 1.0, 6.0], **SHEET)
+    assert found.value.faces == [2]
+
+
+def test_table_carries_its_provenance_and_errors():
+    table = stiffness.load_table(0.3)
+    errors = table.provenance["held_out"]
+    assert errors["spirals"] >= 48
+    assert errors["compliance_median"] <= 0.015 and errors["compliance_95"] <= 0.05
+    assert stiffness.TABLE.stat().st_size < 2_000_000
+
+
+def test_broken_or_foreign_tables_are_refused(tmp_path):
+    with pytest.raises(FlexMapsError, match="missing"):
+        stiffness.load_table(0.3, tmp_path / "none.npz")
+    other = tmp_path / "other.npz"
+    np.savez(other, coefficients=np.zeros(1), pairs=np.zeros(1), provenance=json.dumps({"format": -1}))
+    with pytest.raises(FlexMapsError, match="version"):
+        stiffness.load_table(0.3, other)
+
+
+def test_strain_grows_with_the_load_and_obeys_the_beam():
+    """A cantilever's largest strain, 6 F L / (E w h^2), is what 99 % of the volume of a whole cross just misses."""
+    wrench = np.zeros((1, 6))
+    wrench[0, 2] = 0.5
+    kind = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
+    found = stiffness.peak_strain(wrench, [0.03], [0.002], [0.0], **kind)
+    root = 6 * 0.5 * 0.014 / (2.6e9 * 0.002**3)
+    assert 0.6 * root < found[0] < 1.05 * root
+    assert stiffness.peak_strain(3 * wrench, [0.03], [0.002], [0.0], **kind) == pytest.approx(3 * found)
+
+
+def test_torsion_constant_against_tabled_values():
+    """Timoshenko and Goodier, Theory of Elasticity, section 109: J / (a b^3)."""
+    for ratio, factor in ((1.0, 0.1406), (2.0, 0.229), (4.0, 0.281), (10.0, 0.312)):
+        assert float(beams.torsion_constant(np.array(ratio))[0]) == pytest.approx(factor * ratio, rel=2e-3)
+        assert float(beams.torsion_constant(np.array(1 / ratio))[0]) == pytest.approx(factor / ratio**3, rel=2e-3)
+
+
+def test_materials_name_their_sources():
+    for m in MATERIALS.values():
+        assert m.source and 0 < m.poisson < 0.45 and 1e9 < m.youngs < 2e10 and 0 < m.strain_limit < 0.1
+    with pytest.raises(FlexMapsError, match="pom"):
+        material("steel")
+
+
+# -- the paper's four parameters ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("model", stiffness_rods.MODELS)
+@pytest.mark.parametrize("name", ["scale", "width", "twist"])
+def test_rod_parameters_have_exact_derivatives(model, name):
+    rng = np.random.default_rng(6)
+    arms = [rng.uniform(0.015, 0.029, 60), rng.uniform(0.0011, 0.0019, 60), rng.uniform(0.1, 3.5, 60)]
+    kind = {"thickness": 0.002, "youngs": 2.6e9, "model": model}
+    position = ("scale", "width", "twist").index(name)
+    step = 1e-6 * arms[position]
+    sides = []
+    for sign in (1, -1):
+        moved = list(arms)
+        moved[position] = arms[position] + sign * step
+        sides.append(stiffness_rods.rod_parameters(*moved, **kind).values)
+    assert (sides[0] > 0).all()
+    slope = (sides[0] - sides[1]) / (2 * step)[:, None]
+    found = getattr(stiffness_rods.rod_parameters(*arms, **kind), f"by_{name}")
+    assert np.allclose(found, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max(axis=0))
+
+
+def test_rod_parameters_stay_in_their_region():
+    kind = {"thickness": 0.002, "youngs": 2.6e9}
+    for scale, width, twist in ((0.05, 0.0015, 1.0), (0.02, 0.003, 1.0), (0.01, 0.002, 3.4)):
+        with pytest.raises(FlexMapsError):
+            stiffness_rods.rod_parameters([scale], [width], [twist], **kind)
