@@ -17,9 +17,26 @@ from .mesh import QuadMesh
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(count,) int: the connected component of every node under the links a[i] - b[i]."""
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+    """(count,) int: the connected component of every node under the links a[i] - b[i], numbered by smallest node."""
+    if count > 4000:
+        graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
+        labels = connected_components(graph, directed=False)[1]
+        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        return rank[inverse]
+    # for few nodes the set-up of a sparse graph costs more than passing the smallest label on
+    labels = np.arange(count)
+    while True:
+        before = labels.copy()
+        low = np.minimum(labels[a], labels[b])
+        np.minimum.at(labels, a, low)
+        np.minimum.at(labels, b, low)
+        labels = labels[labels]
+        if (labels == before).all():
+            break
+    roots = labels == np.arange(count)
+    return (np.cumsum(roots) - 1)[labels]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +61,7 @@ class PatchLayout:
     def patch_of(self) -> np.ndarray:
         """(F,) int: the patch of every quad, numbered 0.. by the smallest quad in it."""
         a, b = self.mesh.edge_quads[self.joined].T
-        labels = groups(len(self.mesh.quads), a, b)
-        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-        rank = np.empty(len(first), dtype=np.int64)
-        rank[np.argsort(first)] = np.arange(len(first))
-        return rank[inverse]
+        return groups(len(self.mesh.quads), a, b)
 
     @cached_property
     def patches(self) -> tuple[np.ndarray, ...]:
