@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import Field, fields
+from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -44,7 +44,7 @@ def main(argv: list[str]) -> int:
 
 def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     out, settings = Path(args.out), _settings(args)
-    polygons = _read(args.mesh)
+    polygons = _read(args.mesh, args.up)
     edge, height = _metres(args.edge), _metres(args.height)
     if edge is None and height is None and args.mesh.startswith(SHAPE):
         edge = RemeshParams.edge
@@ -92,14 +92,20 @@ def _stale(out: Path) -> list[Path]:
     return [*sheets, *(out / name for name in PICTURES)]
 
 
-def _read(name: str) -> PolygonMesh:
+def _read(name: str, up: str | None) -> PolygonMesh:
     if name.startswith(SHAPE):
         return PolygonMesh.of(shapes.make(name.removeprefix(SHAPE)))
     if name.lower().endswith(".blend"):
         from . import scene
 
         return scene.read_blend(name)
-    return meshio.read(name)
+    return _upright(meshio.read(name), up or ("y" if name.lower().endswith(".obj") else "z"))
+
+
+def _upright(polygons: PolygonMesh, up: str) -> PolygonMesh:
+    """The mesh turned about x and z so that its axis ``up`` is z."""
+    axes = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}[up]
+    return replace(polygons, vertices=polygons.vertices[:, axes])
 
 
 def _title(name: str) -> str:
@@ -125,6 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--edge", type=float, metavar="MM", help="scale the mesh to this median quad edge")
     size.add_argument("--height", type=float, metavar="MM", help="scale the mesh to this extent along z")
+    parser.add_argument("--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)")
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
     parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")

@@ -12,7 +12,7 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 from . import beside, colours
 
-SIZE = (1600, 900)
+SIZE = (1280, 720)
 SAMPLES = 6  # a pixel; the denoiser does the rest
 MARGIN = 1.06
 
@@ -96,6 +96,7 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int) -> No
     if hasattr(cycles, "denoising_quality"):
         cycles.denoising_quality = "FAST"
     cycles.max_bounces = 3
+    cycles.use_auto_tile, cycles.tile_size = True, 256  # a third of the memory of one large tile
     cycles.seed = 0
     scene.view_settings.view_transform = "Standard"
     scene.view_settings.look = "None"
