@@ -6,10 +6,14 @@ The blocks are those of report.json ("checks", "layout", "spirals", "sheets"); a
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
+
+if TYPE_CHECKING:
+    from ..engine.check import Finding
 
 NAME = "flexmaps_report"
 STAGES = ("checks", "layout", "spirals", "sheets")
@@ -39,6 +43,7 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     mesh[NAME] = json.dumps(kept)
 
 
-def write_checks(mesh: bpy.types.Mesh, findings: list[dict[str, Any]]) -> None:
-    """Put the findings of the check; they make nothing out of date."""
-    mesh[NAME] = json.dumps(dict(read(mesh)) | {"checks": findings})
+def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
+    """Put the findings of the check, with their edges; they make nothing out of date."""
+    blocks = [finding.as_dict() | {"edges": list(finding.edges)} for finding in findings]
+    mesh[NAME] = json.dumps(dict(read(mesh)) | {"checks": blocks})

@@ -23,7 +23,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "PATCH": ("flexmaps_patch", "Patches", ""),
 }
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
-LIFT = 0.02  # how far the colours float above the surface, in edges
+LIFT = 0.005  # how far the colours float above the surface, in edges
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
 # -- drawing in the 3D view --------------------------------------------------------------------------------------------
 
 _handles: list[Any] = []
-_cache: dict[tuple[int, str], tuple[Any, Legend] | None] = {}
+_cache: dict[tuple[int, str], tuple[Any, Any, Legend] | None] = {}
 
 
 def register() -> None:
@@ -119,8 +119,8 @@ def _forget(*_: object) -> None:
     _cache.clear()
 
 
-def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Legend] | None:
-    """The object, the batch to draw and the legend; ``None`` where nothing is to be drawn."""
+def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
+    """The object, the faces and lines to draw and the legend; ``None`` where nothing is to be drawn."""
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
         return None
@@ -131,11 +131,11 @@ def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Legend] |
     return None if found is None else (obj, *found)
 
 
-def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Legend] | None:
+def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    corners, values = _quads(obj, KINDS[kind][0])
+    corners, values, sides = _quads(obj, KINDS[kind][0])
     if values is None or not len(values):
         return None
     rgb, legend = painted(obj, kind, values)
@@ -147,12 +147,19 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Legend] | None:
     srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
     rgba = np.repeat(np.c_[srgb, np.ones(len(srgb))], 6, axis=0).astype(np.float32)
-    return batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba}), legend
+    faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
+    ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2) + 2 * LIFT * edge * normal[:, None, None]
+    lines = batch_for_shader(
+        gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR"),
+        "LINES",
+        {"pos": ends[sides].reshape(-1, 3).astype(np.float32)},
+    )
+    return faces, lines, legend
 
 
-def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | None]:
-    """Corner positions (F, 4, 3) in the object's frame and the values (F,) of a face attribute."""
-    nothing = np.zeros((0, 4, 3)), None
+def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Corners (F, 4, 3) in the object's frame, values (F,) of a face attribute, and which sides (F, 4) are seams."""
+    nothing = np.zeros((0, 4, 3)), None, np.zeros((0, 4), bool)
     if obj.data.is_editmode:
         import bmesh
 
@@ -161,15 +168,20 @@ def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | N
         if layer is None or any(len(face.verts) != 4 for face in bm.faces):
             return nothing
         corners = np.array([[v.co for v in face.verts] for face in bm.faces], dtype=float)
-        return corners, np.array([face[layer] for face in bm.faces])
+        # edit mode draws the seams itself
+        return corners, np.array([face[layer] for face in bm.faces]), np.zeros(corners.shape[:2], bool)
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
         return nothing
     points, index = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+    edges, seams = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.edges), bool)
     mesh.vertices.foreach_get("co", points)
     mesh.loops.foreach_get("vertex_index", index)
-    return points.reshape(-1, 3)[index].reshape(-1, 4, 3).astype(float), values
+    mesh.loops.foreach_get("edge_index", edges)
+    mesh.edges.foreach_get("use_seam", seams)
+    corners = points.reshape(-1, 3)[index].reshape(-1, 4, 3).astype(float)
+    return corners, values, seams[edges].reshape(-1, 4)
 
 
 def _draw_colours() -> None:
@@ -178,12 +190,18 @@ def _draw_colours() -> None:
     shown = _shown(bpy.context)
     if shown is None:
         return
-    obj, batch, _ = shown
+    obj, faces, lines, _ = shown
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(obj.matrix_world)
-        batch.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+        faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+        pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+        pen.bind()
+        pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        pen.uniform_float("lineWidth", 2.5)
+        pen.uniform_float("color", (*map(float, colours.SEAM), 1.0))
+        lines.draw(pen)
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
 
@@ -196,7 +214,7 @@ def _draw_legend() -> None:
     shown = _shown(bpy.context)
     if shown is None:
         return
-    legend = shown[2]
+    legend = shown[3]
     unit = bpy.context.preferences.system.ui_scale
     x, y, width, height = 90 * unit, 30 * unit, 180 * unit, 12 * unit
     blf.size(0, 12 * unit)

@@ -57,7 +57,7 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
     obj = add_model(scene, result.mesh, name)
     if used is not None and hasattr(obj, "flexmaps"):
         settings.write(obj.flexmaps, used)
-    notes.write_checks(obj.data, [f.as_dict() | {"edges": list(f.edges)} for f in result.findings])
+    notes.write_checks(obj.data, result.findings)
     surface = mesh.read_surface(obj, scene)
     if result.flat is not None:
         centres = arrange.side_by_side(result.flat)

@@ -24,15 +24,15 @@ class Check(Stage, bpy.types.Operator):
             from ..engine import check
 
             progress(0.0, "Looking at every face")
-            return [finding.as_dict() | {"edges": list(finding.edges)} for finding in check.findings(surface.polygons)]
+            return check.findings(surface.polygons)
 
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         notes.write_checks(obj.data, result)
-        errors = [finding for finding in result if finding["severity"] == "error"]
+        errors = [finding for finding in result if finding.is_error]
         if errors:
-            raise FlexMapsError(errors[0]["message"], faces=errors[0]["faces"], edges=errors[0]["edges"])
+            raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
         quads = f"{len(surface.polygons.sizes)} quads"
         return f"{quads}, {len(result)} warnings" if result else f"{quads}, nothing to complain about"
 

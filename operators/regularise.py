@@ -25,9 +25,11 @@ class Regularise(Stage, bpy.types.Operator):
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
             from ..engine import check, regularise
+            from ..engine.mesh import PolygonMesh
 
             before = check.as_quad_mesh(surface.polygons)
-            return before, regularise.regularise(before, settings.regularise, progress)
+            after = regularise.regularise(before, settings.regularise, progress)
+            return before, after, check.findings(PolygonMesh.of(after))
 
         return work
 
@@ -36,11 +38,12 @@ class Regularise(Stage, bpy.types.Operator):
 
         from ..bridge import beside, mesh
 
-        before, after = result
+        before, after, findings = result
         mesh.write_vertices(obj, surface, after)
         mesh.forget(obj, mesh.FLAT_NAMES + mesh.DESIGN_NAMES)
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
+        notes.write_checks(obj.data, findings)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return f"Vertices moved by up to {moved / before.median_edge:.0%} of an edge"
 

@@ -82,19 +82,22 @@ class SetSize(Stage, bpy.types.Operator):
             now = check.median_edge(surface.polygons)
             if not 0 < now < float("inf"):
                 raise FlexMapsError("The mesh has no size: its edges have no length; scale it by hand first")
-            return settings.remesh.edge / now
+            scaled = check.scaled(surface.polygons, edge=settings.remesh.edge)
+            return settings.remesh.edge / now, check.findings(scaled)
 
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import beside, mesh
 
-        obj.scale = [s * result for s in obj.scale]
+        factor, findings = result
+        obj.scale = [s * factor for s in obj.scale]
         context.view_layer.update()
         mesh.forget(obj, mesh.FLAT_NAMES + mesh.DESIGN_NAMES)
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
-        return f"Scaled by {result:.4g}"
+        notes.write_checks(obj.data, findings)
+        return f"Scaled by {factor:.4g}"
 
 
 CLASSES = (QuadRemesh, SetSize)

@@ -201,11 +201,11 @@ def reveal(
 
 
 def show_progress(context: bpy.types.Context, running: job.Job) -> None:
-    """The status bar, the cursor and the sidebar say how far the job is."""
+    """The status bar, the cursor and the sidebar say how far the job is; the 3D views need not be drawn for that."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    ESC: stop")
-    redraw(context)
+    redraw(context, "UI")
 
 
 def progress_line(running: job.Job) -> str:
@@ -214,9 +214,11 @@ def progress_line(running: job.Job) -> str:
     return f"{running.title}: {100 * running.fraction:.0f} % {running.text}".rstrip()
 
 
-def redraw(context: bpy.types.Context) -> None:
-    """Draw every 3D view again, for the sidebar and the overlay."""
+def redraw(context: bpy.types.Context, kind: str = "") -> None:
+    """Draw every 3D view again, for the sidebar and the overlay, or only its regions of one kind."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
-                area.tag_redraw()
+                for region in area.regions:
+                    if kind in {"", region.type}:
+                        region.tag_redraw()

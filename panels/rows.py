@@ -9,11 +9,20 @@ from typing import Any
 import bpy
 
 
-def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type) -> None:
-    """All settings of a dataclass, in its order."""
+def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
+    """Settings of a dataclass, in its order: those named, or all."""
     for f in fields(cls):
-        if f.default is not MISSING:
+        if f.default is not MISSING and (not names or f.name in names):
             layout.prop(properties, f.name)
+
+
+def more(layout: bpy.types.UILayout, idname: str, properties: Any, cls: type, but: tuple[str, ...] = ()) -> None:
+    """A fold, closed at first, with the settings of a dataclass that are not named in ``but``."""
+    header, body = layout.panel(idname, default_closed=True)
+    header.label(text="More settings")
+    if body is not None:
+        names = tuple(f.name for f in fields(cls) if f.name not in but)
+        settings_rows(body.column(align=True), properties, cls, names)
 
 
 def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:

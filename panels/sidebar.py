@@ -9,7 +9,11 @@ import bpy
 from ..bridge import job, notes
 from ..bridge.objects import changed_by_modifiers, unusable
 from ..engine.params import ExportParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
-from .rows import choice_row, number, numbers, settings_rows, wrapped
+from .rows import choice_row, more, number, numbers, settings_rows, wrapped
+
+# what is always in sight; the rest is folded away
+MATERIAL = ("thickness", "width_min", "width_max")
+SHEET = ("sheet_width", "sheet_height")
 
 
 class Sidebar:
@@ -26,9 +30,9 @@ class MainPanel(Sidebar, bpy.types.Panel):
         layout = self.layout
         running = job.current()
         if running is not None:
-            text = "stopping" if running.stopping else running.text or running.title
+            text = "stopping" if running.stopping else running.text or "starting"
             layout.progress(factor=running.fraction, text=f"{running.title}: {text}")
-            layout.label(text="ESC stops it and changes nothing", icon="EVENT_ESC")
+            layout.label(text="ESC stops it; nothing is changed then", icon="CANCEL")
             return
         obj = context.object
         problem = unusable(obj)
@@ -83,7 +87,7 @@ class PatchPanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        settings_rows(layout.column(align=True), obj.flexmaps.layout, LayoutParams)
+        more(layout, "flexmaps_layout", obj.flexmaps.layout, LayoutParams)
         row = layout.row(align=True)
         row.operator("flexmaps.trace", icon="GRID")
         row.operator("flexmaps.merge", icon="AUTOMERGE_ON")
@@ -116,7 +120,8 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        settings_rows(layout.column(align=True), obj.flexmaps.spiral, SpiralParams)
+        settings_rows(layout.column(align=True), obj.flexmaps.spiral, SpiralParams, MATERIAL)
+        more(layout, "flexmaps_spiral", obj.flexmaps.spiral, SpiralParams, MATERIAL)
         layout.operator("flexmaps.spirals", icon="FORCE_VORTEX")
         block = notes.read(obj.data).get("spirals")
         if block is None:
@@ -135,7 +140,8 @@ class ExportPanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        settings_rows(layout.column(align=True), obj.flexmaps.sheet, SheetParams)
+        settings_rows(layout.column(align=True), obj.flexmaps.sheet, SheetParams, SHEET)
+        more(layout, "flexmaps_sheet", obj.flexmaps.sheet, SheetParams, SHEET)
         settings_rows(layout.column(align=True), obj.flexmaps.export, ExportParams)
         layout.operator("flexmaps.export", icon="EXPORT")
         block = notes.read(obj.data).get("sheets")

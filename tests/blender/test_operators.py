@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import beside, notes
-from flexmaps.engine import shapes
+from flexmaps.engine import check, shapes
 from flexmaps.panels import sidebar
 
 BUTTONS = ("check", "regularise", "trace", "merge", "flatten", "update_from_seams", "spirals", "export")
@@ -264,7 +264,7 @@ def test_outlines_beside_are_the_true_ones(dome: Any) -> None:
         measured += sum(float(np.linalg.norm(points[e.vertices[0]] - points[e.vertices[1]])) for e in mesh.edges)
         obj.to_mesh_clear()
     from flexmaps.bridge import mesh as bridge
-    from flexmaps.engine import check, sheets
+    from flexmaps.engine import sheets
     from flexmaps.engine.params import SheetParams, SpiralParams
 
     surface = bridge.read_surface(dome, bpy.context.scene)
@@ -427,6 +427,9 @@ class Drawn:
     def progress(self, text: str = "", **_: Any) -> None:
         self.lines.append(text)
 
+    def panel(self, idname: str, default_closed: bool = False) -> Any:
+        return self._inner(), self._inner()
+
     def _inner(self, **_: Any) -> Drawn:
         inner = Drawn(self.lines)
         inner.alert = self.alert
@@ -464,9 +467,7 @@ def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> N
     from flexmaps.bridge import job
 
     obj = add(shapes.make("dome"))
-    notes.write_checks(
-        obj.data, [{"code": "x", "severity": "warning", "message": "Quads are small", "faces": [1], "edges": []}]
-    )
+    notes.write_checks(obj.data, [check.Finding("x", "warning", "Quads are small", faces=(1,))])
     assert "Quads are small" in sides() and "Show" in sides()
     running = job.Job("Merge", lambda progress: None)
     running.text = "Merging: 12 patches"
