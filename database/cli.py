@@ -6,7 +6,7 @@ import argparse
 import os
 from pathlib import Path
 
-from ..engine.errors import FlexMapsError
+from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.progress import Progress
 from . import build, chunks
 
@@ -88,7 +88,13 @@ def run_work(options: argparse.Namespace) -> int:
     except ValueError:
         raise FlexMapsError(f"--stripe is '{options.stripe}'; it reads like 0/4") from None
     mine = [t for i, t in enumerate(build.pending(options.dir, _tasks(options))) if i % n == k]
-    build.work(options.dir, mine, options.keep_samples)
+    parent = os.getppid()
+    # a worker whose starter was killed ends after its chunk; the next build goes on
+    progress = Progress(stopped=lambda: os.getppid() != parent)
+    try:
+        build.work(options.dir, mine, options.keep_samples, progress)
+    except Cancelled:
+        return 1
     return 0
 
 

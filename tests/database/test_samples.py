@@ -49,7 +49,7 @@ def test_small_samples_obey_the_linear_limit():
     centres, rotations = model.frames(found.displacement)
     motions = rods.arm_motions(centres[None], rotations[None], model.solid.tip_centres)
     energy = rods.stiffness_features(motions) @ rods.stiffness_parameters(compliance)
-    assert energy[0] == pytest.approx(found.energy, rel=0.01)
+    assert energy[0] == pytest.approx(found.energy, rel=0.02)
 
 
 def test_rod_features_vanish_under_rigid_motion_and_count_single_modes():
@@ -113,7 +113,6 @@ def test_failures_are_recorded(monkeypatch):
 
 def test_statistics_alone_give_the_fit(tmp_path, chunk_bytes):
     """Packed sums of two chunks against least squares on all their samples."""
-    pytest.importorskip("scipy")
     second = Task(STRAIGHT, "strain", 25, 25)
     chunks.write(tmp_path / Task(STRAIGHT, "strain", 0, 25).name, chunk_bytes)
     chunks.write(tmp_path / second.name, chunks.compute(second))

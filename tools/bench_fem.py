@@ -1,0 +1,211 @@
+"""``python3 tools/dev.py bench fem``: accuracy and speed of the fine level, what was asked beside what was measured."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+
+def row(name: str, asked: str, measured: float, limit: float, *, least: bool = False, peer: dict | None = None) -> dict:
+    """One row of the table; ``least`` where more is better."""
+    ok = measured >= limit if least else measured <= limit
+    out = {"mesh": "spirals", "row": name, "asked": asked, "measured": float(f"{measured:.4g}"), "ok": bool(ok)}
+    if peer:
+        out["peer"] = peer
+    print(f"  {name:56s} {asked:>12s} {measured:12.4g}   {'ok' if ok else 'NOT MET'}", flush=True)
+    return out
+
+
+def cpu(action: Callable[[], object]) -> float:
+    start = time.process_time()
+    action()
+    return time.process_time() - start
+
+
+def against_finer_meshes() -> list[dict]:
+    """Energy at the corners of the sampled region under strain-targeted loads, against a mesh about four times as fine."""
+    from flexmaps.database.sampling import Sampler, subjects
+    from flexmaps.database.solid import Fineness
+    from flexmaps.database.statics import Model
+
+    corners = [s for s in subjects() if s.scale in (0.01, 0.03) and s.width in (0.001, 0.002)]
+    found = []
+    for s in (corners[k] for k in (0, 4, 5, 9, 10, 14, 15, 19)):
+        sampler = Sampler(s, "strain")
+        fine = Model(s.spiral, s.poisson, Fineness(length=1.5, turn=0.4, across=3, root=0.35))
+        for number in (1, 2):
+            wrenches = sampler.wrenches(number)
+            ours, reference = (m.solve(m.loads(wrenches)) for m in (sampler.model, fine))
+            if ours.converged and reference.converged:
+                found.append(abs(ours.energy / reference.energy - 1.0))
+    return [
+        row("energy against a refined mesh, median %", "<= 1", 100 * float(np.median(found)), 1.0),
+        row("energy against a refined mesh, worst %", "<= 2", 100 * max(found), 2.0),
+    ]
+
+
+def against_scikit_fem() -> list[dict]:
+    from flexmaps.database.geometry import Spiral
+    from flexmaps.database.statics import Model
+    from peer_scikit import cross_energy
+
+    model = Model(Spiral(6.0, 1.0, 0.0), 0.3)
+    wrenches = np.zeros((4, 6))
+    wrenches[2, 2] = 1.5e-3
+    solved: list = []
+    ours = cpu(lambda: solved.append(model.solve(model.loads(wrenches))))
+    theirs: list = []
+    peer = cpu(lambda: theirs.append(cross_energy(1.5e-3, model.solid.nodes, solved[0].displacement)))
+    error = 100 * abs(solved[0].energy / theirs[0] - 1.0)
+    seconds = {"scikit-fem seconds": round(peer, 2), "ours seconds": round(ours, 3)}
+    return [row("energy of a cross against scikit-fem, %", "<= 0.5", error, 0.5, peer=seconds)]
+
+
+def exactness() -> list[dict]:
+    """Rigid motion, finite differences, and Castigliano's curved beam."""
+    from flexmaps.database import linear
+    from flexmaps.database.geometry import Spiral
+    from flexmaps.database.statics import Model
+    from flexmaps.engine import beams
+    from scipy.spatial.transform import Rotation
+
+    model = Model(Spiral(6.0, 1.0, 1.5), 0.35)
+    el, nodes = model.elements, model.solid.nodes
+    moved = nodes @ Rotation.from_rotvec([0.4, 2.0, -1.0]).as_matrix().T + 1.0 - nodes
+    f = el.gradients(moved)
+    rigid = float(np.abs(el.forces(f, el.stress(el.strain(f)))).max())
+    rng = np.random.default_rng(0)
+    q, v, h = 0.01 * rng.normal(size=model.size), rng.normal(size=model.size), 1e-5
+
+    def forces(q: np.ndarray) -> np.ndarray:
+        f = el.gradients(model.expand(q))
+        return model.inner_forces(f, el.stress(el.strain(f)))
+
+    def energy(q: np.ndarray) -> float:
+        return el.energy(el.strain(el.gradients(model.expand(q))))
+
+    def slope(g: Callable) -> np.ndarray:
+        return (8 * (g(q + h * v) - g(q - h * v)) - g(q + 2 * h * v) + g(q - 2 * h * v)) / (12 * h)
+
+    gradient = float(abs(forces(q) @ v / slope(energy) - 1.0))
+    f = el.gradients(model.expand(q))
+    exact = slope(forces)
+    tangent = model.pattern.matrix(model.stiffness(f, el.stress(el.strain(f)))) @ v
+    errors = []
+    for height, twist in ((1.0, 0.0), (0.5, 3.0), (2.0, 6.0)):
+        m = Model(Spiral(80.0, height, twist), 0.3)
+        c = linear.tip_compliance(m, linear.unit_motions(m))
+        base = beams.tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values
+        errors += [abs(base[1, 0, 0] / c[2, 2] - 1.0), abs(base[0, 2 if twist == 0 else 0, 0] / c[*((1, 1) if twist == 0 else (0, 0))] - 1.0)]
+    return [
+        row("forces under a rigid motion", "<= 1e-12", rigid, 1e-12),
+        row("gradient against finite differences", "<= 1e-6", gradient, 1e-6),
+        row("tangent against finite differences", "<= 1e-6", float(np.abs(tangent - exact).max() / np.abs(exact).max()), 1e-6),
+        row("slender arms against Castigliano, worst %", "<= 3", 100 * max(errors), 3.0),
+    ]
+
+
+def speed() -> list[dict]:
+    from flexmaps.database.sampling import Sampler, subjects
+
+    seconds, chosen = [], subjects()
+    for s in chosen[::6]:
+        sampler = Sampler(s, "strain")
+        loads = [sampler.model.loads(sampler.wrenches(k)) for k in range(3)]
+        seconds += [cpu(lambda sampler=sampler, load=load: sampler.model.solve(load)) for load in loads[1:]]
+    soft = Sampler(next(s for s in chosen if s.scale == 0.03 and s.width == 0.001 and s.twist > 6.2), "strain")
+    loads = [soft.model.loads(soft.wrenches(k)) for k in range(4)]
+    slow = [cpu(lambda load=load: soft.model.solve(load)) for load in loads][1:]
+    whole = [cpu(lambda: Sampler(chosen[62], "strain").samples(range(6)))]
+    ratio = whole[0] / 6 / max(float(np.mean(seconds)), 1e-9)
+    mean = float(np.mean(seconds))
+    return [
+        row("strain-targeted solve, mean processor seconds", "<= 0.10", mean, 0.10),
+        row("(30 mm, 1 mm, 360 degrees), processor seconds", "<= 0.35", float(np.mean(slow)), 0.35),
+        row("125 x 1000 solves, core-hours", "<= 5", mean * 125e3 / 3600, 5.0, peer={"with what is recorded, about": round(mean * ratio * 125e3 / 3600, 1)}),
+    ]
+
+
+def scaling() -> list[dict]:
+    """Processor seconds of one solve as the number of elements doubles twice."""
+    from flexmaps.database.sampling import Sampler, subjects
+    from flexmaps.database.solid import Fineness
+    from flexmaps.database.statics import Model
+
+    subject = subjects()[62]
+    wrenches = Sampler(subject, "strain").wrenches(1)
+    sizes, seconds = [], []
+    for share in (1.0, 0.5, 0.25):
+        m = Model(subject.spiral, subject.poisson, Fineness(length=2.5 * share, turn=0.7 * share, root=1.0))
+        load = m.loads(wrenches)
+        sizes.append(len(m.elements.index))
+        seconds.append(min(cpu(lambda m=m, load=load: m.solve(load)) for _ in range(2)))
+    exponent = float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+    peer = {f"{n} elements": round(t, 3) for n, t in zip(sizes, seconds)}
+    return [row("exponent of time over the number of elements", "reported", exponent, np.inf, peer=peer)]
+
+
+def fitted() -> list[dict]:
+    from flexmaps.database import cli, fits, report
+
+    found = report.summary(fits.load(cli.PACK))
+    law = found["laws"]["strain"]
+    out = [
+        row("strain-targeted samples in the repository", "125000", law["converged"] + law["failed"], 125000, least=True),
+        row("converged, %", ">= 99.9", 100 * law["converged"] / (law["converged"] + law["failed"]), 99.9, least=True),
+    ]
+    limits = {"chord": ("reported", np.inf, np.inf), "pair": ("<=", 5.0, 20.0), "arm": ("<=", 1.2, 5.5)}
+    for model, (sign, median, high) in limits.items():
+        e = found["models"][model]["strain"]
+        for name, key, limit in (("median", "median", median), ("95 %", "p95", high)):
+            asked = sign if limit == np.inf else f"<= {limit:g}"
+            out.append(row(f"{report.TITLES[model]}: {name}, %", asked, 100 * e[key], limit))
+    return out
+
+
+def interpolation() -> list[dict]:
+    from flexmaps.database import table_file
+    from flexmaps.engine import stiffness
+
+    with tempfile.TemporaryDirectory() as folder:
+        e = table_file.judge(Path(folder))
+    rng = np.random.default_rng(0)
+    n = 2400
+    s, w = rng.uniform(0.01, 0.03, n), rng.uniform(0.001, 0.002, n)
+    twist = rng.uniform(0, 1, n) * np.minimum(stiffness.twist_limit(s / w), 2 * np.pi)
+    kind = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
+    stiffness.tip_compliance(s, w, twist, **kind)
+    ms = 1e3 * min(cpu(lambda: stiffness.tip_compliance(s, w, twist, **kind)) for _ in range(10))
+    return [
+        row("table at 48 held-out spirals, median %", "<= 1.5", 100 * e["compliance_median"], 1.5),
+        row("table at 48 held-out spirals, 95 %, %", "<= 5", 100 * e["compliance_95"], 5.0),
+        row("values and derivatives of 2400 spirals, ms", "<= 10", ms, 10.0),
+        row("table file, MB", "<= 2", stiffness.TABLE.stat().st_size / 1e6, 2.0),
+    ]
+
+
+PARTS = (exactness, against_scikit_fem, against_finer_meshes, speed, scaling, fitted, interpolation)
+
+
+def main(arguments: list[str]) -> int:
+    """Run all parts; 0 when they ran, whatever they measured."""
+    from threadpoolctl import threadpool_limits
+
+    parser = argparse.ArgumentParser(prog="tools/dev.py bench fem")
+    parser.add_argument("--json", type=Path, default=None)
+    parser.add_argument("--meshes", default=None, help="not used here: the fine level has no meshes of its own")
+    options = parser.parse_args(arguments)
+    rows: list[dict] = []
+    print(f"  {'':56s} {'asked':>12s} {'measured':>12s}")
+    with threadpool_limits(1):
+        for part in PARTS:
+            rows += part()
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    return 0

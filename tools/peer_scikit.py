@@ -1,0 +1,79 @@
+"""The independent judge of our solid elements: the same problem in scikit-fem, with its own mesh, elements and Newton."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.sparse import block_array, csc_array
+from scipy.sparse.linalg import splu
+
+
+def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
+    """Energy of a cross, 6 long and 1 wide and high, held in the mean at +x and pulled along z at -x, by scikit-fem.
+
+    Its Newton iteration starts near our displacements ``start`` at ``nodes``, and goes on to an equilibrium of its own.
+    """
+    import skfem
+    from skfem.helpers import ddot, grad, identity, mul, trace, transpose
+
+    edges = np.concatenate([np.linspace(-3, -0.5, 5), [0.0], np.linspace(0.5, 3, 5)])
+    mesh = skfem.MeshHex.init_tensor(edges, edges, np.linspace(-0.5, 0.5, 3))
+    middle = np.abs(mesh.p[:, mesh.t].mean(1))
+    mesh = mesh.restrict(np.flatnonzero((middle[0] < 0.5) | (middle[1] < 0.5)))
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
+    face = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] < -3 + 1e-9), intorder=4)
+    load = skfem.LinearForm(lambda v, _: force * v[2]).assemble(face)
+    held = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] > 3 - 1e-9), intorder=4)
+    means = [
+        skfem.LinearForm(lambda v, w, i=i: v[i]).assemble(held) for i in range(3)
+    ] + [
+        skfem.LinearForm(lambda v, w: w.x[1] * v[2] - w.x[2] * v[1]).assemble(held),
+        skfem.LinearForm(lambda v, w: w.x[2] * v[0]).assemble(held),
+        skfem.LinearForm(lambda v, w: w.x[1] * v[0]).assemble(held),
+    ]
+    hold = csc_array(np.array(means))
+    lame, shear = 0.3 / (1.3 * 0.4), 0.5 / 1.3
+
+    def stress(e):
+        return 2 * shear * e + lame * identity(e) * trace(e)
+
+    def strain(h):
+        return 0.5 * (h + transpose(h) + mul(transpose(h), h))
+
+    @skfem.BilinearForm
+    def tangent(u, v, w):
+        h = grad(w["state"])
+        f = h + identity(h)
+        du, dv = (0.5 * (mul(transpose(f), grad(x)) + mul(transpose(grad(x)), f)) for x in (u, v))
+        return ddot(stress(du), dv) + ddot(mul(grad(u), stress(strain(h))), grad(v))
+
+    @skfem.LinearForm
+    def inner(v, w):
+        h = grad(w["state"])
+        return ddot(mul(h + identity(h), stress(strain(h))), grad(v))
+
+    @skfem.Functional
+    def energy(w):
+        e = strain(grad(w["state"]))
+        return 0.5 * ddot(stress(e), e)
+
+    near = NearestNDInterpolator(nodes, nodes + start)
+    u = basis.zeros()
+    for i in range(3):
+        own = basis.get_dofs(elements=True).all(f"u^{i + 1}")
+        place = basis.doflocs[:, own].T
+        smooth = LinearNDInterpolator(nodes, start)(place)
+        u[own] = np.where(np.isnan(smooth), near(place) - place, smooth)[:, i]
+    multipliers = np.zeros(6)
+    for _ in range(8):
+        state = basis.interpolate(u)
+        residual = load - inner.assemble(basis, state=state) - hold.T @ multipliers
+        border = block_array([[tangent.assemble(basis, state=state), hold.T], [hold, None]]).tocsc()
+        step = splu(border).solve(np.concatenate([residual, -hold @ u]))
+        du, multipliers = step[: basis.N], multipliers + step[basis.N :]
+        u += du
+        if np.abs(du).max() < 1e-4:
+            break
+    else:
+        raise AssertionError("scikit-fem's side did not converge")
+    return float(energy.assemble(basis, state=basis.interpolate(u)))
