@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .arap import NEXT, FlatPatch, PatchProblem, minimax, settle
 from .layout import PatchLayout, groups, straight_on
-from .outline import simple
+from .outline import narrowness, simple
 from .params import LayoutParams
 from .symmetry import Symmetry
 
 ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
+NECK = 0.9  # over the largest waist: the smallest width of an isthmus over the outline behind it
 SMALL = 120  # quads: patches up to this are given more chances
 REACH = 8  # quads: isthmuses wider than this are none
 WAIST = 5.0  # largest outline behind an isthmus, over its width: a rectangle four times as long as wide has 5
@@ -50,6 +52,15 @@ class Piece:
     sketch: Sketch
     flat: FlatPatch
 
+    @cached_property
+    def neck(self) -> float:
+        """Width of the narrowest isthmus of the flat outline over the shorter outline behind it."""
+        where, count = _along_outline(self.sketch.corners, self.sketch.sides)
+        vertices = np.flatnonzero(where >= 0)
+        loop = np.empty(count, dtype=np.int64)
+        loop[where[vertices]] = vertices
+        return narrowness(self.flat.points[loop])
+
     @property
     def quads(self) -> np.ndarray:
         return self.sketch.quads
@@ -79,6 +90,9 @@ class Board:
         self.waist = WAIST
         self.room = ROOM
         self.serial = 0
+        # what straightening has looked at and what it was refused, under these symmetries and limits
+        self.swept: set[tuple[object, ...]] = set()
+        self.refused: set[tuple[bytes, ...]] = set()
         # what was flattened before: good for every start; what failed may still work from other parents
         self.solved: dict[tuple[bytes, bytes, float], FlatPatch] = {}
         self.failed: set[tuple[tuple[bytes, bytes, float], tuple[int, ...]]] = set()
@@ -104,7 +118,7 @@ class Board:
         other = object.__new__(Board)
         other.__dict__.update(self.__dict__)
         other.cut, other.piece_of, other.pieces = self.cut.copy(), self.piece_of.copy(), dict(self.pieces)
-        other.marked = set(self.marked)
+        other.marked, other.swept, other.refused = set(self.marked), set(), set()
         return other
 
     def sides_of(self, edges: np.ndarray) -> np.ndarray:
@@ -229,7 +243,11 @@ class Board:
                 self.failed.add((key, start))
             else:
                 self.solved[key] = flat
-        return self._named(sketch, self.solved[key]) if key in self.solved else None
+        if key not in self.solved:
+            return None
+        piece = self._named(sketch, self.solved[key])
+        # an isthmus may only be as narrow as those of the parents, or as the limit
+        return None if piece.neck < min(NECK / self.waist, min(p.neck for p in parents)) else piece
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners)

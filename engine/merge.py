@@ -72,15 +72,15 @@ def _merge_body(
     kept = keeping(found, layout.cut)
     start = Board(layout, params)
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    groups = _worth_trying(subgroups(kept, 60))[: 1 if dear else TRIES] + [[]] if kept else [[]]
+    groups = _worth_trying(subgroups(kept, 60), dear) + [[]] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
 
     def attempt(group: list[Symmetry], way: Way) -> None:
         number = len(ranked)
-        # where trying is dear, go on from what the largest group has left
-        board = (ranked[0][2] if ranked and dear else start).copy()
+        # where trying is dear, go on from what the larger group has left
+        board = (ranked[-1][2] if ranked and dear else start).copy()
         board.symmetries, board.waist = group, way.waist
-        run(board, way, progress.part(number / 16, (number + 1) / 16))
+        run(board, LAST if ranked and dear else way, progress.part(number / 16, (number + 1) / 16))
         ranked.append((round(worth(board), 9), number, board))
 
     for way in WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]:
@@ -89,7 +89,7 @@ def _merge_body(
     board = min(ranked, key=lambda r: r[:2])[2]
     tighter = board.copy()
     tighter.room = 1.0
-    run(tighter, WAYS[0], progress.part(0.9, 1.0))
+    run(tighter, LAST, progress.part(0.9, 1.0))
     if len(tighter.pieces) < len(board.pieces) and _fits(tighter):
         board = tighter
     return board, symmetry_notes(found, kept, ranked, board)
@@ -105,10 +105,13 @@ def _fits(board: Board) -> bool:
     )
 
 
-def _worth_trying(groups: list[list[Symmetry]]) -> list[list[Symmetry]]:
+def _worth_trying(groups: list[list[Symmetry]], dear: bool) -> list[list[Symmetry]]:
     """The two largest groups, then single mirrors and half turns, then groups of four: in between little is won."""
-    rest = groups[2:]
-    return groups[:2] + [g for g in rest if len(g) == 1] + [g for g in rest if len(g) == 3]
+    twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
+    if dear:
+        return groups[:1] + fours[:1] + twos[:1]
+    rest = [g for g in groups[2:] if len(g) in (1, 3)]
+    return (groups[:2] + sorted(rest, key=len))[:TRIES]
 
 
 def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
@@ -156,33 +159,47 @@ def forced_notes(layout: PatchLayout, params: LayoutParams) -> dict[str, object]
 class Way:
     """One order of doing things.
 
-    shared : how much a long common seam counts; straighten_first : before parts of seams are opened; waist : see Board;
-    short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion
+    shared : how much a long common seam counts; waist : see Board;
+    short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion;
+    again : on a layout that was merged before: nothing more is done if nothing more can be merged
     """
 
     shared: float = 3.0
-    straighten_first: bool = True
     waist: float = WAIST
     short: bool = False
+    again: bool = False
 
 
 WAYS = (Way(), Way(waist=2 * WAIST, short=True))
 
+LAST = Way(again=True)
+
 
 def run(board: Board, way: Way, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
-    greedy(board, way, progress.part(0.0, 0.5))
-    for turn in range(3):
-        part = progress.part(0.5 + turn / 6, 0.5 + (turn + 1) / 6)
-        changed = tidy(board, part, darts=not way.short) if way.straighten_first or turn else False
-        while partial(board, way, part):
-            changed = True
-            greedy(board, way, part)
-        if turn and not changed:
+    merged = greedy(board, way, progress.part(0.0, 0.5))
+    if way.again:
+        merged |= open_parts(board, way, progress.part(0.5, 0.6))
+        if not merged:
+            return
+    for turn in range(4):
+        part = progress.part(0.6 + turn / 10, 0.7 + turn / 10)
+        changed = tidy(board, part, darts=not way.short or turn == 3)
+        changed |= open_parts(board, way, part)
+        if not changed:
             break
         greedy(board, way, part)
     tidy(board, progress, darts=True)
     widen(board)
+
+
+def open_parts(board: Board, way: Way, progress: Progress) -> bool:
+    """Open parts of seams, and then whole ones again, while that goes."""
+    changed = False
+    while partial(board, way, progress):
+        changed = True
+        greedy(board, way, progress)
+    return changed
 
 
 def worth(board: Board) -> float:

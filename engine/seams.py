@@ -14,7 +14,7 @@ from .progress import Progress
 
 ROUNDS = 24
 STIFFNESS = 3.0  # of a seam side against its quads, at first
-ENERGY_CAP = 0.8  # share of the distortion limit above which quads get heavier
+ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier
 MISMATCH_CAP = 0.07  # difference of the two sides, as a share of their length, above which a seam edge gets stiffer
 
 

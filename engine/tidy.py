@@ -33,21 +33,20 @@ class Slide:
 def tidy(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
     """Slide seams while it pays, and if ``darts``, close inner cuts; True if anything changed."""
     changed = False
-    failed: set[tuple[bytes, ...]] = set()
     for sweep in range(sweeps):
         progress(sweep / sweeps, "Straightening seams")
-        again = _close_inner(board, failed) if darts else False
-        again |= _slide_all(board, failed)
+        again = _close_inner(board) if darts else False
+        again |= _slide_all(board)
         changed |= again
         if not again:
             break
     return changed
 
 
-def _slide_all(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
+def _slide_all(board: Board) -> bool:
     """One sweep over all slides, the most gainful first."""
     listed = []
-    for slide in slides(board):
+    for slide in slides(board, fresh=True):
         flipped = flips_of(board, slide)
         gain = gain_of(board, *flipped) + size_gain(board, slide) if flipped is not None else 0.0
         if gain > GAIN:
@@ -57,19 +56,19 @@ def _slide_all(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
         flipped = flips_of(board, slide)
         if flipped is None or gain_of(board, *flipped) + size_gain(board, slide) <= GAIN:
             continue
-        changed |= _try(board, *flipped, failed)
+        changed |= _try(board, *flipped)
     return changed
 
 
-def _try(board: Board, opens: np.ndarray, closes: np.ndarray, failed: set[tuple[bytes, ...]]) -> bool:
+def _try(board: Board, opens: np.ndarray, closes: np.ndarray) -> bool:
     names = np.unique(board.sides_of(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
-    if key in failed:
+    if key in board.refused:
         return False
     change = board.attempt(opens, closes)
     if change is not None and board.apply(change):
         return True
-    failed.add(key)
+    board.refused.add(key)
     return False
 
 
@@ -181,11 +180,20 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     return (opens, closes) if len(opens) else None
 
 
-def slides(board: Board) -> Iterator[Slide]:
-    """Every slide of a straight part of a seam, to both sides, by one row of quads or more."""
+def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
+    """Every slide of a straight part of a seam, to both sides, by one row of quads or more.
+
+    ``fresh`` leaves out the seams that a sweep has seen between the same patches already.
+    """
     mesh = board.mesh
     border = mesh.border
     for vertices, edges, stops in bars(board.layout):
+        if fresh:
+            around = frozenset(board.sides_of(np.array(edges)).ravel().tolist())
+            key = (edges[0], edges[-1], tuple(stops), around)
+            if key in board.swept:
+                continue
+            board.swept.add(key)
         forward = np.array(vertices[:-1]) < np.array(vertices[1:])
         line = np.array(edges)
         for side in (0, 1):
@@ -262,7 +270,7 @@ def bars(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
     return result
 
 
-def _close_inner(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
+def _close_inner(board: Board) -> bool:
     """Close cuts inside patches from their free ends back, as far as a natural stop, where the distortion allows."""
     changed = False
     mesh = board.mesh
@@ -276,7 +284,7 @@ def _close_inner(board: Board, failed: set[tuple[bytes, ...]]) -> bool:
             continue
         run = edges if free[1] else edges[::-1]
         for begin in natural_stops(board, run)[:-1]:
-            if _try(board, np.sort(run[begin:]), NOTHING, failed):
+            if _try(board, np.sort(run[begin:]), NOTHING):
                 changed = True
                 break
     return changed
