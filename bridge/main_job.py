@@ -223,4 +223,6 @@ def _print_summary(described: dict[str, Any], out: Path) -> None:
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
+        for warning in sheets["warnings"]:
+            print(f"  warning: {warning}")
     print(f"  {sum(described['seconds'].values()):.1f} s; everything is in {out}")

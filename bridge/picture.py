@@ -14,12 +14,12 @@ from . import beside, colours
 
 SIZE = (1280, 720)
 SAMPLES = 6  # a pixel; the denoiser does the rest
-MARGIN = 1.06
+MARGIN = 1.1
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
     """The model from above and one side, in the colours of its patches, quads as thin and seams as dark lines."""
-    with _studio([obj], np.array([0.62, -1.0, 0.8]), size, samples) as scene:
+    with _studio([obj], np.array([0.9, -1.0, 1.15]), size, samples) as scene:
         lines = _lines(obj, scene)
         try:
             _render(scene, path)

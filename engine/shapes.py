@@ -176,9 +176,9 @@ def demo(n: int = 12) -> QuadMesh:
     radius = np.arccos(np.clip(top, -1, 1)) / np.arccos(np.sqrt(1 / 3))  # 1 at the feet
     angle = np.arctan2(y, x) - np.pi / 6  # 0 towards a foot
     leg = np.cos(3 * angle)
-    height = 0.7 * (1 - radius**2) + 0.65 * (1 - leg * radius**3.3)
+    height = 0.62 * (1 - radius**2) + 0.58 * (1 - leg * radius**3.3)
     reach = radius * (1 - 0.05 * radius**2 * (1 + leg))
-    angle = angle + 0.28 * np.sin(3 * angle) * radius**4  # broader feet
+    angle = angle + 0.3 * np.sin(3 * angle) * radius**4  # broader feet
     return mesh.moved(np.stack([reach * np.cos(angle), reach * np.sin(angle), height], axis=1))
 
 
