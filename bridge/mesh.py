@@ -185,13 +185,13 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
 
 
 def patch_centres(layout: PatchLayout, points: np.ndarray) -> np.ndarray:
-    """(N, 2) metres: the area centroid of every patch; points (P, 2) as in ``FlatPatches``."""
+    """(N, 2) metres: the centre of every patch as ``flatten.in_frame`` has it; points (P, 2) as in ``FlatPatches``."""
     p = points[layout.flat_corners]
-    q = np.roll(p, -1, axis=1)
-    cross = p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
-    area = np.bincount(layout.patch_of, cross.sum(axis=1)) * 3
-    moment = ((p + q) * cross[..., None]).sum(axis=1)
-    return np.stack([np.bincount(layout.patch_of, moment[:, k]) / area for k in range(2)], axis=1)
+    a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    middle = p.mean(axis=1)
+    weight = np.bincount(layout.patch_of, area)
+    return np.stack([np.bincount(layout.patch_of, area * middle[:, k]) / weight for k in range(2)], axis=1)
 
 
 def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:

@@ -23,6 +23,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "PATCH": ("flexmaps_patch", "Patches", ""),
 }
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
+EDIT_ALPHA = 0.55
 LIFT = 0.005  # how far the colours float above the surface, in edges
 
 
@@ -71,7 +72,7 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
 # -- drawing in the 3D view --------------------------------------------------------------------------------------------
 
 _handles: list[Any] = []
-_cache: dict[tuple[int, str], tuple[Any, Any, Legend] | None] = {}
+_cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 
 
 def register() -> None:
@@ -124,7 +125,7 @@ def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Lege
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
         return None
-    key = (obj.session_uid, kind)
+    key = (obj.session_uid, kind, obj.data.is_editmode)
     if key not in _cache:
         _cache[key] = _batch(obj, kind)
     found = _cache[key]
@@ -146,14 +147,15 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     light = 0.78 + 0.22 * normal @ np.array([0.27, -0.45, 0.85])  # enough to read the shape
     srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
-    rgba = np.repeat(np.c_[srgb, np.ones(len(srgb))], 6, axis=0).astype(np.float32)
+    # in edit mode the mesh that is worked on shines through
+    alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
+    rgba = np.repeat(np.c_[srgb, alpha], 6, axis=0).astype(np.float32)
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
-    ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2) + 2 * LIFT * edge * normal[:, None, None]
-    lines = batch_for_shader(
-        gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR"),
-        "LINES",
-        {"pos": ends[sides].reshape(-1, 3).astype(np.float32)},
-    )
+    lines = None
+    if sides.any():
+        ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2) + 2 * LIFT * edge * normal[:, None, None]
+        pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+        lines = batch_for_shader(pen, "LINES", {"pos": ends[sides].reshape(-1, 3).astype(np.float32)})
     return faces, lines, legend
 
 
@@ -168,8 +170,8 @@ def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | N
         if layer is None or any(len(face.verts) != 4 for face in bm.faces):
             return nothing
         corners = np.array([[v.co for v in face.verts] for face in bm.faces], dtype=float)
-        # edit mode draws the seams itself
-        return corners, np.array([face[layer] for face in bm.faces]), np.zeros(corners.shape[:2], bool)
+        seams = np.array([[loop.edge.seam for loop in face.loops] for face in bm.faces], dtype=bool)
+        return corners, np.array([face[layer] for face in bm.faces]), seams
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
@@ -192,18 +194,21 @@ def _draw_colours() -> None:
         return
     obj, faces, lines, _ = shown
     gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.blend_set("ALPHA")
     gpu.state.depth_mask_set(True)
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(obj.matrix_world)
         faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
-        pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-        pen.bind()
-        pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-        pen.uniform_float("lineWidth", 2.5)
-        pen.uniform_float("color", (*map(float, colours.SEAM), 1.0))
-        lines.draw(pen)
+        if lines is not None:
+            pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+            pen.bind()
+            pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+            pen.uniform_float("lineWidth", 2.5)
+            pen.uniform_float("color", (*map(float, colours.SEAM), 1.0))
+            lines.draw(pen)
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
 
 
 def _draw_legend() -> None:

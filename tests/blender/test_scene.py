@@ -1,0 +1,140 @@
+"""Finished jobs as scenes, .blend files as input, the panels as solids, and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.bridge import arrange, beside, mesh, picture, scene, settings, solids
+from flexmaps.engine import check, design, flatten, job, shapes, sheets, trace
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.params import LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams
+
+
+@pytest.fixture(scope="module")
+def result() -> job.Result:
+    return job.run(PolygonMesh.of(shapes.make("strip")), Settings())
+
+
+def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path: Path) -> None:
+    used = Settings(spiral=SpiralParams(thickness=0.003))
+    obj = scene.show(result, "strip", used)
+    assert settings.read(obj.flexmaps, ObjectSettings).spiral.thickness == pytest.approx(0.003)
+    path = tmp_path / "model.blend"
+    scene.save(path)
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    obj = bpy.data.objects["strip"]
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    assert result.flat is not None and result.design is not None
+    assert flat.corners == pytest.approx(result.flat.corners, abs=1e-6)
+    spirals = mesh.design_of(surface, flat, result.design.params)
+    assert spirals is not None and spirals.twist == pytest.approx(result.design.twist, abs=1e-5)
+    for button in ("update_from_seams", "spirals"):
+        assert getattr(bpy.ops.flexmaps, button)() == {"FINISHED"}
+
+
+@pytest.mark.parametrize("stage", ["check", "merge"])
+def test_a_job_that_was_stopped_early(stage: str) -> None:
+    early = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after=stage)
+    obj = scene.show(early)
+    kinds = {o.get("flexmaps_kind") for o in bpy.data.objects} - {None}
+    assert kinds == (set() if stage == "check" else {"panels", "seams"})
+    assert ("flexmaps_flat" in obj.data.attributes) == (stage == "merge")
+
+
+def test_read_blend_takes_what_is_seen(add: Any, tmp_path: Path) -> None:
+    obj = add(([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2, 3)]))
+    obj.scale, obj.location = (-2.0, 1.0, 1.0), (0.0, 0.0, 3.0)
+    obj.modifiers.new("More", "ARRAY").count = 3
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    path = tmp_path / "piece.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    polygons = scene.read_blend(path)
+    assert len(polygons.sizes) == 3
+    assert np.ptp(polygons.vertices, axis=0) == pytest.approx([0.06, 0.01, 0.0])
+    assert polygons.vertices[:, 2] == pytest.approx(np.full(len(polygons.vertices), 0.03))
+    p = polygons.vertices[polygons.corners].reshape(-1, 4, 3)
+    # mirrored along x: seen from where Blender shows its front
+    assert (np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])[:, 2] > 0).all()
+
+
+def test_read_blend_refuses_what_is_no_mesh(tmp_path: Path) -> None:
+    with pytest.raises(FlexMapsError, match="no file"):
+        scene.read_blend(tmp_path / "nothing.blend")
+    broken = tmp_path / "broken.blend"
+    broken.write_bytes(b"BLENDER nonsense")
+    with pytest.raises(FlexMapsError, match="cannot be opened"):
+        scene.read_blend(broken)
+    empty = tmp_path / "empty.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(empty))
+    with pytest.raises(FlexMapsError, match="no mesh object"):
+        scene.read_blend(empty)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> None:
+    """Volume of the closed solid (trimesh) against area of the outlines times thickness."""
+    import trimesh
+
+    flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams(clockwise=clockwise))
+    shape = solids.solid(made, arrange.side_by_side(flat), degrees_per_step=6.0)
+    starts = np.cumsum(shape.sizes) - shape.sizes
+    fans = [
+        [shape.corners[s], shape.corners[s + k], shape.corners[s + k + 1]]
+        for s, n in zip(starts, shape.sizes)
+        for k in range(1, n - 1)
+    ]
+    solid = trimesh.Trimesh(shape.vertices, np.array(fans), process=True)
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert solid.body_count == len(flat.layout.patches)
+    area = sum(panel.area for panel in sheets.make_sheets(made, SheetParams(labels=False)).panels)
+    assert solid.volume == pytest.approx(area * made.params.thickness, rel=0.01)
+    quad = np.repeat(shape.quad_of, shape.sizes)
+    middle = (flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]).mean(axis=1)
+    away = np.linalg.norm(shape.vertices[shape.corners, :2] - middle[quad], axis=1)
+    assert (away < 1.5 * made.scale[quad]).all()
+
+
+def test_bezier_curves_are_arcs() -> None:
+    """A circle of four arcs: every point of Blender's curve is on it."""
+    from flexmaps.engine.arcs import Curve
+
+    quarter = np.tan(np.pi / 8)
+    circle = Curve(np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]), np.full(4, quarter))
+    knots, left, right = beside.bezier(circle)
+    t = np.linspace(0, 1, 20)[:, None, None]
+    a, b, c, d = knots, right, np.roll(left, -1, axis=0), np.roll(knots, -1, axis=0)
+    points = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
+    assert np.linalg.norm(points, axis=-1) == pytest.approx(1.0, abs=3e-4)
+    straight = Curve(np.array([[0.0, 0], [3, 0], [3, 3]]), np.zeros(3))
+    knots, left, right = beside.bezier(straight)
+    assert right[0] == pytest.approx([1.0, 0.0]) and left[1] == pytest.approx([2.0, 0.0])
+
+
+def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, tmp_path: Path) -> None:
+    obj = scene.show(result)
+    scenes, objects = len(bpy.data.scenes), {o.name for o in bpy.data.objects}
+    for draw in (picture.layout, picture.panels):
+        path = tmp_path / f"{draw.__name__}.png"
+        draw(obj, path, size=(320, 180), samples=1)
+        image = bpy.data.images.load(str(path))
+        assert tuple(image.size) == (320, 180)
+        pixels = np.array(image.pixels).reshape(180, 320, 4)[..., :3]
+        bpy.data.images.remove(image)
+        colourful = np.ptp(pixels, axis=2) > 0.1
+        assert 0.02 < colourful.mean() < 0.9
+        border = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+        # white ground and grey shadows all round: nothing is cut off
+        assert np.ptp(border, axis=1).max() < 0.15 and np.median(border) > 0.9
+    assert len(bpy.data.scenes) == scenes and {o.name for o in bpy.data.objects} == objects
+
+
+def test_a_picture_of_nothing_is_refused(dome: Any, tmp_path: Path) -> None:
+    with pytest.raises(FlexMapsError, match="no flat patches"):
+        picture.panels(dome, tmp_path / "x.png")
