@@ -63,7 +63,9 @@ def run_processes(
             w.wait()
     failed = [w.returncode for w in workers if w.returncode]
     if failed:
-        raise FlexMapsError(f"{len(failed)} of {processes} workers stopped with an error; run the same command to go on")
+        raise FlexMapsError(
+            f"{len(failed)} of {processes} workers stopped with an error; run the same command to go on"
+        )
 
 
 def _left(done: int, total: int, seconds: float) -> str:

@@ -23,7 +23,8 @@ CHUNK = 25
 HELD_OUT = 10
 """One sample in this many is kept whole and never fitted."""
 PER_LAW = {"strain": 1000, "newton": 200}
-MODELS = {"chord": 4, "pair": 4, "arm": 12}
+MODELS = ("chord", "arm")
+"""The models whose parameters are fitted to samples; the hub-to-hub one follows from the linear limit."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class Chunk:
 
     normal : per model, the (p, p) sum of a a^T and the (p,) sum of a, with a = features / energy, so that eq. 5 of
         FlexMaps 6.2 is |normal matrix p - right side|^2 up to a constant
-    fitted : number of energies in the sums: samples, and for "pair" joints
+    fitted : number of samples in the sums
     counts : converged, failed, needing load steps, seconds of computing
     kept : the held-out samples, and every failed one
     """
@@ -92,7 +93,6 @@ def compute(task: Task, keep: Path | None = None) -> bytes:
     features = {
         "chord": (rods.chord_features(fit.centres, rotations, rest), fit.energy),
         "arm": (rods.stiffness_features(rods.arm_motions(fit.centres, rotations, rest)), fit.energy),
-        "pair": rods.pair_features(joint_wrenches(fit, rest), compliance, task.subject.spiral.scale),
     }
     for name, (values, energy) in features.items():
         relative = values / energy[:, None]
@@ -108,7 +108,9 @@ def compute(task: Task, keep: Path | None = None) -> bytes:
 def joint_wrenches(samples: Samples, rest_tips: np.ndarray) -> np.ndarray:
     """(3 n, 6) the loads of tips 1-3 in their arms' axes, which turn with the hub."""
     frames = rods._arm_frames(rest_tips)[1:]
-    turned = np.einsum("nji,nkjl->nkil", samples.rotations[:, rods.HUB], samples.wrenches.reshape(-1, 3, 2, 3).swapaxes(2, 3))
+    turned = np.einsum(
+        "nji,nkjl->nkil", samples.rotations[:, rods.HUB], samples.wrenches.reshape(-1, 3, 2, 3).swapaxes(2, 3)
+    )
     return np.einsum("kij,nkil->nklj", frames, turned).reshape(-1, 6)
 
 
@@ -132,7 +134,9 @@ def _bytes(arrays: dict[str, np.ndarray]) -> bytes:
         for name in sorted(arrays):
             buffer = io.BytesIO()
             np.save(buffer, arrays[name], allow_pickle=False)
-            archive.writestr(zipfile.ZipInfo(name + ".npy", (1980, 1, 1, 0, 0, 0)), buffer.getvalue(), zipfile.ZIP_DEFLATED)
+            archive.writestr(
+                zipfile.ZipInfo(name + ".npy", (1980, 1, 1, 0, 0, 0)), buffer.getvalue(), zipfile.ZIP_DEFLATED
+            )
     return stream.getvalue()
 
 
@@ -158,7 +162,9 @@ def read(source: Path | bytes) -> Chunk | None:
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
         return None
     counts = {**header["counts"], "iterations": header["iterations"]}
-    return Chunk(normal, fitted, counts, Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in kept.items()}))
+    return Chunk(
+        normal, fitted, counts, Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in kept.items()})
+    )
 
 
 def is_done(folder: Path, task: Task) -> bool:
@@ -175,8 +181,10 @@ def pack(folder: Path, target: Path, per_law: dict[str, int] | None = None) -> i
     by_series: dict[tuple[Subject, str], list[Task]] = {}
     for task in tasks(per_law):
         by_series.setdefault((task.subject, task.law), []).append(task)
-    arrays: dict[str, np.ndarray] = {}
-    kept, series, done = [], [], 0
+    arrays: dict[str, list[np.ndarray]] = {}
+    kept: list[tuple[np.ndarray, Samples]] = []
+    series: list[dict] = []
+    done = 0
     for (subject, law), members in by_series.items():
         found = [c for c in (read(folder / t.name) for t in members if (folder / t.name).is_file()) if c is not None]
         if not found:
@@ -187,12 +195,14 @@ def pack(folder: Path, target: Path, per_law: dict[str, int] | None = None) -> i
         kept.append((np.full(len(samples.number), number, dtype=np.int32), samples))
         counts = {k: sum(c.counts[k] for c in found) for k in found[0].counts}
         fitted = {m: sum(c.fitted[m] for c in found) for m in MODELS}
-        series.append({"key": key(subject, law), "law": law, "subject": asdict(subject), "counts": counts, "fitted": fitted})
+        series.append(
+            {"key": key(subject, law), "law": law, "subject": asdict(subject), "counts": counts, "fitted": fitted}
+        )
         for m in MODELS:
-            arrays.setdefault(f"{m}_matrix", []).append(sum(c.normal[m][0] for c in found))  # type: ignore[attr-defined]
-            arrays.setdefault(f"{m}_side", []).append(sum(c.normal[m][1] for c in found))  # type: ignore[attr-defined]
+            for place, part in enumerate(("matrix", "side")):
+                arrays.setdefault(f"{m}_{part}", []).append(np.sum([c.normal[m][place] for c in found], axis=0))
         with np.load(folder / next(t.name for t in members if is_done(folder, t))) as stored:
-            arrays.setdefault("compliance", []).append(stored["compliance"])  # type: ignore[attr-defined]
+            arrays.setdefault("compliance", []).append(stored["compliance"])
     if not series:
         return 0
     columns = _columns(Samples.joined([s for _, s in kept]))

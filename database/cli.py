@@ -20,7 +20,9 @@ def say(text: str) -> None:
 
 
 def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="tools/dev.py database", description="The fine level of FlexMaps: sample, fit, report.")
+    top = argparse.ArgumentParser(
+        prog="tools/dev.py database", description="The fine level of FlexMaps: sample, fit, report."
+    )
     commands = top.add_subparsers(dest="command", required=True)
 
     def common(name: str, text: str) -> argparse.ArgumentParser:
@@ -30,7 +32,10 @@ def parser() -> argparse.ArgumentParser:
         p.add_argument("--newton-samples", type=int, default=200, help="samples a spiral under the 1-5 N law")
         return p
 
-    for name, text in (("build", "Solve what is missing and gather it; goes on where it was stopped."), ("work", "One worker of build.")):
+    for name, text in (
+        ("build", "Solve what is missing and gather it; goes on where it was stopped."),
+        ("work", "One worker of build."),
+    ):
         p = common(name, text)
         p.add_argument("--keep-samples", type=Path, default=None, metavar="DIR", help="also keep all raw samples there")
         if name == "build":
@@ -102,7 +107,11 @@ def run_fit(options: argparse.Namespace) -> int:
     from . import fits, table_file
 
     done = chunks.pack(options.dir, PACK, {"strain": options.samples, "newton": options.newton_samples})
-    say(f"{done} chunks gathered into {PACK.name}" if done else f"No chunks in {options.dir}: fitting {PACK.name} as it stands")
+    say(
+        f"{done} chunks gathered into {PACK.name}"
+        if done
+        else f"No chunks in {options.dir}: fitting {PACK.name} as it stands"
+    )
     if options.table:
         table_file.compute(options.dir / "table", Progress(lambda f, text: say(f"{100 * f:5.1f} %  {text}")))
     fits.write_parameters(PACK, say)

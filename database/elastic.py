@@ -119,6 +119,7 @@ class Elements:
         w [lambda f_d f_e^T + mu (F F^T (g_d . g_e) + f_e f_d^T) + I (g_d . S g_e)], with g_d = dxi_d/dX and f_d = F g_d.
         """
         e = len(f)
+
         # the points go last, so that what follows is long runs of plain products
         def last(x: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(np.moveaxis(x, 2, -1))
@@ -172,14 +173,14 @@ class Elements:
         return out.reshape(len(STATION_PAIRS), 4 * ALONG)
 
     @cached_property
-    def _fine_section(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _fine_section(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Shape functions and their derivatives at 8 x 8 even points of the section, which reach its surface."""
         value, slope = lagrange((np.arange(8) + 0.5) / 8)
-        return np.full(64, 1.0 / 64.0), np.kron(value, value), np.kron(slope, value), np.kron(value, slope)
+        return np.kron(value, value), np.kron(slope, value), np.kron(value, slope)
 
     def peak_strain(self, displacement: np.ndarray, share: float = 0.99) -> float:
         """The largest principal Green strain (in magnitude) that ``share`` of the volume stays below."""
-        weights, n, n1, n2 = self._fine_section
+        n, n1, n2 = self._fine_section
         f = np.eye(3) + self._at(displacement[self.index], n, n1, n2) @ self._fine_inverse
         size = largest_principal(self.strain(f))
         volume = self._fine_weight
@@ -189,7 +190,7 @@ class Elements:
 
     @cached_property
     def _fine_jacobian(self) -> np.ndarray:
-        return self._at(self.rest, *self._fine_section[1:])
+        return self._at(self.rest, *self._fine_section)
 
     @cached_property
     def _fine_inverse(self) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Three fits of one spiral's energies, all bounded linear least squares on the sums that the chunks keep.
 
 "chord": the paper's four parameters, eq. 5 on edges from the hub to the free tips; "pair": the same four fitted on
-edges from hub to hub, where the assembly uses them; "arm": the twelve numbers of the tip stiffness from the linear
-limit, which need no fitting.
+edges from hub to hub, where the assembly uses them, to the linear limit under one set of random joint loads; "arm": the
+twelve numbers of the tip stiffness from the linear limit, which need no fitting.
 """
 
 from __future__ import annotations
@@ -15,14 +15,19 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ..engine import stiffness_rods
 from ..engine.errors import FlexMapsError
-from . import rods
-from .chunks import MODELS, joint_wrenches
-from .sampling import VERSION, Samples, Subject
+from ..engine.stiffness_rods import PARAMETERS
+from . import chunks, rods
+from .chunks import joint_wrenches
+from .sampling import SEED, VERSION, Samples, Subject
 
 FLOOR = 1e-3
 """Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
 FEWEST = 10
+FEWEST_CHORD = 400
+"""Samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then."""
+MODELS = ("chord", "pair", "arm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +57,9 @@ def load(pack: Path) -> list[Series]:
         with np.load(pack, allow_pickle=False) as stored:
             header = json.loads(str(stored["header"]))
             if header["version"] != VERSION:
-                raise FlexMapsError(f"{pack.name} is of version {header['version']}, not {VERSION}; build the database again")
+                raise FlexMapsError(
+                    f"{pack.name} is of version {header['version']}, not {VERSION}; build the database again"
+                )
             arrays = {n: stored[n] for n in stored.files if n != "header"}
     except (OSError, ValueError, KeyError) as error:
         raise FlexMapsError(f"{pack.name} cannot be read ({error}); build the database again") from None
@@ -61,9 +68,11 @@ def load(pack: Path) -> list[Series]:
         mine = arrays["kept_series"] == number
         columns = {n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}
         kept = Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in columns.items()})
-        normal = {m: (arrays[f"{m}_matrix"][number], arrays[f"{m}_side"][number]) for m in MODELS}
+        normal = {m: (arrays[f"{m}_matrix"][number], arrays[f"{m}_side"][number]) for m in chunks.MODELS}
         subject = Subject(**entry["subject"])
-        out.append(Series(subject, entry["law"], normal, entry["fitted"], entry["counts"], arrays["compliance"][number], kept))
+        out.append(
+            Series(subject, entry["law"], normal, entry["fitted"], entry["counts"], arrays["compliance"][number], kept)
+        )
     return out
 
 
@@ -82,14 +91,34 @@ def parameters(series: Series, model: str) -> np.ndarray:
     """The parameters of one model for one spiral, dimensionless: (4,), or (12,) for "arm"."""
     if model == "arm":
         return rods.stiffness_parameters(series.compliance)
+    if model == "pair":
+        features, energy = rods.pair_features(
+            joint_loads(series.subject.spiral.scale), series.compliance, series.subject.spiral.scale
+        )
+        relative = features / energy[:, None]
+        return solve(relative.T @ relative, relative.sum(0), len(energy))
     return solve(*series.normal[model], series.fitted[model])
+
+
+def joint_loads(scale: float, count: int = 4000) -> np.ndarray:
+    """(count, 6) forces and moments at a joint, distributed like the strain-targeted law's and alike for all spirals."""
+    rng = np.random.Generator(np.random.Philox(SEED))
+
+    def directions() -> np.ndarray:
+        v = rng.normal(size=(count, 3))
+        return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+    force = directions() * rng.uniform(0.1, 1.0, (count, 1))
+    return np.hstack([force, directions() * rng.uniform(0.0, 0.3, (count, 1)) * scale])
 
 
 def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Energies of the held-out samples: by the model with ``fitted`` parameters, and true."""
     s = series.kept.chosen(series.kept.converged & (series.kept.number % 10 == 0))
     if model == "pair":
-        features, true = rods.pair_features(joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale)
+        features, true = rods.pair_features(
+            joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale
+        )
     elif model == "arm":
         features, true = rods.stiffness_features(rods.arm_motions(s.centres, s.rotations, series.rest_tips)), s.energy
     else:
@@ -101,15 +130,14 @@ def errors(all_series: list[Series], model: str, law: str) -> np.ndarray:
     """Relative held-out errors of all spirals under one law, each fitted on its own sums."""
     out = [np.zeros(0)]
     for series in all_series:
-        if series.law == law and series.fitted[model] >= FEWEST:
+        if series.law == law and series.fitted["chord"] >= FEWEST:
             made, true = predicted(series, model, parameters(series, model))
             out.append(np.abs(made / true - 1.0))
     return np.concatenate(out)
 
 
-def write_parameters(pack: Path, say: Callable[[str], None]) -> None:
+def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARAMETERS) -> None:
     """Fit the four parameters of every spiral, train the networks, and write what the engine reads."""
-    from ..engine import stiffness_rods
     from . import network
 
     all_series = [s for s in load(pack) if s.law == "strain" and min(s.fitted.values()) >= FEWEST]
@@ -117,20 +145,35 @@ def write_parameters(pack: Path, say: Callable[[str], None]) -> None:
         raise FlexMapsError(f"{len(all_series)} spirals have samples; the networks need {FEWEST} or more: build first")
     points = np.array([stiffness_rods.coordinates(s.subject.spiral) for s in all_series])
     arrays, notes = {}, {}
-    for model in ("chord", "pair"):
+    for model in ("pair", "chord"):
+        fewest = min(s.fitted["chord"] for s in all_series)
+        if model == "chord" and fewest < FEWEST_CHORD:
+            say(f"chord: left out, a spiral has {fewest} samples and its network needs {FEWEST_CHORD}")
+            continue
         logs = np.log([parameters(s, model) for s in all_series])
         made = network.train(points, logs)
         left_out = network.leave_one_out(points, logs, made)
         arrays.update({f"{model}_{n}": v for n, v in made.arrays().items()})
         notes[model] = {
-            "spread": made.spread, "neurons": len(made.centres), "rms": made.rms,
-            "leave_one_out_median": float(np.median(left_out)), "leave_one_out_95": float(np.quantile(left_out, 0.95)),
+            "spread": made.spread,
+            "neurons": len(made.centres),
+            "rms": made.rms,
+            "leave_one_out_median": float(np.median(left_out)),
+            "leave_one_out_95": float(np.quantile(left_out, 0.95)),
         }
-        say(f"{model}: {notes[model]['neurons']} neurons, spread {made.spread:.3f}, leave one out "
-            f"{100 * notes[model]['leave_one_out_median']:.1f} % median, {100 * notes[model]['leave_one_out_95']:.1f} % at 95 %")
+        say(
+            f"{model}: {notes[model]['neurons']} neurons, spread {made.spread:.3f}, leave one out "
+            f"{100 * notes[model]['leave_one_out_median']:.1f} % median, {100 * notes[model]['leave_one_out_95']:.1f} % at 95 %"
+        )
     samples = sum(s.fitted["chord"] for s in all_series)
-    provenance = {"format": stiffness_rods.FORMAT, "spirals": len(all_series), "samples": samples, "version": VERSION, "networks": notes}
-    stiffness_rods.PARAMETERS.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(stiffness_rods.PARAMETERS, provenance=json.dumps(provenance), **arrays)
+    provenance = {
+        "format": stiffness_rods.FORMAT,
+        "spirals": len(all_series),
+        "samples": samples,
+        "version": VERSION,
+        "networks": notes,
+    }
+    target.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(target, provenance=json.dumps(provenance), **arrays)
     stiffness_rods.load_network.cache_clear()
-    say(f"{stiffness_rods.PARAMETERS.name}: {len(all_series)} spirals, {samples} samples")
+    say(f"{target.name}: {len(all_series)} spirals, {samples} samples")

@@ -91,12 +91,20 @@ def train(points: np.ndarray, outputs: np.ndarray) -> Network:
 
 
 def _solved(
-    x: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray, offset: np.ndarray, span: np.ndarray,
-    chosen: np.ndarray, spread: float,
+    x: np.ndarray,
+    y: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    offset: np.ndarray,
+    span: np.ndarray,
+    chosen: np.ndarray,
+    spread: float,
 ) -> Network:
     basis = _basis(x, x[chosen], spread)
     weights = np.linalg.lstsq(basis, y, rcond=1e-12)[0]
-    return Network(low, high, offset, span, x[chosen], weights, spread, float(np.sqrt(((basis @ weights - y) ** 2).mean())))
+    return Network(
+        low, high, offset, span, x[chosen], weights, spread, float(np.sqrt(((basis @ weights - y) ** 2).mean()))
+    )
 
 
 def leave_one_out(points: np.ndarray, outputs: np.ndarray, made: Network) -> np.ndarray:

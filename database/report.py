@@ -24,7 +24,7 @@ def summary(all_series: list[Series]) -> dict:
     for law in sorted({s.law for s in all_series}):
         mine = [s for s in all_series if s.law == law]
         converged, failed = (int(sum(s.counts[k] for s in mine)) for k in ("converged", "failed"))
-        solved = {"spirals": len(mine), "converged": converged, "failed": failed}
+        solved: dict[str, float] = {"spirals": len(mine), "converged": converged, "failed": failed}
         solved["iterations_mean"] = float(sum(s.counts["iterations"] for s in mine) / max(converged + failed, 1))
         solved["in_one_step"] = 1.0 - float(sum(s.counts["stepped"] for s in mine)) / max(converged + failed, 1)
         out["laws"][law] = solved
@@ -33,10 +33,14 @@ def summary(all_series: list[Series]) -> dict:
             if len(e):
                 out["models"].setdefault(model, {})[law] = _quantiles(e)
     for s in all_series:
-        row = {"scale_mm": 1e3 * s.subject.scale, "width_mm": 1e3 * s.subject.width, "twist_deg": float(np.degrees(s.subject.twist))}
+        row: dict = {
+            "scale_mm": 1e3 * s.subject.scale,
+            "width_mm": 1e3 * s.subject.width,
+            "twist_deg": float(np.degrees(s.subject.twist)),
+        }
         row.update({"law": s.law, "samples": s.fitted["chord"]})
         for model in fits.MODELS:
-            if s.fitted[model] >= fits.FEWEST:
+            if s.fitted["chord"] >= fits.FEWEST:
                 made, true = fits.predicted(s, model, fits.parameters(s, model))
                 if len(true):
                     row[model] = _quantiles(np.abs(made / true - 1.0))
@@ -58,7 +62,9 @@ def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
         say(f"{law}: {solved['spirals']} spirals, {solved['converged']} converged, {solved['failed']} failed")
     for model, by_law in found["models"].items():
         for law, e in by_law.items():
-            say(f"{TITLES[model]:34s} {law:7s} median {100 * e['median']:6.2f} %   95 % {100 * e['p95']:6.2f} %   ({e['count']} held out)")
+            say(
+                f"{TITLES[model]:34s} {law:7s} median {100 * e['median']:6.2f} %   95 % {100 * e['p95']:6.2f} %   ({e['count']} held out)"
+            )
         plot(all_series, model, folder / f"energies_{model}.png")
     say(f"written to {folder}")
     return found
@@ -70,8 +76,9 @@ def plot(all_series: list[Series], model: str, path: Path) -> None:
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
+    from matplotlib.ticker import NullFormatter
 
-    usable = [s for s in all_series if s.law == "strain" and s.fitted[model] >= fits.FEWEST]
+    usable = [s for s in all_series if s.law == "strain" and s.fitted["chord"] >= fits.FEWEST]
     if not usable:
         return
     order = sorted(usable, key=lambda s: (s.subject.twist, s.subject.scale, s.subject.width))
@@ -88,8 +95,13 @@ def plot(all_series: list[Series], model: str, path: Path) -> None:
         axis.set_xscale("log")
         axis.set_yscale("log")
         s = series.subject
-        axis.set_title(f"s {1e3 * s.scale:g}, w {1e3 * s.width:g} mm, {np.degrees(s.twist):.0f}°: {100 * np.median(error):.1f} %", fontsize=9)
+        axis.set_title(
+            f"s {1e3 * s.scale:g}, w {1e3 * s.width:g} mm, {np.degrees(s.twist):.0f}°: {100 * np.median(error):.1f} %",
+            fontsize=9,
+        )
         axis.tick_params(labelsize=7)
+        for side in (axis.xaxis, axis.yaxis):
+            side.set_minor_formatter(NullFormatter())
     for axis in axes.flat[len(chosen) :]:
         axis.set_visible(False)
     figure.suptitle(f"Elastic energy of held-out samples: {TITLES[model]}")

@@ -54,9 +54,7 @@ def _transport(v: np.ndarray, t1: np.ndarray, t2: np.ndarray) -> np.ndarray:
     return v * cosine + np.cross(axis, v) + axis * (axis * v).sum(-1)[..., None] / (1.0 + cosine)
 
 
-def arm_motions(
-    centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray, share: float = 0.5
-) -> np.ndarray:
+def arm_motions(centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray, share: float = 0.5) -> np.ndarray:
     """(n, 4, 6) motion of every tip relative to the rigidly moved hub, in the arm's axes: shift, rotation vector.
 
     The shift is measured in the frame half way between hub and tip and then referred to the hub: measured in the hub's

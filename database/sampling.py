@@ -54,11 +54,14 @@ def subjects(slot: float = 0.0003) -> list[Subject]:
 
 
 def fineness_of(spiral: Spiral) -> Fineness:
-    """The mesh for the nonlinear samples: twice as fine across the stout arms of small spirals."""
-    return Fineness(across=2) if spiral.scale < STOUT else Fineness()
+    """The mesh for the nonlinear samples: finer across the stout arms of small spirals, most where slots are narrow."""
+    if spiral.scale >= STOUT:
+        return Fineness()
+    return Fineness(across=4 if spiral.tip_gap < NARROW else 2)
 
 
 STOUT = 7.5
+NARROW = 0.4
 
 
 def key(subject: Subject, law: str) -> str:
@@ -149,7 +152,7 @@ class Sampler:
         row: dict = {"number": number, "wrenches": wrenches[1:], "iterations": found.iterations, "steps": found.steps}
         row["converged"] = found.converged
         if not found.converged:
-            nothing = {name: np.nan for name in ("energy", "strain", "displacement", "clearance")}
+            nothing = dict.fromkeys(("energy", "strain", "displacement", "clearance"), np.nan)
             return {**row, **nothing, "centres": np.full((5, 3), np.nan), "turns": np.full((5, 3), np.nan)}
         centres, rotations = self.model.frames(found.displacement)
         return {

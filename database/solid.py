@@ -36,6 +36,9 @@ class Fineness:
     root: float = 0.5
 
 
+COARSE = Fineness()
+
+
 @dataclass(frozen=True, eq=False)
 class Solid:
     """A spiral as a solid.
@@ -170,7 +173,7 @@ def _plan(spiral: Spiral, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(turned), owner
 
 
-def make_solid(spiral: Spiral, fineness: Fineness = Fineness()) -> Solid:
+def make_solid(spiral: Spiral, fineness: Fineness = COARSE) -> Solid:
     """Mesh a spiral; raises FlexMapsError where it cannot be cut or its mesh would fold over."""
     plan, arm_of_plan = _plan(spiral, fineness)
     _refuse_folds(spiral, plan)
@@ -187,7 +190,9 @@ def make_solid(spiral: Spiral, fineness: Fineness = Fineness()) -> Solid:
     number = number.reshape(plan.shape)
     depth = len(levels)
     z = spiral.height * (levels - 0.5)
-    points = np.column_stack([np.repeat(flat[kept].real, depth), np.repeat(flat[kept].imag, depth), np.tile(z, len(kept))])
+    points = np.column_stack(
+        [np.repeat(flat[kept].real, depth), np.repeat(flat[kept].imag, depth), np.tile(z, len(kept))]
+    )
     layers = [number[..., None] * depth + 3 * k + np.arange(4) for k in range(fineness.through)]
     elements = np.stack(layers, axis=1).reshape(-1, 4, 4, 4)
     arm_of = np.repeat(arm_of_plan, fineness.through)

@@ -15,9 +15,9 @@ from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
-from .elastic import ALONG, SECTION, STATION_PAIRS, Elements
-from .solid import ARMS, Fineness, Solid, make_solid
+from .elastic import SECTION, STATION_PAIRS, Elements
 from .geometry import Spiral
+from .solid import ARMS, COARSE, Fineness, Solid, make_solid
 
 ITERATIONS = 25
 STEPS = (1, 3, 12)
@@ -91,7 +91,7 @@ class Model:
         self,
         spiral: Spiral,
         poisson: float,
-        fineness: Fineness = Fineness(),
+        fineness: Fineness = COARSE,
         *,
         backend: str | None = None,
         like: Model | None = None,
@@ -146,8 +146,9 @@ class Model:
         cols = np.broadcast_to(cols[:, :, None, :, None, :], shape)
         common_rows, common_cols = reduced[rows[self._common]].ravel(), reduced[cols[self._common]].ravel()
         # a pair of different stations stands for both triangles, so it goes to the lower one; equal stations hold both
-        mixed = np.broadcast_to((pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None],
-                                (len(self._common), *shape[1:])).ravel()
+        mixed = np.broadcast_to(
+            (pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None], (len(self._common), *shape[1:])
+        ).ravel()
         high, low = np.maximum(common_rows, common_cols), np.minimum(common_rows, common_cols)
         block = np.unique(dofs[tip])
         self._block = block

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,8 @@ from .statics import Model
 COUNTS = (9, 7, 11, 3)
 """Nodes in ln(s/w), ln(w/h), twist / limit and Poisson's ratio."""
 FINENESS = Fineness(length=2.5, turn=0.7, across=2, through=1, root=0.4)
+NARROW = replace(FINENESS, across=4)
+"""For stout spirals with narrow slots, whose hubs bulge far out."""
 CHANNELS = 18
 
 
@@ -39,9 +41,14 @@ def _axes(counts: tuple[int, int, int, int]) -> tuple[np.ndarray, np.ndarray, np
     return ratio, flatness, spread(roots(counts[2]), 0.0, 1.0), spread(roots(counts[3]), *stiffness.POISSON_RANGE)
 
 
-def arm(spiral: Spiral, poisson: float, fineness: Fineness = FINENESS, like: Model | None = None) -> tuple[np.ndarray, Model]:
+def fineness_of(spiral: Spiral) -> Fineness:
+    """The mesh for the linear limit of a spiral."""
+    return NARROW if spiral.scale < 9.0 and spiral.tip_gap < 0.4 else FINENESS
+
+
+def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[np.ndarray, Model]:
     """(18,) what the table stores of one spiral: the relative factor (12) and the logarithms of six peak strains."""
-    model = Model(spiral, poisson, fineness, like=like)
+    model = Model(spiral, poisson, fineness_of(spiral), like=like)
     motions = linear.unit_motions(model)
     compliance = linear.tip_compliance(model, motions)
     factor = stiffness.relative_factor(compliance, spiral.scale, spiral.height, spiral.twist, poisson)
@@ -56,7 +63,8 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     plans = [(i, k) for i in range(counts[0]) for k in range(counts[2])]
     for done, (i, k) in enumerate(plans):
         ratio, twist = ratios[i], shares[k] * float(stiffness.twist_limit(ratios[i]))
-        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{digest()}.npy"
+        mesh = digest(fineness_of(Spiral(ratio, 1.0, twist)))
+        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{mesh}.npy"
         if not name.is_file():
             like, values = None, np.empty((counts[1], counts[3], CHANNELS))
             for j, flatness in enumerate(flatnesses):
@@ -71,9 +79,9 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     return out
 
 
-def digest() -> str:
-    """Name of the discretisation."""
-    return hashlib.sha256(json.dumps(asdict(FINENESS), sort_keys=True).encode()).hexdigest()[:10]
+def digest(fineness: Fineness) -> str:
+    """Name of a discretisation."""
+    return hashlib.sha256(json.dumps(asdict(fineness), sort_keys=True).encode()).hexdigest()[:10]
 
 
 def coefficients(values: np.ndarray) -> np.ndarray:
@@ -100,7 +108,9 @@ def write(values: np.ndarray, path: Path, provenance: dict) -> None:
         part,
         coefficients=arranged[keep].astype(np.float32),
         pairs=pairs[keep].astype(np.int16),
-        provenance=json.dumps({"format": stiffness.FORMAT, "fineness": asdict(FINENESS), **provenance}),
+        provenance=json.dumps(
+            {"format": stiffness.FORMAT, "fineness": [asdict(FINENESS), asdict(NARROW)], **provenance}
+        ),
     )
     part.replace(path)
     stiffness.load_table.cache_clear()

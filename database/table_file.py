@@ -35,13 +35,13 @@ def judge(folder: Path, progress: Progress = SILENT, target: Path = stiffness.TA
     spirals = table.held_out()
     for k, (spiral, poisson) in enumerate(spirals):
         progress(k / len(spirals), f"held-out spiral {k + 1} of {len(spirals)}")
-        name = folder / f"held-out-{table.HELD_OUT_SEED}-{k}-{table.digest()}.npy"
+        name = folder / f"held-out-{table.HELD_OUT_SEED}-{k}-{table.digest(table.fineness_of(spiral))}.npy"
         if not name.is_file():
             np.save(name, table.arm(spiral, poisson)[0])
         true, made = np.load(name), stiffness.load_table(poisson, target)
         compliance.append(np.abs(table.block_errors(true, spiral, poisson, made)))
-        at = [np.array([v]) for v in (spiral.scale, 1.0 / spiral.height, spiral.twist)]
-        strains.append(np.abs(np.exp(stiffness.log_strains(*at, made)[:, 0] - true[12:]) - 1.0))
+        ratio, flatness, twist = (np.array([v]) for v in (spiral.scale, 1.0 / spiral.height, spiral.twist))
+        strains.append(np.abs(np.exp(stiffness.log_strains(ratio, flatness, twist, made)[:, 0] - true[12:]) - 1.0))
     c, s = np.array(compliance), np.array(strains)
     return {
         "spirals": len(spirals),

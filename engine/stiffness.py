@@ -29,7 +29,7 @@ SLOT_SHARE = 0.14
 TWIST_CAP = math.radians(600.0)
 CAP_POWER = 8
 IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)
-ENTRIES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+ENTRIES: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 _DIAGONAL = (0, 2, 5)
 
 
@@ -166,7 +166,9 @@ def _interpolate(table: Table, at: _Point, channels: slice) -> tuple[np.ndarray,
     i, j = table.pairs.T
     flat = c.reshape(pairs, -1).T
     n = len(at.x)
-    plain, by_y, by_z = ((flat @ product).reshape(count, degree, n) for product in (ty[i] * tz[j], dy[i] * tz[j], ty[i] * dz[j]))
+    plain, by_y, by_z = (
+        (flat @ product).reshape(count, degree, n) for product in (ty[i] * tz[j], dy[i] * tz[j], ty[i] * dz[j])
+    )
     value, by_x = np.einsum("cdn,dn->cn", plain, tx), np.einsum("cdn,dn->cn", plain, dx)
     slope_y, slope_z = np.einsum("cdn,dn->cn", by_y, tx), np.einsum("cdn,dn->cn", by_z, tx)
     x_per, y_per = (2.0 / math.log(high / low) for low, high in (SCALE_RANGE, WIDTH_RANGE))
@@ -178,7 +180,7 @@ def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     l, dl = np.empty_like(a), np.empty_like(da)
     l[0] = np.sqrt(a[0])
     dl[:, 0] = 0.5 * da[:, 0] / l[0]
-    for row, (diag, left) in enumerate(((1, None), (3, None))):
+    for diag in (1, 3):
         l[diag] = a[diag] / l[0]
         dl[:, diag] = (da[:, diag] - l[diag] * dl[:, 0]) / l[0]
     l[2] = np.sqrt(a[2] - l[1] ** 2)

@@ -56,7 +56,13 @@ def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
     with np.load(path) as stored:
         if json.loads(str(stored["provenance"])).get("format") != FORMAT:
             raise FlexMapsError(f"The rod parameters {path.name} have another version; build the database again")
-        return {n[len(model) + 1 :]: stored[n] for n in stored.files if n.startswith(model + "_")}
+        found = {n[len(model) + 1 :]: stored[n] for n in stored.files if n.startswith(model + "_")}
+    if not found:
+        raise FlexMapsError(
+            f"The rod parameters of the model '{model}' are not in {path.name}: they need more samples than were made; "
+            "use 'pair', or go on with the database and fit it again"
+        )
+    return found
 
 
 def rod_parameters(

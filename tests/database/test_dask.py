@@ -19,7 +19,10 @@ def start(arguments: list[str], folder) -> subprocess.Popen:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"],
-        cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
 
 
@@ -38,7 +41,9 @@ def test_killed_worker_costs_nothing(tmp_path, root):
         time.sleep(3)
         for k in range(2):
             (tmp_path / f"worker{k}").mkdir()
-            processes.append(start(["worker", address, "--no-nanny", "--nthreads", "1", "--name", str(k)], tmp_path / f"worker{k}"))
+            processes.append(
+                start(["worker", address, "--no-nanny", "--nthreads", "1", "--name", str(k)], tmp_path / f"worker{k}")
+            )
         seen: list[str] = []
 
         def say(text: str) -> None:

@@ -149,7 +149,9 @@ def test_network_learns_a_smooth_function():
     assert np.abs(made(inside) - function(inside)).max() < 0.03
 
 
-@pytest.mark.parametrize("line", [["build", "--samples", "-1"], ["build", "--processes", "0"], ["work", "--stripe", "x"]])
+@pytest.mark.parametrize(
+    "line", [["build", "--samples", "-1"], ["build", "--processes", "0"], ["work", "--stripe", "x"]]
+)
 def test_command_line_refuses_nonsense_in_one_line(line, capsys, tmp_path):
     assert cli.main([*line, "--dir", str(tmp_path)]) == 1
     assert capsys.readouterr().out.startswith("database: ")

@@ -44,7 +44,9 @@ def test_fillet_touches_both_edges():
     assert np.abs(near - shape.centre).min() == pytest.approx(0.1, abs=1e-6)
 
 
-@pytest.mark.parametrize("bad", [(10.0, 1.0, 7.5), (4.0, 1.0, 3.0), (-1.0, 1.0, 0.0), (10.0, -1.0, 0.0), (10.0, 1.0, math.nan)])
+@pytest.mark.parametrize(
+    "bad", [(10.0, 1.0, 7.5), (4.0, 1.0, 3.0), (-1.0, 1.0, 0.0), (10.0, -1.0, 0.0), (10.0, 1.0, math.nan)]
+)
 def test_what_cannot_be_cut_is_refused(bad):
     with pytest.raises(FlexMapsError):
         make_solid(Spiral(*bad))
@@ -64,7 +66,7 @@ def test_rigid_motion_costs_nothing():
     f = el.gradients(moved)
     assert el.energy(el.strain(f)) < 1e-24
     assert np.abs(el.forces(f, el.stress(el.strain(f)))).max() < 1e-12
-    centres, rotations = model.frames(moved)
+    rotations = model.frames(moved)[1]
     assert np.allclose(rotations, turn, atol=1e-10)
 
 
@@ -141,7 +143,8 @@ def test_finer_mesh_changes_little():
     wrenches = np.zeros((4, 6))
     wrenches[1:, :3] = np.random.default_rng(2).normal(size=(3, 3)) * 2e-4
     coarse, fine = (
-        Model(Spiral(10.0, 1.0, 3.5), 0.3, fineness) for fineness in (Fineness(), Fineness(length=1.25, turn=0.4, across=2))
+        Model(Spiral(10.0, 1.0, 3.5), 0.3, fineness)
+        for fineness in (Fineness(), Fineness(length=1.25, turn=0.4, across=2))
     )
     energies = [m.solve(m.loads(wrenches)).energy for m in (coarse, fine)]
     assert energies[0] == pytest.approx(energies[1], rel=0.02)

@@ -145,14 +145,13 @@ def test_materials_name_their_sources():
 # -- the paper's four parameters ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", stiffness_rods.MODELS)
 @pytest.mark.parametrize("name", ["scale", "width", "twist"])
-def test_rod_parameters_have_exact_derivatives(model, name):
+def test_rod_parameters_have_exact_derivatives(name):
     rng = np.random.default_rng(6)
     arms = [rng.uniform(0.015, 0.029, 60), rng.uniform(0.0011, 0.0019, 60), rng.uniform(0.1, 3.5, 60)]
-    kind = {"thickness": 0.002, "youngs": 2.6e9, "model": model}
+    kind = {"thickness": 0.002, "youngs": 2.6e9, "model": "pair"}
     position = ("scale", "width", "twist").index(name)
-    step = 1e-6 * arms[position]
+    step = 1e-4 * arms[position]
     sides = []
     for sign in (1, -1):
         moved = list(arms)
@@ -161,7 +160,7 @@ def test_rod_parameters_have_exact_derivatives(model, name):
     assert (sides[0] > 0).all()
     slope = (sides[0] - sides[1]) / (2 * step)[:, None]
     found = getattr(stiffness_rods.rod_parameters(*arms, **kind), f"by_{name}")
-    assert np.allclose(found, slope, rtol=1e-5, atol=1e-6 * np.abs(slope).max(axis=0))
+    assert np.allclose(found, slope, rtol=1e-4, atol=1e-5 * np.abs(slope).max(axis=0))
 
 
 def test_rod_parameters_stay_in_their_region():
@@ -169,3 +168,17 @@ def test_rod_parameters_stay_in_their_region():
     for scale, width, twist in ((0.05, 0.0015, 1.0), (0.02, 0.003, 1.0), (0.01, 0.002, 3.4)):
         with pytest.raises(FlexMapsError):
             stiffness_rods.rod_parameters([scale], [width], [twist], **kind)
+
+
+def test_straight_cross_bends_like_its_arms():
+    """Between two hubs a straight cross is a beam: the fitted bending stiffness is near E h w^3 / 12, torsion near G J."""
+    found = stiffness_rods.rod_parameters([0.028], [0.0012], [0.0], thickness=0.002, youngs=1e9).values[0]
+    assert 0.9 < found[1] / (1e9 * 0.002 * 0.0012**3 / 12) < 3.5
+    assert 0.9 < found[2] / (1e9 * 0.0012 * 0.002**3 / 12) < 3.5
+    torsion = 0.002 * 0.0012**3 * (1 / 3 - 0.21 * 0.6 * (1 - 0.6**4 / 12))
+    assert found[3] == pytest.approx(1e9 / 2.6 * torsion, rel=0.15)
+
+
+def test_unknown_rod_models_are_refused():
+    with pytest.raises(FlexMapsError, match="pair"):
+        stiffness_rods.load_network("beam")

@@ -1,0 +1,53 @@
+"""What is committed fits together: the statistics give the fitted parameters again, the table holds their compliances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.database import cli, fits, report, table
+from flexmaps.engine import stiffness, stiffness_rods
+
+
+@pytest.fixture(scope="module")
+def series():
+    return [s for s in fits.load(cli.PACK) if s.law == "strain"]
+
+
+def test_statistics_give_the_committed_parameters_again(series, tmp_path):
+    fits.write_parameters(cli.PACK, lambda text: None, tmp_path / "again.npz")
+    with np.load(tmp_path / "again.npz") as again, np.load(stiffness_rods.PARAMETERS) as committed:
+        assert sorted(again.files) == sorted(committed.files)
+        assert np.allclose(again["pair_offset"], committed["pair_offset"], rtol=1e-9)
+        assert again["pair_weights"].shape == committed["pair_weights"].shape
+    subjects = [s for s in series if s.subject.twist > 0.1][::7]
+    at = [np.array([getattr(s.subject, n) for s in subjects]) for n in ("scale", "width", "twist")]
+    found = stiffness_rods.rod_parameters(*at, thickness=0.002, youngs=2.6e9).values
+    unit = 2.6e9 * at[1][:, None] ** [2, 4, 4, 4]
+    own = np.array([fits.parameters(s, "pair") for s in subjects]) * unit
+    assert np.median(np.abs(found / own - 1.0)) < 0.01
+
+
+def test_table_meets_the_compliances_of_the_sampled_spirals(series):
+    errors = []
+    found = stiffness.load_table(0.3)
+    for s in series:
+        spiral = s.subject.spiral
+        stored = np.concatenate(
+            [stiffness.relative_factor(s.compliance, spiral.scale, spiral.height, spiral.twist, 0.3), np.zeros(6)]
+        )
+        errors.append(np.abs(table.block_errors(stored, spiral, 0.3, found)))
+    assert len(errors) == 125
+    assert np.median(errors) < 0.015
+    assert np.quantile(errors, 0.95) < 0.08
+
+
+def test_report_tells_what_the_models_can_do(series):
+    found = report.summary(series)
+    assert found["laws"]["strain"]["spirals"] == 125 and found["laws"]["strain"]["failed"] == 0
+    arm, chord = found["models"]["arm"]["strain"], found["models"]["chord"]["strain"]
+    assert arm["median"] < 0.012 and arm["p95"] < 0.055
+    assert 0.05 < chord["median"] < 0.2 and chord["p95"] > arm["p95"]
+
+
+def test_pack_is_small_enough_to_travel():
+    assert cli.PACK.stat().st_size < 5_000_000
