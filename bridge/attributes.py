@@ -48,7 +48,7 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     if attribute is None or attribute.data_type not in KINDS:
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
-    values = np.empty(len(attribute.data) * width, dtype=dtype)
+    values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
     attribute.data.foreach_get(prop, values)
     return values.reshape(-1, width) if width > 1 else values
 

@@ -53,8 +53,9 @@ def _clean(mesh: bpy.types.Mesh) -> None:
     for layers in (bm.faces.layers, bm.edges.layers, bm.loops.layers):
         for kind in ("float", "int", "bool", "uv", "float_color"):
             sequence = getattr(layers, kind, None)
-            for layer in list(sequence.values()) if sequence is not None else ():
-                sequence.remove(layer)
+            if sequence is not None:
+                for layer in list(sequence.values()):
+                    sequence.remove(layer)
     for edge in bm.edges:
         edge.seam = False
     for face in bm.faces:

@@ -7,13 +7,13 @@ because these are dimensions of a cut piece and Blender's own length properties 
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from typing import Any, TypeVar, get_type_hints
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine.params import SHOWN, ObjectSettings, Params
+from ..engine.params import SHOWN, ObjectSettings
 
 T = TypeVar("T")
 
@@ -26,7 +26,7 @@ def _property(f: Field) -> Any:
     unit = SHOWN[meta["unit"]][1]
     label = f"{meta['label']} ({unit})" if unit else meta["label"]
     common = {"name": label, "description": meta["help"]}
-    default = f.default
+    default: Any = f.default
     if meta["choices"]:
         return EnumProperty(items=[tuple(choice) for choice in meta["choices"]], default=default, **common)
     if isinstance(default, bool):
@@ -51,7 +51,7 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
         hints = get_type_hints(cls)
         annotations: dict[str, Any] = {}
         for f in fields(cls):
-            inner = hints[f.name]
+            inner: type = hints[f.name]
             annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
         made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
         bpy.utils.register_class(made)
@@ -89,11 +89,6 @@ def write(properties: Any, settings: Any) -> None:
             setattr(properties, f.name, value * SHOWN[f.metadata["unit"]][0])
         else:
             setattr(properties, f.name, value)
-
-
-def names(cls: type[Params]) -> list[str]:
-    """The names of the settings of a dataclass, in the order in which they are shown."""
-    return [f.name for f in fields(cls) if f.default is not MISSING]
 
 
 def register() -> None:
