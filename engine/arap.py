@@ -71,7 +71,7 @@ def corner_triangles(mesh: QuadMesh) -> CornerTriangles:
 
 def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> CornerTriangles:
     """From the two sides at every corner, (F, 4, 3) metres, and the projected corners (F, 4)."""
-    length_f, length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
+    length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
     z1 = length_f.astype(complex)

@@ -222,7 +222,7 @@ class Board:
         allowed = max(params.compactness_limit, min(p.sketch.compactness for p in parents))
         if perimeter / area**0.5 > allowed * (1 + 1e-9):
             return None
-        if len(quads) < min(params.patch_min, min(len(p.quads) for p in parents)):
+        if len(quads) < min(params.patch_min, *(len(p.quads) for p in parents)):
             return None
         sketch = self.sketch(quads, cut)
         inner = (sides.size - int(sides.sum())) // 2
@@ -230,11 +230,11 @@ class Board:
             return None
         if sketch.necks > sum(p.sketch.necks for p in parents):
             return None
-        return None if sketch.waist > max(self.waist, max(p.sketch.waist for p in parents)) else sketch
+        return None if sketch.waist > max(self.waist, *(p.sketch.waist for p in parents)) else sketch
 
     def _solved(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray) -> Piece | None:
         """The flattened patch, if its distortion is allowed and it is injective."""
-        limit = max(self.room * self.params.distortion_limit, max(p.flat.worst for p in parents))
+        limit = max(self.room * self.params.distortion_limit, *(p.flat.worst for p in parents))
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
         start = tuple(p.serial for p in parents)
         if key not in self.solved and (key, start) not in self.failed:
@@ -247,7 +247,7 @@ class Board:
             return None
         piece = self._named(sketch, self.solved[key])
         # an isthmus may only be as narrow as those of the parents, or as the limit
-        return None if piece.neck < min(NECK / self.waist, min(p.neck for p in parents)) else piece
+        return None if piece.neck < min(NECK / self.waist, *(p.neck for p in parents)) else piece
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners)

@@ -12,7 +12,8 @@ from .layout import PatchLayout
 from .outline import simple
 from .params import LayoutParams
 from .progress import SILENT, Progress
-from .seams import match_seams
+from .seams import QUICK, ROUNDS, match_seams
+from .threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,7 @@ class FlatPatches:
         return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
 
 
+@one_thread
 def flatten(
     layout: PatchLayout,
     params: LayoutParams,
@@ -65,7 +67,7 @@ def flatten(
             local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
             problems.append(PatchProblem(layout.mesh, quads, local))
     progress(0.1, "Flattening")
-    solved = match_seams(layout, problems, corners, params, progress, start)
+    solved = match_seams(layout, problems, corners, params, progress, start, ROUNDS if not known else QUICK)
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
     for problem, flat in zip(problems, solved, strict=True):

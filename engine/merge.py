@@ -14,14 +14,16 @@ from .mesh import QuadMesh
 from .params import LayoutParams
 from .progress import SILENT, Progress
 from .symmetry import Symmetry, keeping, subgroups, symmetries
+from .threads import one_thread
 from .tidy import drawing_cost, natural_stops, tidy, widen
 from .trace import middle_line
 
 WORK = 30_000  # quads times seams: below this several symmetries are tried, one after the other
 MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
-TRIES = 7  # most groups of symmetries that are tried
+TRIES = 5  # most groups of symmetries that are tried
 
 
+@one_thread
 def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
     """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
 
@@ -36,12 +38,12 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     for body in range(bodies):
         part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
         if bodies == 1:
-            board, said = _merge_body(layout, params, part)
+            board, said = _merge_body(layout, params, part, 1)
             cut, start, notes = board.cut, board.rotations(), notes | said
         else:
             quads = np.flatnonzero(mesh.body_of == body)
             alone, edges = _alone(layout, quads)
-            board, said = _merge_body(alone, params, part)
+            board, said = _merge_body(alone, params, part, bodies)
             cut[edges], start[quads] = board.cut, board.rotations()
             notes |= {f"body {body + 1}": said} if said else {}
     return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
@@ -64,7 +66,7 @@ def _alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndar
 
 
 def _merge_body(
-    layout: PatchLayout, params: LayoutParams, progress: Progress
+    layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
     progress(0.0, "Looking for symmetries")
@@ -72,7 +74,7 @@ def _merge_body(
     kept = keeping(found, layout.cut)
     start = Board(layout, params)
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    groups = _worth_trying(subgroups(kept, 60), dear) + [[]] if kept else [[]]
+    groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 2)), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
 
     def attempt(group: list[Symmetry], way: Way) -> None:
@@ -86,7 +88,8 @@ def _merge_body(
     for way in WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]:
         for group in groups:
             attempt(group, way)
-    board = min(ranked, key=lambda r: r[:2])[2]
+    ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
+    board = next((b for b in ordered if _fits(b)), ordered[0])
     tighter = board.copy()
     tighter.room = 1.0
     run(tighter, LAST, progress.part(0.9, 1.0))
@@ -98,20 +101,22 @@ def _merge_body(
 def _fits(board: Board) -> bool:
     """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
     flat = flatten(board.layout, board.params, start=board.rotations())
+    apart = seam_mismatch(flat)
     return bool(
-        seam_mismatch(flat).max(initial=0.0) < MISMATCH
+        apart.max(initial=0.0) < MISMATCH
+        and (not len(apart) or np.median(apart) < 0.3 * MISMATCH)
         and flat.energy.max() <= board.params.distortion_limit
         and not overlapping(flat)
     )
 
 
-def _worth_trying(groups: list[list[Symmetry]], dear: bool) -> list[list[Symmetry]]:
-    """The two largest groups, then single mirrors and half turns, then groups of four: in between little is won."""
+def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
+    """The largest group, then single mirrors and half turns, then groups of four: in between little is won."""
     twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
-    if dear:
+    if not most:  # one after the other, each going on from where the one before got stuck
         return groups[:1] + fours[:1] + twos[:1]
-    rest = [g for g in groups[2:] if len(g) in (1, 3)]
-    return (groups[:2] + sorted(rest, key=len))[:TRIES]
+    rest = [g for g in groups[1:] if len(g) in (1, 3)]
+    return (groups[:1] + sorted(rest, key=len))[:most]
 
 
 def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
@@ -125,7 +130,11 @@ def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
             tried = PatchLayout(layout.mesh, halves, layout.notes)
             parts = np.unique(tried.patch_of[layout.patches[patch]])
             small = min(len(tried.patches[n]) for n in parts)
-            if len(parts) > 1 and small >= params.patch_min and (tried.compactness[parts] < layout.compactness[patch]).all():
+            if (
+                len(parts) > 1
+                and small >= params.patch_min
+                and (tried.compactness[parts] < layout.compactness[patch]).all()
+            ):
                 cut[line] = True
         if (cut == layout.cut).all():
             break
@@ -245,7 +254,7 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
         layout = board.layout
         for edges in layout.short_seam_edges if way.short else layout.seam_edges:
             a, b = sorted(board.sides_of(edges[:1])[0].tolist())
-            key = (a, b, int(edges.min()), len(edges))
+            key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
             if a == b and (way.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
                 continue  # without an inner cut that has no free end the patch would be a ring
             current[key] = edges
@@ -253,7 +262,7 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
                 tried[key] = None
                 heapq.heappush(heap, (_score(board, edges, 0.0, way), key, False))
         while heap:
-            score, key, known = heapq.heappop(heap)
+            _, key, known = heapq.heappop(heap)
             if key not in current:
                 continue
             if known:
@@ -274,7 +283,7 @@ def _score(board: Board, edges: np.ndarray, worst: float, way: Way) -> float:
     """Priority of opening a seam, the smallest first: distortion against the share of the outline that goes."""
     sides = [board.pieces[n] for n in set(board.sides_of(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
-    worst = max(worst, max(p.flat.worst for p in sides))
+    worst = max(worst, *(p.flat.worst for p in sides))
     return worst / board.params.distortion_limit - way.shared * shared / min(p.sketch.perimeter for p in sides)
 
 

@@ -19,7 +19,12 @@ def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
     a, b = points[start], points[end]
     x_low, x_high = np.minimum(a.real, b.real), np.maximum(a.real, b.real)
     y_low, y_high = np.minimum(a.imag, b.imag), np.maximum(a.imag, b.imag)
-    near = (x_low[:, None] <= x_high) & (x_high[:, None] >= x_low) & (y_low[:, None] <= y_high) & (y_high[:, None] >= y_low)
+    near = (
+        (x_low[:, None] <= x_high)
+        & (x_high[:, None] >= x_low)
+        & (y_low[:, None] <= y_high)
+        & (y_high[:, None] >= y_low)
+    )
     one, two = np.nonzero(np.triu(near, 1))
     # neighbours share a vertex and cannot cross but there, unless they fold onto each other
     follow = (end[one] == start[two]) | (end[two] == start[one])

@@ -12,7 +12,7 @@ from .outline import simple
 from .params import LayoutParams
 from .progress import Progress
 
-ROUNDS = 24
+ROUNDS, QUICK = 24, 10  # rounds for a whole layout, and for the few patches of a hand edit
 STIFFNESS = 3.0  # of a seam side against its quads, at first
 ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier
 MISMATCH_CAP = 0.07  # difference of the two sides, as a share of their length, above which a seam edge gets stiffer
@@ -38,6 +38,7 @@ def match_seams(
     params: LayoutParams,
     progress: Progress,
     start: np.ndarray | None = None,
+    rounds: int = ROUNDS,
 ) -> list[FlatPatch]:
     """Flatten some patches with springs that pull both sides of a seam to their mean length.
 
@@ -57,8 +58,8 @@ def match_seams(
     pair, sides = mesh.edge_quads[cut], mesh.edge_sides[cut]
     best = [work.flat for work in works]
     best_score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
-    for turn in range(ROUNDS):
-        progress(0.1 + 0.8 * turn / ROUNDS, "Fitting the seams")
+    for turn in range(rounds):
+        progress(0.1 + 0.8 * turn / rounds, "Fitting the seams")
         for work in works:
             _relax(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
@@ -83,8 +84,9 @@ def _begin(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.n
     if flat.flips or flat.worst > limit:
         flat = minimax(problem, flat, target=0.95 * limit)
     if flat.flips or flat.worst > limit or not simple(flat.points, problem.corners, outline):
-        other = settle(problem, problem.smoothest(), rounds=100, tolerance=0.001)
-        other = minimax(problem, other, rounds=30, target=0.95 * limit)
+        other = settle(problem, problem.smoothest(), tolerance=0.003)
+        if (other.flips, other.worst) < (flat.flips, 3 * flat.worst):
+            other = minimax(problem, other, target=0.95 * limit)
         flat = min((flat, other), key=lambda f: (f.flips, f.worst))
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
     edge = layout.mesh.quad_edges[problem.quads[quad], side]

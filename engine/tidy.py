@@ -45,7 +45,7 @@ def tidy(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> b
 
 def _slide_all(board: Board) -> bool:
     """One sweep over all slides, the most gainful first."""
-    listed = []
+    listed: list[tuple[float, int, Slide]] = []
     for slide in slides(board, fresh=True):
         flipped = flips_of(board, slide)
         gain = gain_of(board, *flipped) + size_gain(board, slide) if flipped is not None else 0.0
@@ -101,7 +101,7 @@ def widen(board: Board) -> bool:
 
 
 def _widen_one(board: Board, poor: set[int]) -> bool:
-    listed = []
+    listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
     for slide in slides(board):
         if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
             continue
@@ -206,9 +206,7 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
                     yield from _rows(board, border, row[part], at[part], hosts[part])
 
 
-def _rows(
-    board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray
-) -> Iterator[Slide]:
+def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray) -> Iterator[Slide]:
     mesh, owner = board.mesh, board.piece_of
     taken = np.zeros(0, dtype=np.int64)
     givers = set(owner[row].tolist())

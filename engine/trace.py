@@ -14,8 +14,10 @@ from .layout import PatchLayout, straight_on
 from .mesh import QuadMesh
 from .params import LayoutParams
 from .progress import SILENT, Progress
+from .threads import one_thread
 
 
+@one_thread
 def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
     """The motorcycle graph of a mesh, cut on until every patch is a disk under the distortion limit.
 
@@ -96,7 +98,7 @@ def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
     before = layout.euler[patch]
     for _, i in sorted(keys):
         line = lines[i]
-        if before == 2 or line.size and _opens(layout, patch, line):
+        if before == 2 or (line.size and _opens(layout, patch, line)):
             return line
     return lines[sorted(keys)[0][1]]
 

@@ -1,0 +1,314 @@
+"""Measures tracing, merging and flattening against what was asked, and against libigl and Blender on the same patches.
+
+python3 tools/dev.py bench layout [--meshes DIR] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flexmaps.engine import check, edit, flatten, merge, meshio, outline, regularise, shapes, trace
+from flexmaps.engine.arap import corner_triangles, quad_energy
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.flatten import FlatPatches
+from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.params import LayoutParams, RegulariseParams
+from flexmaps.engine.progress import SILENT
+
+EDGE = 0.02  # metres, median quad edge of every mesh here
+PATCHES = {"cubesphere": 1, "three_holes": 11, "bunny": 10, "vault": 2, "spot": 25}
+SECONDS = {"bunny": 4.0, "spot": 8.0}
+REPORTED = {"flower_cmc1", "amo_quad"}
+SYMMETRIC = {"vault", "torus", "cubesphere"}
+
+Row = dict[str, Any]
+
+
+def main(arguments: list[str]) -> int:
+    """Measure every mesh, print the table, write the rows; 0 whatever was measured."""
+    root = Path(__file__).resolve().parent.parent
+    parser = argparse.ArgumentParser(prog="dev.py bench layout")
+    shared = root.parent / "shared" / "meshes"
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    bench(options.meshes, options.json)
+    return 0
+
+
+def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
+    """Rows {mesh, row, asked, measured, peer, ok} of every mesh of a folder and of the self-made ones."""
+    rows: list[Row] = []
+    print(f"{'mesh':<18}{'row':<24}{'asked':>12}{'measured':>14}  ok   peers")
+    for name, polygons in surfaces(meshes_dir):
+        try:
+            found = measure(name, polygons)
+        except FlexMapsError as error:
+            found = [_row(name, "refused", "", str(error)[:60], True)]
+        for row in found:
+            _print(row)
+        rows += found
+    if json_path is not None:
+        json_path.write_text(json.dumps(rows, indent=1) + "\n")
+    missed = [r for r in rows if r["ok"] is False]
+    print(f"{len(rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))
+    return rows
+
+
+def surfaces(meshes_dir: Path | None) -> list[tuple[str, PolygonMesh]]:
+    found = [(f"made:{name}", PolygonMesh.of(shapes.make(name, EDGE))) for name in shapes.NAMES]
+    if meshes_dir is not None:
+        names = sorted(n for n in os.listdir(meshes_dir) if n.endswith((".obj", ".off", ".ply", ".stl")))
+        found += [(Path(n).stem, meshio.read(meshes_dir / n)) for n in names]
+    return found
+
+
+def measure(name: str, polygons: PolygonMesh) -> list[Row]:
+    """All rows of one mesh."""
+    params = LayoutParams()
+    polygons = check.scaled(polygons, edge=EDGE)
+    mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
+    mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
+    started = time.process_time()
+    layout = trace.trace(mesh, params)
+    flat = merge.merge(layout, params)
+    seconds = time.process_time() - started
+    report = flatten.layout_report(flat)
+    kind = name.removeprefix("made:")
+    strict = kind not in REPORTED
+    small = report["smallest_patch"] >= min(params.patch_min, len(mesh.quads)) or "forced" in report
+    rows = [
+        _row(name, "quads", "", len(mesh.quads), None),
+        _at_most(name, "patches", PATCHES.get(name), report["patches"]),
+        _at_most(name, "seconds", SECONDS.get(kind, 2.0), round(seconds, 2)),
+        _at_most(name, "energy_max", 0.035 if strict else None, report["energy_max"], peers(flat)),
+        _row(name, "square_median", "", report["square_median"], None),
+        _at_most(name, "compactness_max", 5.0, report["compactness_max"]),
+        _row(name, "disks", "all", "all" if report["disks"] else "not all", report["disks"]),
+        _at_most(name, "flips", 0, report["flips"]),
+        _at_most(name, "overlaps", 0, report["overlaps"], {"shapely": _overlap(flat)}),
+        _row(
+            name,
+            "neck_min_quads",
+            ">= 2",
+            report["neck_min_quads"],
+            report["neck_min_quads"] >= 2 or "forced" in report,
+        ),
+        _row(name, "isthmus_min", "", round(_isthmus(flat), 3), None),
+        _row(name, "smallest_patch", ">= 6", report["smallest_patch"], small),
+        _at_most(name, "seam_mismatch_median", 0.03 if strict else None, report["seam_mismatch_median"]),
+        _at_most(name, "seam_mismatch_max", 0.15 if strict else None, report["seam_mismatch_max"]),
+        _row(name, "cut_edges", "", report["cut_edges"], None),
+    ]
+    if "symmetry" in report or kind in SYMMETRIC:
+        kept = f"{report.get('symmetries_kept', 1)} of {report.get('symmetries', 1)}"
+        rows.append(_row(name, "symmetries", "kept or said", kept, "symmetry" in report or None))
+    for text in report.get("forced", []):
+        rows.append(_row(name, "forced", "", text, None))
+    if len(flat.layout.patches) > 1:
+        limit = 100.0 if kind == "bunny" else None
+        rows.append(_at_most(name, "edit_ms_worst", limit, round(1e3 * _worst_edit(flat, params), 1)))
+    return rows
+
+
+def _worst_edit(flat: FlatPatches, params: LayoutParams) -> float:
+    """Seconds of the slowest hand edit: every seam opened by itself, and every patch cut through its middle."""
+    worst = 0.0
+    layout = flat.layout
+    runs = [(edit.open_run, seam) for seam in layout.seams]
+    runs += [(edit.close_run, trace.middle_line(layout, n)) for n in range(len(layout.patches))]
+    for change, edges in runs:
+        started = time.process_time()
+        try:
+            change(flat, edges, params)
+        except FlexMapsError:
+            continue  # refused: the patch would be a ring
+        worst = max(worst, time.process_time() - started)
+    return worst
+
+
+def _overlap(flat: FlatPatches) -> float:
+    """Largest share of a patch's area that lies under another part of it, by shapely's union of its quads."""
+    import shapely
+
+    worst = 0.0
+    for quads in flat.layout.patches:
+        polygons = shapely.polygons(flat.corners[quads])
+        total = shapely.area(polygons).sum()
+        # snapped to a millionth of an edge: unions of quads that share sides are else left with slivers
+        union = shapely.union_all(polygons, grid_size=1e-6 * flat.layout.mesh.median_edge)
+        worst = max(worst, 1.0 - float(union.area) / float(total))
+    return round(worst, 7)
+
+
+def _isthmus(flat: FlatPatches) -> float:
+    points = flat.points[:, 0] + 1j * flat.points[:, 1]
+    return min(outline.narrowness(points[loop]) for loop in flat.outlines)
+
+
+# -- others on the same patches --------------------------------------------------------------------------------------
+
+
+def peers(flat: FlatPatches) -> dict[str, Any]:
+    """Worst E and seconds of libigl's ARAP and SLIM, of Blender's minimum stretch, and of our own flattening."""
+    found: dict[str, Any] = {}
+    started = time.process_time()
+    again = flatten.flatten(flat.layout, LayoutParams(), SILENT)
+    spent = round(time.process_time() - started, 2)
+    found["ours from scratch"] = {
+        "energy_max": round(float(again.energy.max()), 4),
+        "overlaps": len(flatten.overlapping(again)),
+        "mismatch_max": round(float(flatten.seam_mismatch(again).max(initial=0.0)), 4),
+        "seconds": spent,
+    }
+    for name, method in (("libigl ARAP", igl_arap), ("libigl SLIM", igl_slim), ("Blender minimum stretch", blender)):
+        try:
+            found[name] = _peer(flat, method)
+        except (ImportError, RuntimeError, AttributeError, TypeError) as error:
+            found[name] = {"failed": f"{type(error).__name__}: {error}"[:80]}
+    return found
+
+
+def _peer(flat: FlatPatches, method: Any) -> dict[str, Any]:
+    mesh, layout = flat.layout.mesh, flat.layout
+    worst, seconds = 0.0, 0.0
+    tri = corner_triangles(mesh)
+    for quads in layout.patches:
+        labels, corners = np.unique(layout.flat_corners[quads], return_inverse=True)
+        corners = corners.reshape(-1, 4)
+        vertices = np.zeros((len(labels), 3))
+        vertices[corners] = mesh.vertices[mesh.quads[quads]]
+        started = time.process_time()
+        points = method(vertices, corners)
+        seconds += time.process_time() - started
+        u = (points[:, 0] + 1j * points[:, 1])[corners]
+        d = np.roll(u, -1, axis=1) - u
+        before = np.roll(d, 1, axis=1)
+        own = tri.pick(quads)
+        a, b = own.along * d + own.against * before, own.along_bar * d + own.against_bar * before
+        if method is blender:  # its scale is arbitrary: take the one that fits best
+            scale = (own.area * np.abs(a)).sum() / (own.area * (np.abs(a) ** 2 + np.abs(b) ** 2)).sum()
+            a, b = scale * a, scale * b
+        worst = max(worst, float(quad_energy(own, a, b).max()))
+    return {"energy_max": round(worst, 4), "seconds": round(seconds, 2)}
+
+
+def _triangles(corners: np.ndarray) -> np.ndarray:
+    return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]).astype(np.int64)
+
+
+def _disk_start(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Tutte's embedding on a circle of the patch's area."""
+    import igl
+
+    loop = igl.boundary_loop(triangles)
+    circle = igl.map_vertices_to_circle(np.asfortranarray(vertices), loop.astype(np.int32))
+    area = (
+        0.5
+        * np.linalg.norm(
+            np.cross(
+                vertices[triangles[:, 1]] - vertices[triangles[:, 0]],
+                vertices[triangles[:, 2]] - vertices[triangles[:, 0]],
+            ),
+            axis=1,
+        ).sum()
+    )
+    circle = np.asarray(circle)[:, :2] * np.sqrt(area / np.pi)
+    return np.asarray(igl.harmonic(vertices, triangles, loop.astype(np.int64), np.ascontiguousarray(circle), 1))
+
+
+def igl_arap(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """libigl's ARAP parametrisation of one patch, from Tutte's embedding, 100 iterations."""
+    import igl
+
+    triangles = _triangles(corners)
+    points = _disk_start(vertices, triangles)
+    data = igl.ARAPData()
+    data.max_iter = 100
+    data.energy = igl.ARAP_ENERGY_TYPE_ELEMENTS
+    held = np.array([triangles[0, 0]], dtype=np.int32)
+    igl.arap_precomputation(vertices, triangles, 2, held, data)
+    return np.asarray(igl.arap_solve(points[held], data, points))
+
+
+def igl_slim(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """libigl's SLIM with the symmetric Dirichlet energy, from Tutte's embedding, 30 iterations."""
+    import igl
+
+    triangles = _triangles(corners)
+    start = np.zeros((len(vertices), 3))
+    start[:, :2] = _disk_start(vertices, triangles)
+    data = igl.slim_precompute(
+        np.asfortranarray(vertices),
+        np.asfortranarray(triangles.astype(np.int32)),
+        np.asfortranarray(start[:, :2]),
+        igl.SYMMETRIC_DIRICHLET,
+        np.zeros(0, dtype=np.int32),
+        np.asfortranarray(np.zeros((0, 2))),
+        0.0,
+    )
+    return np.asarray(igl.slim_solve(data, 30))[:, :2]
+
+
+def blender(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Blender's own minimum-stretch unwrap of one patch."""
+    import bpy
+
+    data = bpy.data.meshes.new("patch")
+    data.from_pydata(vertices.tolist(), [], corners.tolist())
+    layer = data.uv_layers.new(name="flat")
+    thing = bpy.data.objects.new("patch", data)
+    bpy.context.scene.collection.objects.link(thing)
+    try:
+        for other in bpy.context.view_layer.objects:
+            other.select_set(False)
+        bpy.context.view_layer.objects.active = thing
+        thing.select_set(True)
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.uv.unwrap(method="MINIMUM_STRETCH", iterations=30, correct_aspect=False, margin=0.0)
+        bpy.ops.object.mode_set(mode="OBJECT")
+        uv = np.zeros(2 * len(data.loops), dtype=np.float32)
+        data.uv_layers["flat"].data.foreach_get("uv", uv)
+    finally:
+        bpy.data.objects.remove(thing)
+        bpy.data.meshes.remove(data)
+    del layer
+    points = np.zeros((len(vertices), 2))
+    points[corners.ravel()] = uv.reshape(-1, 2)
+    return points
+
+
+# -- rows ------------------------------------------------------------------------------------------------------------
+
+
+def _row(mesh: str, row: str, asked: str, measured: Any, ok: bool | None, peer: dict[str, Any] | None = None) -> Row:
+    return {"mesh": mesh, "row": row, "asked": asked, "measured": measured, "peer": peer or {}, "ok": ok}
+
+
+def _at_most(mesh: str, row: str, limit: float | None, measured: float, peer: dict[str, Any] | None = None) -> Row:
+    measured = round(float(measured), 5) if isinstance(measured, float) else int(measured)
+    if limit is None:
+        return _row(mesh, row, "", measured, None, peer)
+    return _row(mesh, row, f"<= {limit:g}", measured, measured <= limit * (1 + 1e-9), peer)
+
+
+def _print(row: Row) -> None:
+    mark = {True: "yes", False: "NO", None: ""}[row["ok"]]
+    peer = "; ".join(
+        f"{name} " + (" ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value))
+        for name, value in row["peer"].items()
+    )
+    measured = f"{row['measured']:.5g}" if isinstance(row["measured"], float) else str(row["measured"])
+    print(f"{row['mesh']:<18}{row['row']:<24}{row['asked']:>12}{measured:>14}  {mark:<4} {peer}", flush=True)
+
+
+__all__ = ["bench", "main"]
