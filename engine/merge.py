@@ -74,7 +74,7 @@ def _merge_body(
     kept = keeping(found, layout.cut)
     start = Board(layout, params)
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 2)), []] if kept else [[]]
+    groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 3)), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
 
     def attempt(group: list[Symmetry], way: Way) -> None:
