@@ -178,14 +178,17 @@ class Elements:
         value, slope = lagrange((np.arange(8) + 0.5) / 8)
         return np.kron(value, value), np.kron(slope, value), np.kron(value, slope)
 
-    def peak_strain(self, displacement: np.ndarray, share: float = 0.99) -> float:
-        """The largest principal Green strain (in magnitude) that ``share`` of the volume stays below."""
+    def peak_strain(self, displacement: np.ndarray, share: float = 0.99, only: np.ndarray | None = None) -> float:
+        """The largest principal Green strain (in magnitude) that ``share`` of the volume stays below.
+
+        ``only`` : (M,) int, the elements whose volume counts; all by default
+        """
+        chosen = slice(None) if only is None else only
         n, n1, n2 = self._fine_section
-        f = np.eye(3) + self._at(displacement[self.index], n, n1, n2) @ self._fine_inverse
+        f = np.eye(3) + self._at(displacement[self.index[chosen]], n, n1, n2) @ self._fine_inverse[chosen]
         size = largest_principal(self.strain(f))
-        volume = self._fine_weight
         order = np.argsort(size, axis=None)
-        reached = np.cumsum(volume.ravel()[order])
+        reached = np.cumsum(self._fine_weight[chosen].ravel()[order])
         return float(size.ravel()[order][np.searchsorted(reached, share * reached[-1])])
 
     @cached_property

@@ -59,6 +59,7 @@ def tip_compliance(model: Model, motions: np.ndarray) -> np.ndarray:
 
 
 def peak_strains(model: Model, motions: np.ndarray) -> np.ndarray:
-    """(6,) largest principal strain, 99 % of the volume stays below it, per unit of each wrench component."""
+    """(6,) largest principal strain, 99 % of the loaded arm's volume stays below it, per unit of each wrench component."""
+    own = np.flatnonzero(model.solid.arm_of == TIP)
     scale = 1e-7 / np.maximum(np.abs(motions).max(axis=(0, 1)), 1e-300)
-    return np.array([model.elements.peak_strain(motions[..., k] * scale[k]) / scale[k] for k in range(6)])
+    return np.array([model.elements.peak_strain(motions[..., k] * scale[k], only=own) / scale[k] for k in range(6)])

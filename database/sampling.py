@@ -54,14 +54,10 @@ def subjects(slot: float = 0.0003) -> list[Subject]:
 
 
 def fineness_of(spiral: Spiral) -> Fineness:
-    """The mesh for the nonlinear samples: finer across the stout arms of small spirals, most where slots are narrow."""
-    if spiral.scale >= STOUT:
-        return Fineness()
-    return Fineness(across=4 if spiral.tip_gap < NARROW else 2)
-
-
-STOUT = 7.5
-NARROW = 0.4
+    """The mesh for the nonlinear samples: finer across stout arms and where narrow slots make the hub bulge."""
+    if spiral.scale < 7.4:
+        return Fineness(across=4 if spiral.tip_gap < 0.4 else 2)
+    return Fineness(across=2 if spiral.scale < 9.0 and spiral.tip_gap < 0.6 else 1)
 
 
 def key(subject: Subject, law: str) -> str:

@@ -64,7 +64,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     for done, (i, k) in enumerate(plans):
         ratio, twist = ratios[i], shares[k] * float(stiffness.twist_limit(ratios[i]))
         mesh = digest(fineness_of(Spiral(ratio, 1.0, twist)))
-        name = folder / f"plan-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{mesh}.npy"
+        name = folder / f"plan-{NODE_VERSION}-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{mesh}.npy"
         if not name.is_file():
             like, values = None, np.empty((counts[1], counts[3], CHANNELS))
             for j, flatness in enumerate(flatnesses):
@@ -77,6 +77,10 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
         out[i, :, k] = np.load(name)
         progress((done + 1) / len(plans), f"stiffness table: plan {done + 1} of {len(plans)}")
     return out
+
+
+NODE_VERSION = 2
+"""Changes whenever what ``arm`` returns does."""
 
 
 def digest(fineness: Fineness) -> str:

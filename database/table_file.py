@@ -35,7 +35,10 @@ def judge(folder: Path, progress: Progress = SILENT, target: Path = stiffness.TA
     spirals = table.held_out()
     for k, (spiral, poisson) in enumerate(spirals):
         progress(k / len(spirals), f"held-out spiral {k + 1} of {len(spirals)}")
-        name = folder / f"held-out-{table.HELD_OUT_SEED}-{k}-{table.digest(table.fineness_of(spiral))}.npy"
+        name = (
+            folder
+            / f"held-out-{table.NODE_VERSION}-{table.HELD_OUT_SEED}-{k}-{table.digest(table.fineness_of(spiral))}.npy"
+        )
         if not name.is_file():
             np.save(name, table.arm(spiral, poisson)[0])
         true, made = np.load(name), stiffness.load_table(poisson, target)

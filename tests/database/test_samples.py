@@ -97,6 +97,32 @@ def test_broken_chunks_and_other_versions_are_made_again(tmp_path, chunk_bytes, 
     assert build.pending(tmp_path, [task]) == [task]
 
 
+def test_work_goes_on_where_it_was_stopped(tmp_path):
+    """Cancelled after the first chunk; the second call makes only what is missing, and the same bytes."""
+    from flexmaps.engine.errors import Cancelled
+    from flexmaps.engine.progress import Progress
+
+    todo = [Task(STRAIGHT, "strain", k, 2) for k in (0, 2, 4)]
+    calls = iter([False, True])
+    with pytest.raises(Cancelled):
+        build.work(tmp_path, todo, progress=Progress(stopped=lambda: next(calls)))
+    assert build.pending(tmp_path, todo) == todo[1:]
+    first = (tmp_path / todo[0].name).stat().st_mtime_ns
+    build.work(tmp_path, todo, keep=tmp_path / "raw")
+    assert build.pending(tmp_path, todo) == []
+    assert (tmp_path / todo[0].name).stat().st_mtime_ns == first
+    assert sorted(p.name for p in (tmp_path / "raw").iterdir()) == sorted(t.name for t in todo[1:])
+
+
+def test_strain_of_a_stretched_block():
+    """Green strain of a uniform stretch by one hundredth: 0.01 + 0.01^2 / 2, in all of the volume and in any part."""
+    elements = Sampler(STRAIGHT, "strain").model.elements
+    nodes = Sampler(STRAIGHT, "strain").model.solid.nodes
+    moved = nodes * [0.01, 0.0, -0.002]
+    assert elements.peak_strain(moved) == pytest.approx(0.01005, rel=1e-9)
+    assert elements.peak_strain(moved, only=np.array([3, 4])) == pytest.approx(0.01005, rel=1e-9)
+
+
 def test_failures_are_recorded(monkeypatch):
     from flexmaps.database.statics import Model, Solution
 
