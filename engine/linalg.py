@@ -96,7 +96,9 @@ class SparseCholesky:
         try:
             # without pivoting the signs of U's diagonal are the signs of the eigenvalues (Sylvester)
             self._factor = splu(
-                self.pattern.matrix(values), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
+                self.pattern.matrix(values),
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:

@@ -102,11 +102,19 @@ def exactness() -> list[dict]:
         m = Model(Spiral(80.0, height, twist), 0.3)
         c = linear.tip_compliance(m, linear.unit_motions(m))
         base = beams.tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values
-        errors += [abs(base[1, 0, 0] / c[2, 2] - 1.0), abs(base[0, 2 if twist == 0 else 0, 0] / c[*((1, 1) if twist == 0 else (0, 0))] - 1.0)]
+        errors += [
+            abs(base[1, 0, 0] / c[2, 2] - 1.0),
+            abs(base[0, 2 if twist == 0 else 0, 0] / c[*((1, 1) if twist == 0 else (0, 0))] - 1.0),
+        ]
     return [
         row("forces under a rigid motion", "<= 1e-12", rigid, 1e-12),
         row("gradient against finite differences", "<= 1e-6", gradient, 1e-6),
-        row("tangent against finite differences", "<= 1e-6", float(np.abs(tangent - exact).max() / np.abs(exact).max()), 1e-6),
+        row(
+            "tangent against finite differences",
+            "<= 1e-6",
+            float(np.abs(tangent - exact).max() / np.abs(exact).max()),
+            1e-6,
+        ),
         row("slender arms against Castigliano, worst %", "<= 3", 100 * max(errors), 3.0),
     ]
 
@@ -128,7 +136,13 @@ def speed() -> list[dict]:
     return [
         row("strain-targeted solve, mean processor seconds", "<= 0.10", mean, 0.10),
         row("(30 mm, 1 mm, 360 degrees), processor seconds", "<= 0.35", float(np.mean(slow)), 0.35),
-        row("125 x 1000 solves, core-hours", "<= 5", mean * 125e3 / 3600, 5.0, peer={"with what is recorded, about": round(mean * ratio * 125e3 / 3600, 1)}),
+        row(
+            "125 x 1000 solves, core-hours",
+            "<= 5",
+            mean * 125e3 / 3600,
+            5.0,
+            peer={"with what is recorded, about": round(mean * ratio * 125e3 / 3600, 1)},
+        ),
     ]
 
 
@@ -157,7 +171,9 @@ def fitted() -> list[dict]:
     found = report.summary(fits.load(cli.PACK))
     law = found["laws"]["strain"]
     out = [
-        row("strain-targeted samples in the repository", "125000", law["converged"] + law["failed"], 125000, least=True),
+        row(
+            "strain-targeted samples in the repository", "125000", law["converged"] + law["failed"], 125000, least=True
+        ),
         row("converged, %", ">= 99.9", 100 * law["converged"] / (law["converged"] + law["failed"]), 99.9, least=True),
     ]
     limits = {"chord": ("reported", np.inf, np.inf), "pair": ("<=", 5.0, 20.0), "arm": ("<=", 1.2, 5.5)}

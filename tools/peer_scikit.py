@@ -24,9 +24,7 @@ def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
     face = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] < -3 + 1e-9), intorder=4)
     load = skfem.LinearForm(lambda v, _: force * v[2]).assemble(face)
     held = skfem.FacetBasis(mesh, basis.elem, facets=mesh.facets_satisfying(lambda x: x[0] > 3 - 1e-9), intorder=4)
-    means = [
-        skfem.LinearForm(lambda v, w, i=i: v[i]).assemble(held) for i in range(3)
-    ] + [
+    means = [skfem.LinearForm(lambda v, w, i=i: v[i]).assemble(held) for i in range(3)] + [
         skfem.LinearForm(lambda v, w: w.x[1] * v[2] - w.x[2] * v[1]).assemble(held),
         skfem.LinearForm(lambda v, w: w.x[2] * v[0]).assemble(held),
         skfem.LinearForm(lambda v, w: w.x[1] * v[0]).assemble(held),
