@@ -15,7 +15,7 @@ from .params import LayoutParams
 from .symmetry import Symmetry
 
 ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
-NECK = 0.9  # over the largest waist: the smallest width of an isthmus over the outline behind it
+NECK = 1.1  # over the largest waist: the smallest width of an isthmus over the outline behind it
 SMALL = 120  # quads: patches up to this are given more chances
 REACH = 8  # quads: isthmuses wider than this are none
 WAIST = 5.0  # largest outline behind an isthmus, over its width: a rectangle four times as long as wide has 5

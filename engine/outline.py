@@ -70,7 +70,7 @@ def narrowness(outline: np.ndarray) -> float:
     p, at = outline[pick], along[pick]
     arc = np.abs(at[None, :] - at[:, None])
     arc = np.minimum(arc, total - arc)
-    ratio = np.where(arc > 0.2 * total, np.abs(p[None, :] - p[:, None]) / np.maximum(arc, 1e-300), 1.0)
+    ratio = np.where(arc > 0.08 * total, np.abs(p[None, :] - p[:, None]) / np.maximum(arc, 1e-300), 1.0)
     i, j = np.nonzero(np.triu(ratio < WIDE))
     # the chord leaves both its ends into the polygon: between the side that follows and the one before
     forward, backward, chord = after[pick] - p, np.roll(outline, 1)[pick] - p, p[j] - p[i]
