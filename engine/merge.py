@@ -30,7 +30,7 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
     which symmetries the surface has, which were kept, and what broke the others. Every body is laid out by itself.
     """
-    mesh = layout.mesh
+    mesh, progress = layout.mesh, _rising(progress)
     bodies = int(mesh.body_of.max()) + 1
     cut = layout.cut.copy()
     notes: dict[str, object] = dict(layout.notes)
@@ -47,6 +47,20 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
             cut[edges], start[quads] = board.cut, board.rotations()
             notes |= {f"body {body + 1}": said} if said else {}
     return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
+
+
+def _rising(progress: Progress) -> Progress:
+    """The same progress, never going back: how many rounds there will be is not known beforehand."""
+    report, highest = progress.report, 0.0
+    if report is None:
+        return progress
+
+    def rise(fraction: float, text: str) -> None:
+        nonlocal highest
+        highest = max(highest, fraction)
+        report(highest, text)
+
+    return replace(progress, report=rise)
 
 
 def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:

@@ -17,8 +17,9 @@ def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
     start = corners[sides]
     end = np.roll(corners, -1, axis=1)[sides]
     a, b = points[start], points[end]
-    x_low, x_high = np.minimum(a.real, b.real), np.maximum(a.real, b.real)
-    y_low, y_high = np.minimum(a.imag, b.imag), np.maximum(a.imag, b.imag)
+    slack = ROUNDING * float(np.abs(points).max(initial=0.0))
+    x_low, x_high = np.minimum(a.real, b.real) - slack, np.maximum(a.real, b.real) + slack
+    y_low, y_high = np.minimum(a.imag, b.imag) - slack, np.maximum(a.imag, b.imag) + slack
     near = (
         (x_low[:, None] <= x_high)
         & (x_high[:, None] >= x_low)

@@ -1,0 +1,67 @@
+"""Hand edits: only what changed is flattened again, and what is no disk is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine import edit, flatten, merge, shapes, trace
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.flatten import FlatPatches
+from flexmaps.engine.params import LayoutParams
+
+PARAMS = LayoutParams()
+
+
+@pytest.fixture(scope="module")
+def flat() -> FlatPatches:
+    mesh = shapes.make("three_holes")
+    return flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+
+
+def long_seam(flat: FlatPatches) -> np.ndarray:
+    layout = flat.layout
+    between = [s for s in layout.seams if len(np.unique(layout.patch_of[layout.mesh.edge_quads[s[0]]])) == 2]
+    return max(between, key=len)
+
+
+def test_opening_joins_two_patches_and_leaves_the_others_alone(flat: FlatPatches) -> None:
+    seam = long_seam(flat)
+    after = edit.open_run(flat, seam, PARAMS)
+    assert len(after.layout.patches) == len(flat.layout.patches) - 1
+    touched = np.isin(flat.layout.patch_of, flat.layout.patch_of[flat.layout.mesh.edge_quads[seam]])
+    assert touched.sum() < len(touched)
+    assert np.abs(after.corners[~touched] - flat.corners[~touched]).max() == 0
+    assert (after.energy[~touched] == flat.energy[~touched]).all()
+    assert not flatten.overlapping(after)
+
+
+def test_closing_again_is_as_before(flat: FlatPatches) -> None:
+    seam = long_seam(flat)
+    back = edit.close_run(edit.open_run(flat, seam, PARAMS), seam, PARAMS)
+    assert (back.layout.cut == flat.layout.cut).all()
+    # flattened again, with less time for the seams: the same shape up to a little
+    assert np.abs(np.sort(back.energy) - np.sort(flat.energy)).max() < 0.01
+
+
+def test_the_border_is_never_cut() -> None:
+    flat = merge.merge(trace.trace(shapes.make("vault"), PARAMS), PARAMS)
+    after = edit.close_run(flat, np.flatnonzero(flat.layout.mesh.border), PARAMS)
+    assert not after.layout.cut.any()
+
+
+def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
+    mesh = shapes.make("vault")
+    whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+    inside = np.flatnonzero(~mesh.on_border[mesh.edges].any(axis=1))[:1]
+    with pytest.raises(FlexMapsError) as caught:
+        edit.close_run(whole, inside, PARAMS)
+    assert len(caught.value.faces) == len(mesh.quads)
+    assert int(inside[0]) in caught.value.edges
+
+
+def test_a_run_from_the_border_stays_one_patch() -> None:
+    mesh = shapes.make("vault")
+    whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
+    run = max(trace.parametric_lines(whole.layout, 0), key=len)
+    slit = edit.close_run(whole, run[: len(run) // 3], PARAMS) if len(run) > 3 else whole
+    assert len(slit.layout.patches) <= 2

@@ -1,0 +1,119 @@
+"""Merged layouts keep every limit; proven again with shapely, and by turning the surface round."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from flexmaps.engine import check, flatten, merge, meshio, regularise, shapes, trace
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.flatten import FlatPatches
+from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.params import LayoutParams, RegulariseParams
+from flexmaps.engine.progress import Progress
+
+PARAMS = LayoutParams()
+NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")
+PATCHES = {"cubesphere": 1, "vault": 1, "quad": 1, "two_bodies": 2, "torus": 4}
+
+
+def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
+    return merge.merge(trace.trace(mesh, params), params)
+
+
+@pytest.fixture(scope="module")
+def layouts() -> dict[str, FlatPatches]:
+    return {name: merged(shapes.make(name)) for name in NAMES}
+
+
+def checked(flat: FlatPatches) -> dict[str, Any]:
+    """Everything that any layout must fulfil; the report, for what is particular."""
+    shapely = pytest.importorskip("shapely")
+    report = flatten.layout_report(flat)
+    assert report["energy_max"] <= PARAMS.distortion_limit
+    assert report["compactness_max"] <= PARAMS.compactness_limit * (1 + 1e-9)
+    assert report["disks"]
+    assert report["flips"] == report["overlaps"] == 0
+    assert report["seam_mismatch_median"] <= 0.03
+    assert report["seam_mismatch_max"] <= 0.15
+    if "forced" not in report:
+        assert report["neck_min_quads"] >= 2
+        assert report["smallest_patch"] >= min(6, len(flat.layout.mesh.quads))
+    for quads, loop in zip(flat.layout.patches, flat.outlines, strict=True):
+        outline = shapely.Polygon(flat.points[loop])
+        assert outline.is_valid
+        assert outline.exterior.is_ccw
+        # no quad lies outside or over another one: their areas add up to the outline's
+        areas = shapely.area(shapely.polygons(flat.corners[quads]))
+        assert areas.sum() == pytest.approx(outline.area, rel=1e-9)
+    return report
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_limits_hold(name: str, layouts: dict[str, FlatPatches]) -> None:
+    report = checked(layouts[name])
+    assert report["patches"] <= PATCHES.get(name, 4)
+
+
+@pytest.mark.parametrize("name", ["vault", "torus", "cubesphere", "demo", "dome"])
+def test_symmetric_or_said_why_not(name: str, layouts: dict[str, FlatPatches]) -> None:
+    notes = layouts[name].layout.notes
+    assert notes["symmetries_kept"] >= 2  # type: ignore[operator]
+    if notes["symmetries_kept"] != notes["symmetries"]:
+        assert ";" in str(notes["symmetry"])
+
+
+def test_patches_lie_in_their_own_frames(layouts: dict[str, FlatPatches]) -> None:
+    for flat in layouts.values():
+        for quads in flat.layout.patches:
+            c = flat.corners[quads]
+            d1, d2 = c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]
+            area = 0.5 * (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0])
+            assert (area > 0).all()
+            assert np.abs((area[:, None] * c.mean(axis=1)).sum(axis=0) / area.sum()).max() < 1e-9
+            width, height = np.ptp(c.reshape(-1, 2), axis=0)
+            assert width >= height * (1 - 1e-6)
+
+
+def test_the_same_twice() -> None:
+    one, two = merged(shapes.make("dome")), merged(shapes.make("dome"))
+    assert (one.layout.cut == two.layout.cut).all()
+    assert (one.points == two.points).all()
+
+
+def test_a_tighter_limit_gives_less_distortion() -> None:
+    params = LayoutParams(distortion_limit=0.008)
+    flat = merged(shapes.make("dome"), params)
+    assert flat.energy.max() <= 0.008
+    assert len(flat.layout.patches) > 1
+
+
+def test_a_wider_neck_is_kept() -> None:
+    flat = merged(shapes.make("three_holes"), LayoutParams(neck_min=4, symmetric=False))
+    assert flat.layout.necks().min() >= 4 or "forced" in flat.layout.notes
+
+
+def test_it_can_be_stopped() -> None:
+    with pytest.raises(Cancelled):
+        merge.merge(trace.trace(shapes.make("dome"), PARAMS), PARAMS, Progress(stopped=lambda: True))
+
+
+def test_progress_rises() -> None:
+    seen: list[float] = []
+    merge.merge(trace.trace(shapes.make("torus"), PARAMS), PARAMS, Progress(report=lambda f, _: seen.append(f)))
+    assert seen == sorted(seen)
+    assert 0 <= seen[0] < 0.1
+    assert seen[-1] <= 1
+
+
+@pytest.mark.parametrize(("name", "patches"), [("bunny.obj", 10), ("three_holes.obj", 11), ("amo_quad.off", 8)])
+def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
+    polygons = check.scaled(meshio.read(shared_meshes / name), edge=0.02)
+    mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
+    flat = merged(mesh)
+    report = flatten.layout_report(flat)
+    assert report["patches"] <= patches
+    if name != "amo_quad.off":
+        checked(flat)

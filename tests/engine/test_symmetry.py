@@ -1,0 +1,67 @@
+"""Symmetries of meshes, against the group orders of known shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine import shapes
+from flexmaps.engine.symmetry import keeping, subgroups, symmetries
+
+
+@pytest.mark.parametrize(
+    ("name", "order"), [("cubesphere", 48), ("vault", 8), ("saddle", 4), ("torus", 120), ("quad", 8)]
+)
+def test_orders_of_known_groups(name: str, order: int) -> None:
+    assert 1 + len(symmetries(shapes.make(name))) == order
+
+
+def test_they_are_permutations_that_belong_together() -> None:
+    mesh = shapes.make("vault")
+    for s in symmetries(mesh):
+        for permutation in (s.vertices, s.quads, s.edges):
+            assert sorted(permutation.tolist()) == list(range(len(permutation)))
+        assert (np.sort(s.vertices[mesh.edges], axis=1) == mesh.edges[s.edges]).all()
+        assert (np.sort(s.vertices[mesh.quads], axis=1) == np.sort(mesh.quads[s.quads], axis=1)).all()
+        centred = mesh.vertices - mesh.vertices.mean(axis=0)
+        assert np.abs(centred @ s.matrix.T - centred[s.vertices]).max() < 1e-9
+
+
+def test_turned_in_space_they_are_the_same() -> None:
+    mesh = shapes.make("vault")
+    q, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
+    turned = mesh.moved(mesh.vertices @ q.T + [1.0, 2.0, 3.0])
+    assert len(symmetries(turned)) == len(symmetries(mesh))
+
+
+def test_a_dent_breaks_them() -> None:
+    mesh = shapes.make("vault")
+    vertices = mesh.vertices.copy()
+    vertices[41] += [0, 0, 0.4 * mesh.median_edge]
+    assert symmetries(mesh.moved(vertices)) == []
+
+
+def test_names() -> None:
+    names = {s.name for s in symmetries(shapes.make("vault"))}
+    assert {"mirror across x", "mirror across y", "turn by 90 degrees about z", "turn by 180 degrees about z"} <= names
+
+
+def test_subgroups_are_closed() -> None:
+    found = symmetries(shapes.make("vault"))
+    groups = subgroups(found)
+    assert len(groups[0]) == 7
+    identity = np.arange(len(found[0].vertices)).tobytes()
+    for group in groups:
+        members = {s.vertices.tobytes() for s in group} | {identity}
+        for a in group:
+            for b in group:
+                assert a.vertices[b.vertices].tobytes() in members
+
+
+def test_keeping_asks_the_cuts() -> None:
+    mesh = shapes.make("vault")
+    found = symmetries(mesh)
+    cut = np.zeros(len(mesh.edges), dtype=bool)
+    assert len(keeping(found, cut)) == 7
+    line = np.abs(mesh.vertices[mesh.edges][:, :, 0]).max(axis=1) < 1e-9
+    cut[line & ~mesh.border] = True
+    assert len(keeping(found, cut)) == 3
