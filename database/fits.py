@@ -114,7 +114,7 @@ def joint_loads(scale: float, count: int = 4000) -> np.ndarray:
 
 def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Energies of the held-out samples: by the model with ``fitted`` parameters, and true."""
-    s = series.kept.chosen(series.kept.converged & (series.kept.number % 10 == 0))
+    s = series.kept.chosen(series.kept.converged & (series.kept.number % chunks.HELD_OUT == 0))
     if model == "pair":
         features, true = rods.pair_features(
             joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale

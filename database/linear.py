@@ -31,7 +31,7 @@ def turned(axis: np.ndarray) -> np.ndarray:
 
 
 def unit_motions(model: Model) -> np.ndarray:
-    """(N, 3, 6) displacements under the six unit wrenches at tip 1, balanced by the hub; factors the model at rest.
+    """(N, 3, 6) displacements under the six unit wrenches at tip 1, balanced by the hub.
 
     The wrenches act along the radius to the tip, to the left of it in the plane, and along the normal.
     """
@@ -41,8 +41,7 @@ def unit_motions(model: Model) -> np.ndarray:
     nodal = np.zeros((len(model.solid.nodes), 3, 6))
     nodal[tip.nodes] += tip.spread @ wrenches
     nodal[hub.nodes] -= hub.spread @ (transport(offset).T @ wrenches)
-    model.factor_rest()
-    return model.expand(model.cholesky.solve(model.reduce(nodal)))
+    return model.expand(model.rest.solve(model.reduce(nodal)))
 
 
 def tip_compliance(model: Model, motions: np.ndarray) -> np.ndarray:

@@ -137,8 +137,7 @@ class Sampler:
             nodal = np.zeros((len(model.solid.nodes), 3, 18))
             for k in LOADED:
                 nodal[model.tips[k].nodes, :, 6 * (k - 1) : 6 * k] = model.tips[k].spread
-            model.factor_rest()
-            self._unit = model.expand(model.cholesky.solve(model.reduce(nodal)))
+            self._unit = model.expand(model.rest.solve(model.reduce(nodal)))
         return self._unit @ wrenches[1:].ravel()
 
     def sample(self, number: int) -> dict[str, np.ndarray | float | int | bool]:

@@ -21,8 +21,9 @@ from .solid import ARMS, COARSE, Fineness, Solid, make_solid
 
 ITERATIONS = 25
 STEPS = (1, 3, 12)
-ENERGY_TOLERANCE = 1e-10
-_NUMBERING = ("_held", "_free", "_common", "_special", "_block", "_block_rows", "_block_cols")
+ENERGY_TOLERANCE = 1e-6
+"""Work of the last step over the energy; the step squares it, so that energies end within 1e-10 of full convergence."""
+_NUMBERING = ("_held", "_free", "_common", "_special", "_block", "_block_slots")
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +153,7 @@ class Model:
         high, low = np.maximum(common_rows, common_cols), np.minimum(common_rows, common_cols)
         block = np.unique(dofs[tip])
         self._block = block
-        self._block_rows, self._block_cols = np.searchsorted(block, rows[tip]), np.searchsorted(block, cols[tip])
+        self._block_slots = (np.searchsorted(block, rows[tip]) * len(block) + np.searchsorted(block, cols[tip])).ravel()
         outside = np.setdiff1d(block, self._held)
         own = np.concatenate([reduced[outside], len(self._free) + np.arange(self._basis.shape[1])])
         own_rows, own_cols = np.meshgrid(own, own, indexing="ij")
@@ -206,19 +207,23 @@ class Model:
     def stiffness(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Lower-triangle values of the tangent on ``pattern``."""
         tangents = self.elements.tangents(f, stress)
-        block = np.zeros((len(self._block), len(self._block)))
+        size = len(self._block)
         special = tangents[self._special]
-        np.add.at(block, (self._block_rows, self._block_cols), special)
-        for k, (p, r) in enumerate(STATION_PAIRS):
-            if p != r:
-                np.add.at(block, (self._block_cols[:, k], self._block_rows[:, k]), special[:, k])
+        # pairs of equal stations hold both triangles already; half of them, plus the transpose of all, is the whole
+        equal = [k for k, (p, r) in enumerate(STATION_PAIRS) if p == r]
+        special[:, equal] *= 0.5
+        half = np.bincount(self._block_slots, weights=special.ravel(), minlength=size**2).reshape(size, size)
+        block = half + half.T
         block = self._block_transform.T @ block @ self._block_transform
         return self.pattern.sum(np.concatenate([tangents[self._common].ravel(), block.ravel()]))
 
-    def factor_rest(self) -> None:
-        """Factor the tangent of the unloaded spiral."""
+    @cached_property
+    def rest(self) -> SparseCholesky:
+        """The factor of the unloaded spiral's tangent: the linear limit, and the first step of every equilibrium."""
         f = np.broadcast_to(np.eye(3), (*self.elements.weight.shape, 3, 3))
-        self.cholesky.factor(self.stiffness(f, np.zeros_like(f)))
+        factor = SparseCholesky(self.pattern, self.cholesky.backend)
+        factor.factor(self.stiffness(f, np.zeros_like(f)))
+        return factor
 
     def solve(self, nodal_forces: np.ndarray) -> Solution:
         """Equilibrium under (N, 3) dead nodal forces, in one step where possible, else in 3 or 12 load steps."""
@@ -245,11 +250,14 @@ class Model:
         best = np.inf
         for k in range(1, ITERATIONS + 1):
             residual = target - self.inner_forces(f, stress)
-            try:
-                self.cholesky.factor(self.stiffness(f, mixed))
-            except NotPositiveDefinite:
-                return q, k, False
-            step = self.cholesky.solve(residual)
+            if k == 1 and not q.any():
+                step = self.rest.solve(residual)
+            else:
+                try:
+                    self.cholesky.factor(self.stiffness(f, mixed))
+                except NotPositiveDefinite:
+                    return q, k, False
+                step = self.cholesky.solve(residual)
             q = q + step
             moved = self.expand(step)
             slope = el.gradients(moved) - np.eye(3)
