@@ -18,7 +18,7 @@ from .threads import one_thread
 from .tidy import drawing_cost, natural_stops, tidy, widen
 from .trace import middle_line
 
-WORK = 30_000  # quads times seams: below this several symmetries are tried, one after the other
+WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
 MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
 TRIES = 5  # most groups of symmetries that are tried
 
@@ -65,8 +65,9 @@ def _rising(progress: Progress) -> Progress:
 
 def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
     layout = split_long(layout, params)
-    layout = replace(layout, notes=layout.notes | forced_notes(layout, params))
-    return flatten(layout, params, progress, start=start)
+    flat = flatten(layout, params, progress, start=start)
+    layout.notes.update(forced_notes(flat, params))
+    return flat
 
 
 def _alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
@@ -156,10 +157,10 @@ def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
     return layout
 
 
-def forced_notes(layout: PatchLayout, params: LayoutParams) -> dict[str, object]:
-    """Where patches stay smaller, necks narrower or outlines longer than asked, because no change within the limits helps."""
-    mesh = layout.mesh
-    necks = layout.necks()
+def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
+    """Where a limit could not be kept, because every change within the other limits was tried and refused."""
+    layout = flat.layout
+    mesh, necks = layout.mesh, layout.necks()
     listed = []
     for patch, quads in enumerate(layout.patches):
         reasons = []
@@ -169,6 +170,8 @@ def forced_notes(layout: PatchLayout, params: LayoutParams) -> dict[str, object]
             reasons.append(f"a neck of {necks[patch]}")
         if layout.compactness[patch] > params.compactness_limit:
             reasons.append(f"compactness {layout.compactness[patch]:.1f}")
+        if (worst := flat.energy[quads].max()) > params.distortion_limit:
+            reasons.append(f"a distortion of {worst:.3f}")
         if reasons:
             x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
             listed.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from .mesh import QuadMesh
 
@@ -57,6 +58,7 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
     points = mesh.vertices - centre
     marks = _marks(mesh, points)
     slack = 2 * tolerance * mesh.median_edge
+    tree = cKDTree(points)
     # the quad whose looks are rarest has the fewest places to go
     rounded = np.round(marks / (4 * slack)).astype(np.int64)
     _, group, count = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
@@ -68,7 +70,7 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
         for corner in range(4):
             for way in (1, -1):
                 order = (corner + way * np.arange(4)) % 4
-                one = _motion(mesh, points, first, quad, order, tolerance * mesh.median_edge)
+                one = _motion(mesh, points, tree, first, quad, order, tolerance * mesh.median_edge)
                 if one is not None and one.vertices.tobytes() != still:
                     found.setdefault(one.vertices.tobytes(), one)
         if len(found) > largest:
@@ -77,14 +79,26 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
 
 
 def _marks(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(F, 5) metres: what a rigid motion about the centre leaves of a quad: distances of corners and middle, sorted."""
+    """(F, 9) metres: what a rigid motion about the centre leaves of a quad.
+
+    Distances of its corners and middle, sorted, and how many edges its corners are from irregular vertices and borders.
+    """
     away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
     middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
-    return np.concatenate([away, middle[:, None]], axis=1)
+    hops = np.where(mesh.irregular | mesh.on_border, 0, len(points))
+    a, b = mesh.edges.T
+    for _ in range(len(points)):
+        before = hops.copy()
+        np.minimum.at(hops, a, before[b] + 1)
+        np.minimum.at(hops, b, before[a] + 1)
+        if (hops == before).all():
+            break
+    near = np.sort(hops[mesh.quads], axis=1) * mesh.median_edge
+    return np.concatenate([away, middle[:, None], near], axis=1)
 
 
 def _motion(
-    mesh: QuadMesh, points: np.ndarray, first: int, quad: int, order: np.ndarray, slack: float
+    mesh: QuadMesh, points: np.ndarray, tree: cKDTree, first: int, quad: int, order: np.ndarray, slack: float
 ) -> Symmetry | None:
     """The motion that lays one quad on another corner by corner, followed over the whole mesh side by side."""
     way = 1 if (order[1] - order[0]) % 4 == 1 else -1
@@ -100,14 +114,14 @@ def _motion(
     matrix = (u @ vt).T
     if np.sign(np.linalg.det(matrix)) != way:
         return None
-    return _matched(mesh, points, matrix, slack)
+    return _matched(mesh, points, tree, matrix, slack)
 
 
-def _matched(mesh: QuadMesh, points: np.ndarray, matrix: np.ndarray, slack: float) -> Symmetry | None:
+def _matched(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
     """The permutations that belong to a motion, refined once by the best fit; None where it is no symmetry."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
+    few = points[:: max(1, len(points) // 40)]
+    if tree.query(few @ matrix.T)[0].max() > 8 * slack:
+        return None
     for bound in (8 * slack, slack):
         distance, image = tree.query(points @ matrix.T)
         if distance.max() > bound or len(np.unique(image)) < len(points):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from flexmaps.engine import shapes
@@ -64,7 +66,7 @@ def test_seams_are_runs_that_share_their_edges_out(edges: set[int]) -> None:
     found = np.concatenate(layout.seams) if layout.seams else np.zeros(0, dtype=np.int64)
     assert sorted(found.tolist()) == sorted(edges)
     for seam in layout.seams:
-        for one, two in zip(seam[:-1], seam[1:], strict=True):
+        for one, two in itertools.pairwise(seam.tolist()):
             shared = set(DOME.edges[one].tolist()) & set(DOME.edges[two].tolist())
             assert shared
             assert all(layout.cut_degree[v] == 2 for v in shared)
