@@ -98,7 +98,7 @@ def test_not_worse_than_libigl() -> None:
     points = np.zeros((problem.count, 3))
     points[problem.corners] = mesh.vertices[mesh.quads]
     c = problem.corners
-    # both triangulations at once, as our energy takes them; every one with half its weight, so the sum is the same
+    # libigl sees one triangulation, our energy takes both: hence a band and no equality
     triangles = np.concatenate([c[:, [0, 1, 2]], c[:, [0, 2, 3]]]).astype(np.int64)
     loop = igl.boundary_loop(triangles)
     circle = np.asarray(igl.map_vertices_to_circle(np.asfortranarray(points), loop.astype(np.int32)))[:, :2] * 0.1
