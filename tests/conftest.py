@@ -45,3 +45,20 @@ def shared_meshes() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no larger meshes: {folder} is not there")
     return folder
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Blender as a module complains for pages when the process ends, and can wait for ever: leave without its clean-up."""
+    if "bpy" in sys.modules:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(int(config.stash.get(_STATUS, 0)))
+
+
+_STATUS = pytest.StashKey[int]()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    session.config.stash[_STATUS] = int(exitstatus)

@@ -343,9 +343,18 @@ def main(arguments):
     return dispatch(rest[0], rest[1:])
 
 
+def leave(status):
+    """End the process. With Blender inside, without its clean-up: that complains for pages and can wait for ever."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if "bpy" in sys.modules:
+        os._exit(status)
+    sys.exit(status)
+
+
 if __name__ == "__main__":
     try:
-        sys.exit(main(sys.argv[1:]))
+        leave(main(sys.argv[1:]))
     except Stop as stop:
         sys.stderr.write("dev.py: %s\n" % stop)
         sys.exit(2)

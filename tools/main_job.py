@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-
 DEMO = ["shape:demo", "--out", "out"]
 
 
@@ -15,7 +12,4 @@ def main(argv: list[str]) -> int:
 
     flexmaps.register()  # so that the .blend carries the settings of the run
     command, *rest = argv
-    status = main_job.main(DEMO + rest if command == "demo" else rest)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)  # Blender as a module frees its memory after its own leak detector, which then complains for pages
+    return main_job.main(DEMO + rest if command == "demo" else rest)
