@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 
@@ -9,6 +11,7 @@ from ..engine.errors import FlexMapsError
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
+SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
 def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool) -> bpy.types.Object:
@@ -30,15 +33,21 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
         collection.objects.link(made)
     try:
         _clean(mesh)
-        if not _manifold(mesh):
-            _voxels(context, made, count)
-        _quadriflow(context, made, count, smooth)
+        tried = 0
+        for tried, _ in enumerate(_surfaces(context, made, count), start=1):
+            if any(_quadriflow(context, made, count, smooth, seed) for seed in range(SEEDS)):
+                return made
+        raise FlexMapsError(
+            "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"
+            if tried
+            else "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is "
+            "inside"
+        )
     except FlexMapsError:
         mesh = made.data
         bpy.data.objects.remove(made)
         bpy.data.meshes.remove(mesh)
         raise
-    return made
 
 
 def _clean(mesh: bpy.types.Mesh) -> None:
@@ -89,12 +98,12 @@ def _manifold(mesh: bpy.types.Mesh) -> bool:
     return len(np.unique(groups(len(mesh.vertices), a, b)[a])) == 1
 
 
-def _voxels(context: bpy.types.Context, obj: bpy.types.Object, count: int) -> None:
-    """One closed surface around everything, with voxels as fine as give a clean one."""
-    mesh = obj.data
-    area = sum(polygon.area for polygon in mesh.polygons)
-    edge = (area / count) ** 0.5
-    original = mesh.copy()
+def _surfaces(context: bpy.types.Context, obj: bpy.types.Object, count: int) -> Iterator[None]:
+    """Puts one clean surface after another into the object: itself, if it is one, then voxel remeshes, the finest first."""
+    if _manifold(obj.data):
+        yield
+    edge = (sum(polygon.area for polygon in obj.data.polygons) / count) ** 0.5
+    original = obj.data.copy()
     try:
         for factor in VOXELS:
             obj.data.clear_geometry()
@@ -105,12 +114,9 @@ def _voxels(context: bpy.types.Context, obj: bpy.types.Object, count: int) -> No
                 bpy.ops.object.voxel_remesh()
             _keep_largest(obj.data)
             if len(obj.data.polygons) >= 50 and _manifold(obj.data):
-                return
+                yield
     finally:
         bpy.data.meshes.remove(original)
-    raise FlexMapsError(
-        "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is inside"
-    )
 
 
 def _copy_geometry(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
@@ -150,8 +156,8 @@ def _keep_largest(mesh: bpy.types.Mesh) -> None:
     bm.free()
 
 
-def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool) -> None:
-    before = len(obj.data.polygons)
+def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool, seed: int) -> bool:
+    """Whether QuadriFlow made one clean surface of quads; where it gives up, it leaves the mesh as it was."""
     with _only(context, obj):
         result = bpy.ops.object.quadriflow_remesh(
             mode="FACES",
@@ -160,12 +166,9 @@ def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, s
             use_preserve_sharp=False,
             use_preserve_boundary=True,
             smooth_normals=smooth,
-            seed=0,
+            seed=seed,
         )
-    if "FINISHED" not in result:
-        raise FlexMapsError(
-            f"QuadriFlow could not remesh the {before} faces; repair the mesh, or give another quad count"
-        )
+    return "FINISHED" in result and _manifold(obj.data)
 
 
 class _only:
