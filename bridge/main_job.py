@@ -61,7 +61,13 @@ def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _write(
-    result: job.Result, settings: Settings, name: str, out: Path, new: export.NewFile, progress: Progress, pictures: bool
+    result: job.Result,
+    settings: Settings,
+    name: str,
+    out: Path,
+    new: export.NewFile,
+    progress: Progress,
+    pictures: bool,
 ) -> list[Path]:
     """Write all but the report; returns the files of the sheets."""
     from . import picture, scene
@@ -131,7 +137,9 @@ def _parser() -> argparse.ArgumentParser:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--edge", type=float, metavar="MM", help="scale the mesh to this median quad edge")
     size.add_argument("--height", type=float, metavar="MM", help="scale the mesh to this extent along z")
-    parser.add_argument("--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)")
+    parser.add_argument(
+        "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
+    )
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
     parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")

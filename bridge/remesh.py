@@ -33,13 +33,14 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
         collection.objects.link(made)
     try:
         _clean(mesh)
-        tried = 0
-        for tried, _ in enumerate(_surfaces(context, made, count), start=1):
+        found = False
+        for _ in _surfaces(context, made, count):
+            found = True
             if any(_quadriflow(context, made, count, smooth, seed) for seed in range(SEEDS)):
                 return made
         raise FlexMapsError(
             "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"
-            if tried
+            if found
             else "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is "
             "inside"
         )

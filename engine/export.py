@@ -16,9 +16,7 @@ FORMATS = ("svg", "dxf", "dxf-r12")
 NewFile = Callable[[str | os.PathLike[str]], Path]
 
 
-def write(
-    sheets: CutSheets, base: Path, formats: tuple[str, ...] = FORMATS, new: NewFile | None = None
-) -> list[Path]:
+def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FORMATS, new: NewFile | None = None) -> list[Path]:
     """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-01.dxf, out/sheet-r12-01.dxf, ...
 
     Files of an earlier run with more sheets go. ``new`` comes from ``files.replacing_many`` where the files shall appear

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class _Stages:
         self._progress = progress
         total = sum(STAGES[name] for name in wanted)
         starts = [sum(STAGES[name] for name in wanted[:k]) / total for k in range(len(wanted) + 1)]
-        self._spans = dict(zip(wanted, zip(starts, starts[1:], strict=False), strict=True))
+        self._spans = dict(zip(wanted, pairwise(starts), strict=True))
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[Progress]:

@@ -95,12 +95,38 @@ class SpiralParams(Params):
     thickness: float = setting(0.002, "Thickness", "Thickness of the sheet", low=0.0001, high=0.05, unit="m")
     width_min: float = setting(0.001, "Smallest width", "Width of the thinnest arm", low=0.0002, high=0.1, unit="m")
     width_max: float = setting(0.002, "Largest width", "Width of the thickest arm", low=0.0002, high=0.1, unit="m")
-    twist_min: float = setting(0.0, "Smallest twist", "Winding angle of the stiffest spiral", low=0.0, high=4 * math.pi, unit="rad")
-    twist_max: float = setting(2 * math.pi, "Largest twist", "Winding angle of the softest spiral, where it can be cut", low=0.0, high=4 * math.pi, unit="rad")
-    slot_min: float = setting(0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m")
-    blend: float = setting(0.15, "Blend", "Share of an arm's end over which two neighbours merge smoothly", low=0.01, high=0.5)
-    fillet: float = setting(0.00015, "Fillet", "Radius of the inside corners at the hub; at least half of the kerf, and of the smallest slot if the slot is to be that wide at its root too", low=0.0, high=0.005, unit="m")
-    curvature_top: float = setting(98.0, "Curvature top", "Percentile of the curvature that gets the softest spirals; 100 takes the very largest", low=50.0, high=100.0)
+    twist_min: float = setting(
+        0.0, "Smallest twist", "Winding angle of the stiffest spiral", low=0.0, high=4 * math.pi, unit="rad"
+    )
+    twist_max: float = setting(
+        2 * math.pi,
+        "Largest twist",
+        "Winding angle of the softest spiral, where it can be cut",
+        low=0.0,
+        high=4 * math.pi,
+        unit="rad",
+    )
+    slot_min: float = setting(
+        0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m"
+    )
+    blend: float = setting(
+        0.15, "Blend", "Share of an arm's end over which two neighbours merge smoothly", low=0.01, high=0.5
+    )
+    fillet: float = setting(
+        0.00015,
+        "Fillet",
+        "Radius of the inside corners at the hub; at least half of the kerf, and of the smallest slot if the slot is to be that wide at its root too",
+        low=0.0,
+        high=0.005,
+        unit="m",
+    )
+    curvature_top: float = setting(
+        98.0,
+        "Curvature top",
+        "Percentile of the curvature that gets the softest spirals; 100 takes the very largest",
+        low=50.0,
+        high=100.0,
+    )
     clockwise: bool = setting(False, "Clockwise", "Wind the spirals the other way round")
 
 
@@ -112,10 +138,21 @@ class SheetParams(Params):
     sheet_height: float = setting(0.4, "Sheet height", "Height of the sheet of material", low=0.01, high=10.0, unit="m")
     margin: float = setting(0.005, "Margin", "Free border of the sheet", low=0.0, high=0.5, unit="m")
     spacing: float = setting(0.003, "Spacing", "Free distance between panels", low=0.0, high=0.1, unit="m")
-    tolerance: float = setting(0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m")
+    tolerance: float = setting(
+        0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m"
+    )
     labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
-    label_height: float = setting(0.0025, "Label height", "Largest letter height of a label", low=0.0005, high=0.1, unit="m")
-    label_min: float = setting(0.0006, "Smallest letters", "Seam labels that would have to be smaller than this are left out", low=0.0001, high=0.1, unit="m")
+    label_height: float = setting(
+        0.0025, "Label height", "Largest letter height of a label", low=0.0005, high=0.1, unit="m"
+    )
+    label_min: float = setting(
+        0.0006,
+        "Smallest letters",
+        "Seam labels that would have to be smaller than this are left out",
+        low=0.0001,
+        high=0.1,
+        unit="m",
+    )
     oversize: str = setting(
         "enlarge", "Too large panels", "What happens to a panel that is larger than the sheet",
         choices=(("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"), ("error", "Stop", "Stop and name the patch")),
@@ -138,14 +175,18 @@ class RemeshParams(Params):
 
     quads: int = setting(1500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
-    edge: float = setting(0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m")
+    edge: float = setting(
+        0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m"
+    )
 
 
 @dataclass(frozen=True)
 class ExportParams(Params):
     """Which files are written, and where."""
 
-    folder: str = setting("//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True)
+    folder: str = setting(
+        "//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True
+    )
     svg: bool = setting(True, "SVG", "Write the sheets as SVG, with a layer and a colour per operation")
     dxf: str = setting(
         "R2010",

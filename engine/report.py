@@ -42,7 +42,9 @@ def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[st
     peak = peak_memory()
     if peak is not None:
         report["memory_mb"] = round(peak / 1e6, 1)
-    report["machine"] = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    report["machine"] = (
+        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
     return report
 
 

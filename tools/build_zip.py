@@ -67,7 +67,16 @@ def fetch(platform: str) -> list[Path]:
         if not _complete(folder, pins):
             print(f"Fetching wheels for {platform}, Python {python}", flush=True)
             folder.mkdir(parents=True, exist_ok=True)
-            pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "download", "-q", "--no-deps"]
+            pip = [
+                sys.executable,
+                "-m",
+                "pip",
+                "--disable-pip-version-check",
+                "--no-input",
+                "download",
+                "-q",
+                "--no-deps",
+            ]
             only = ["--only-binary=:all:", "--implementation", "cp", "--python-version", python]
             subprocess.run([*pip, *only, *tags, "-d", str(folder), *pins], check=True)
         found |= set(folder.glob("*.whl"))

@@ -52,7 +52,16 @@ def _lint() -> list[str]:
     # the checkout is the package: mypy finds it by the name that it is imported by
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "flexmaps").symlink_to(ROOT, target_is_directory=True)
-        packages = ["-p", "flexmaps.engine", "-p", "flexmaps.bridge", "-p", "flexmaps.operators", "-p", "flexmaps.panels"]
+        packages = [
+            "-p",
+            "flexmaps.engine",
+            "-p",
+            "flexmaps.bridge",
+            "-p",
+            "flexmaps.operators",
+            "-p",
+            "flexmaps.panels",
+        ]
         config = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
         environment = dict(os.environ, MYPYPATH=folder)
         if subprocess.run([sys.executable, "-m", "mypy", *config, *packages], cwd=folder, env=environment).returncode:

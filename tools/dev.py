@@ -91,7 +91,11 @@ def candidates(version):
     for folder, pattern, inside in (
         (os.path.join(os.environ.get("PYENV_ROOT", os.path.join(home, ".pyenv")), "versions"), dotted, "bin/python"),
         (os.path.join(home, ".local", "share", "uv", "python"), "cpython-" + dotted, "bin/python3"),
-        (os.path.join(os.environ.get("LOCALAPPDATA", home), "Programs", "Python"), "Python%d%d" % version, "python.exe"),
+        (
+            os.path.join(os.environ.get("LOCALAPPDATA", home), "Programs", "Python"),
+            "Python%d%d" % version,
+            "python.exe",
+        ),
     ):
         if os.path.isdir(folder):
             for entry in sorted(os.listdir(folder), reverse=True):

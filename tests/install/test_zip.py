@@ -16,7 +16,17 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 # what Blender itself brings: the module, its numpy, and what its own scripts import
-BLENDERS_OWN = ("bpy", "numpy", "numpy.libs", "requests", "certifi", "charset_normalizer", "idna", "urllib3", "zstandard")
+BLENDERS_OWN = (
+    "bpy",
+    "numpy",
+    "numpy.libs",
+    "requests",
+    "certifi",
+    "charset_normalizer",
+    "idna",
+    "urllib3",
+    "zstandard",
+)
 BLENDERS_OWN += ("attr", "attrs", "cattr", "cattrs", "Cython")
 
 SCRIPT = """
