@@ -1,0 +1,80 @@
+"""The zip in a real Blender, without and with its window; pictures of every stage are left in out/window/."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import shutil
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DRIVE = Path(__file__).with_name("drive.py")
+
+
+def tool(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def blender() -> ModuleType:
+    module = tool("real_blender")
+    reason = module.obstacle()
+    if reason is not None:
+        pytest.skip(reason)
+    return module
+
+
+@pytest.fixture(scope="session")
+def zip_file() -> Path:
+    return tool("build_zip").build("linux-x64")
+
+
+def drive(blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
+    shutil.copy2(zip_file, work)
+    done = blender.run(DRIVE, work, window=window)
+    result = work / "result.json"
+    assert result.is_file(), done.stdout[-3000:] + done.stderr[-3000:]
+    found: dict[str, Any] = json.loads(result.read_text())
+    assert found["errors"] == []
+    assert "Traceback" not in done.stdout + done.stderr, (done.stdout + done.stderr)[-3000:]
+    return found
+
+
+def check_work(found: dict[str, Any], work: Path) -> None:
+    whole = found["whole"]
+    assert {"layout", "spirals", "sheets"} <= set(whole["blocks"])
+    assert whole["seams"] > 0
+    assert {"flexmaps_flat", "flexmaps_patch", "flexmaps_width", "flexmaps_twist"} <= set(whole["attributes"])
+    user = str(work / "user")
+    assert {"scipy", "shapely", "igl"} <= set(found["places"])
+    assert all(place.startswith(user) for place in found["places"].values()), found["places"]
+    suffixes = {path.suffix for path in (work / "sheets").iterdir()}
+    assert {".svg", ".dxf"} <= suffixes
+
+
+def test_without_a_window(blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    found = drive(blender, zip_file, tmp_path, window=False)
+    check_work(found, tmp_path)
+    assert "not quads" in found["refused"][0][0]
+    assert set(map(tuple, found["stages"].values())) == {("FINISHED",)}
+
+
+def test_with_its_window(blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    found = drive(blender, zip_file, tmp_path, window=True)
+    pictures = ROOT / "out" / "window"
+    pictures.mkdir(parents=True, exist_ok=True)
+    for shot in sorted(tmp_path.glob("*.xwd")):
+        blender.picture(shot, pictures / f"{shot.stem}.png")
+    check_work(found, tmp_path)
+    assert found["refused"][1] == "EDIT", "the culprits are shown in edit mode"
+    assert found["escaped"], "Esc leaves the mesh as it was"
+    assert "sheets" not in found["undone"]["blocks"] or "spirals" not in found["undone"]["blocks"]

@@ -1,0 +1,116 @@
+"""A real Blender with its window, for tests: Debian's, in a folder of its own, on a virtual screen.
+
+The folder is made once (about a minute, 1.4 GB) in ~/.cache/flexmaps or where FLEXMAPS_BLENDER_ROOT points, and entered by
+chroot in a mount namespace of its own, so that nothing stays mounted. That needs root on a Debian-like Linux.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+PACKAGES = (
+    "blender,python3-numpy,python3-requests,python3-zstandard,xvfb,xauth,xdotool,x11-utils,openbox,"
+    "libgl1-mesa-dri,libegl1,libgl1,mesa-utils"
+)
+SUITE = "trixie"
+SCREEN = (1500, 1400)
+
+ENTER = """
+set -e
+root={root} work={work}
+mount --rbind /sys $root/sys
+mount --rbind /dev $root/dev
+mount -t proc proc $root/proc
+mkdir -p $root$work
+mount --bind $work $root$work
+exec chroot $root /usr/bin/env -i /bin/bash $work/inside.sh
+"""
+
+INSIDE = """
+export HOME=/root PATH=/usr/bin:/bin:/usr/sbin LIBGL_ALWAYS_SOFTWARE=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
+export BLENDER_USER_RESOURCES={work}/user
+cd {work}
+{screen}
+timeout {timeout} blender {options} --python {work}/{script}
+status=$?
+[ -z "$(jobs -p)" ] || kill $(jobs -p)
+exit $status
+"""
+
+VIRTUAL_SCREEN = """
+mkdir -p /tmp/.X11-unix
+Xvfb -displayfd 3 -screen 0 {width}x{height}x24 +extension GLX -nolisten tcp -fbdir {work} 3>{work}/display 2>{work}/xvfb.log &
+for i in $(seq 100); do [ -s {work}/display ] && break; sleep 0.1; done
+export DISPLAY=:$(cat {work}/display)
+openbox >/dev/null 2>&1 &
+"""
+
+
+def folder() -> Path:
+    """Where the Debian with its Blender is, or will be."""
+    return Path(os.environ.get("FLEXMAPS_BLENDER_ROOT", Path.home() / ".cache" / "flexmaps" / SUITE))
+
+
+def obstacle() -> str | None:
+    """Why there can be no real Blender here, as a sentence; ``None`` once it is ready. Makes it on the first call."""
+    if sys.platform != "linux" or not hasattr(os, "geteuid") or os.geteuid() != 0:
+        return "a real Blender for the window needs root on Linux (chroot)"
+    if subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode:
+        return "this machine allows no mount namespaces (unshare -m), which the real Blender runs in"
+    if (folder() / "usr" / "bin" / "blender").exists():
+        return None
+    if shutil.which("mmdebstrap") is None:
+        if shutil.which("apt-get") is None:
+            return "mmdebstrap is missing, which makes the folder of the real Blender"
+        for command in (["apt-get", "update", "-q"], ["apt-get", "install", "-q", "-y", "mmdebstrap"]):
+            if subprocess.run(command, capture_output=True).returncode:
+                return f"mmdebstrap could not be installed: '{' '.join(command)}' failed"
+    print(f"Making a real Blender in {folder()} (once, about a minute)", file=sys.stderr, flush=True)
+    making = folder().with_name(folder().name + "-making")
+    shutil.rmtree(making, ignore_errors=True)
+    making.parent.mkdir(parents=True, exist_ok=True)
+    command = ["mmdebstrap", "--variant=minbase", f"--include={PACKAGES}", SUITE, str(making)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if line.strip()]
+        return f"mmdebstrap failed: {lines[-1] if lines else 'no reason given'}"
+    making.rename(folder())
+    return None
+
+
+def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subprocess.CompletedProcess[str]:
+    """Run a Python script in the real Blender; ``work`` is the one folder that both sides see, by the same path.
+
+    With ``window``, Blender has a window on a virtual screen whose pixels are in ``work``/Xvfb_screen0.
+    """
+    shutil.copy2(script, work / script.name)
+    width, height = SCREEN
+    place = shlex.quote(str(work))
+    screen = VIRTUAL_SCREEN.format(work=place, width=width, height=height) if window else ""
+    options = f"--factory-startup -p 0 0 {width} {height}" if window else "--factory-startup -b"
+    inside = INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name)
+    (work / "inside.sh").write_text(inside)
+    enter = ENTER.format(root=shlex.quote(str(folder())), work=place)
+    return subprocess.run(
+        ["unshare", "-m", "bash", "-c", enter], capture_output=True, text=True, timeout=timeout + 60
+    )
+
+
+def picture(pixels: Path, target: Path) -> None:
+    """Xvfb's frame buffer (an xwd file) as a PNG."""
+    import struct
+
+    import numpy as np
+    from PIL import Image
+
+    data = pixels.read_bytes()
+    header = struct.unpack(">25I", data[:100])
+    width, height, stride, colours = header[4], header[5], header[12], header[19]
+    start = header[0] + 12 * colours
+    rows = np.frombuffer(data[start : start + stride * height], np.uint8).reshape(height, stride // 4, 4)
+    Image.fromarray(np.ascontiguousarray(rows[:, :width, 2::-1])).save(target)
