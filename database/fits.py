@@ -8,6 +8,7 @@ twelve numbers of the tip stiffness from the linear limit, which need no fitting
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -168,10 +169,18 @@ def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARA
     samples = sum(s.fitted["chord"] for s in all_series)
     provenance = {
         "format": stiffness_rods.FORMAT,
+        "version": VERSION,
         "spirals": len(all_series),
         "samples": samples,
-        "version": VERSION,
+        "seed": SEED,
+        "loads": {
+            "pair": "random forces and moments at the joint, alike for all spirals",
+            "chord": "strain-targeted law",
+        },
+        "poisson": all_series[0].subject.poisson,
+        "units": "k_s in E w^2, the others in E w^4",
         "networks": notes,
+        "versions": {"python": platform.python_version(), "numpy": np.__version__},
     }
     target.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(target, provenance=json.dumps(provenance), **arrays)

@@ -105,7 +105,7 @@ def plot(all_series: list[Series], model: str, path: Path) -> None:
     for axis in axes.flat[len(chosen) :]:
         axis.set_visible(False)
     figure.suptitle(f"Elastic energy of held-out samples: {TITLES[model]}")
-    figure.supxlabel("finite elements, mJ")
+    figure.supxlabel("finite elements" + (", linear limit of two arms in series" if model == "pair" else "") + ", mJ")
     figure.supylabel("model, mJ")
     if image is not None:
         figure.colorbar(image, ax=axes, label="relative error, %", shrink=0.6)
