@@ -15,6 +15,8 @@ import bpy
 
 HERE = Path(__file__).parent
 FOUND = {"stages": {}, "errors": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
+CHECK = (1091, 393)  # where the button is on a screen of 1500 x 1400 before anything was checked
+ASIDE = (600, 1150)  # a place in the 3D view that nothing covers
 STAGES = ("check", "regularise", "trace", "merge", "spirals", "export")
 
 
@@ -41,6 +43,13 @@ def press(name, **options):
                 FOUND["stages"][name] = sorted(operator("INVOKE_DEFAULT", **options))
     except RuntimeError as error:
         FOUND["stages"][name] = [str(error).strip()]
+
+
+def pointer(place, *then):
+    """Move the real pointer, and click or type there."""
+    if not bpy.app.background:
+        x, y = map(str, place)
+        subprocess.run(["xdotool", "mousemove", x, y, "sleep", "0.3", *then], check=False)
 
 
 def until_done():
@@ -75,7 +84,6 @@ def walk():
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     if not bpy.app.background:
-        bpy.context.preferences.view.show_splash = False
         _, area = view()
         area.spaces.active.show_region_ui = True
         yield 0.5
@@ -84,10 +92,16 @@ def walk():
     bpy.ops.mesh.primitive_monkey_add()
     bpy.context.object.flexmaps.remesh.quads = 1500
     shot("1-start")
-    press("check")
+    yield 0.5
+    if bpy.app.background:
+        press("check")
+    pointer(CHECK, "click", "1")
+    yield 1.0
     yield from until_done()
-    FOUND["refused"] = FOUND["stages"].pop("check"), bpy.context.object.mode
+    FOUND["refused"] = FOUND["stages"].pop("check", None), bpy.context.object.mode, state()["blocks"]
     shot("2-refused")
+    pointer(ASIDE)  # the message goes when the pointer leaves it
+    yield 0.5
     bpy.ops.object.mode_set(mode="OBJECT")
     press("quad_remesh")
     yield from until_done()
@@ -122,7 +136,7 @@ def walk():
     before = state()
     press("merge")
     yield 0.4
-    subprocess.run(["xdotool", "mousemove", "500", "500", "key", "Escape"], check=False)
+    pointer(ASIDE, "key", "Escape")
     yield from until_done()
     shot("6-escaped")
     FOUND["escaped"] = state() == before
@@ -154,6 +168,7 @@ def tick():
     return None
 
 
+bpy.context.preferences.view.show_splash = False
 if bpy.app.background:
     try:
         for _ in STEPS:

@@ -75,6 +75,6 @@ def test_with_its_window(blender: ModuleType, zip_file: Path, tmp_path: Path) ->
     for shot in sorted(tmp_path.glob("*.xwd")):
         blender.picture(shot, pictures / f"{shot.stem}.png")
     check_work(found, tmp_path)
-    assert found["refused"][1] == "EDIT", "the culprits are shown in edit mode"
+    assert found["refused"][1:] == ["EDIT", ["checks"]], "a click on Check shows the culprits in edit mode"
     assert found["escaped"], "Esc leaves the mesh as it was"
     assert "sheets" not in found["undone"]["blocks"] or "spirals" not in found["undone"]["blocks"]
