@@ -21,9 +21,13 @@ ROOT = Path(__file__).resolve().parent.parent
 ENTRY = ROOT / "tools" / "dev.py"
 
 
-def pending(folder: Path, wanted: list[Task]) -> list[Task]:
-    """The tasks whose file is missing or broken; files of another version have other names."""
-    return [t for t in wanted if not chunks.is_done(folder, t)]
+def pending(folder: Path, wanted: list[Task], pack: Path | None = None) -> list[Task]:
+    """The tasks whose file is missing or broken, and that are not in the packed file either.
+
+    Files of another version have other names.
+    """
+    packed = chunks.packed_names(pack) if pack else set()
+    return [t for t in wanted if t.name not in packed and not chunks.is_done(folder, t)]
 
 
 def work(folder: Path, todo: list[Task], keep: Path | None = None, progress: Progress = SILENT) -> None:

@@ -176,40 +176,78 @@ def is_done(folder: Path, task: Task) -> bool:
 # -- many chunks in one small file, which travels with the repository ------------------------------------------------
 
 
+def packed_names(pack_file: Path) -> set[str]:
+    """File names of the chunks whose sums are in a packed file; none where it is missing or of another version."""
+    return {name for entry in _packed_series(pack_file).values() for name in entry["chunks"]}
+
+
+def _packed_series(pack_file: Path) -> dict[str, dict]:
+    """Per key of spiral and law what a packed file holds: its header's entry, the kept samples and the sums."""
+    if not pack_file.is_file():
+        return {}
+    try:
+        with np.load(pack_file, allow_pickle=False) as stored:
+            header = json.loads(str(stored["header"]))
+            arrays = {n: stored[n] for n in stored.files if n != "header"}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
+        return {}
+    if header["version"] != VERSION:
+        return {}
+    out = {}
+    for number, entry in enumerate(header["series"]):
+        mine = arrays["kept_series"] == number
+        columns = {n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}
+        sums = {n: arrays[n][number] for n in SUMS}
+        out[entry["key"]] = {**entry, "kept": Samples(**columns), "sums": sums}
+    return out
+
+
+SUMS = (*(f"{m}_{part}" for m in MODELS for part in ("matrix", "side")), "compliance")
+
+
 def pack(folder: Path, target: Path, per_law: dict[str, int] | None = None) -> int:
-    """Gather the finished chunks of every spiral and law into one file; how many chunks it holds."""
+    """Add the finished chunks of a folder to what a packed file holds already; how many chunks it holds then.
+
+    Spirals whose key has changed since (geometry, mesh or law) are dropped from the file.
+    """
+    known = _packed_series(target)
     by_series: dict[tuple[Subject, str], list[Task]] = {}
     for task in tasks(per_law):
         by_series.setdefault((task.subject, task.law), []).append(task)
-    arrays: dict[str, list[np.ndarray]] = {}
-    kept: list[tuple[np.ndarray, Samples]] = []
-    series: list[dict] = []
-    done = 0
+    entries = []
     for (subject, law), members in by_series.items():
-        found = [c for c in (read(folder / t.name) for t in members if (folder / t.name).is_file()) if c is not None]
-        if not found:
-            continue
-        number = len(series)
-        done += len(found)
-        samples = Samples.joined([c.kept for c in found])
-        kept.append((np.full(len(samples.number), number, dtype=np.int32), samples))
-        counts = {k: sum(c.counts[k] for c in found) for k in found[0].counts}
-        fitted = {m: sum(c.fitted[m] for c in found) for m in MODELS}
-        series.append(
-            {"key": key(subject, law), "law": law, "subject": asdict(subject), "counts": counts, "fitted": fitted}
-        )
-        for m in MODELS:
-            for place, part in enumerate(("matrix", "side")):
-                arrays.setdefault(f"{m}_{part}", []).append(np.sum([c.normal[m][place] for c in found], axis=0))
-        with np.load(folder / next(t.name for t in members if is_done(folder, t))) as stored:
-            arrays.setdefault("compliance", []).append(stored["compliance"])
-    if not series:
+        name = key(subject, law)
+        entry = known.get(name) or {"key": name, "law": law, "subject": asdict(subject), "chunks": []}
+        for task in members:
+            if task.name not in entry["chunks"] and (folder / task.name).is_file():
+                entry = _with_chunk(entry, task.name, folder / task.name)
+        if entry["chunks"]:
+            entries.append(entry)
+    if not entries:
         return 0
-    columns = _columns(Samples.joined([s for _, s in kept]))
-    packed = {f"kept_{n}": v for n, v in columns.items()}
-    packed["kept_series"] = np.concatenate([n for n, _ in kept])
-    packed.update({n: np.array(v) for n, v in arrays.items()})
+    columns = [_columns(e["kept"]) for e in entries]
+    packed = {f"kept_{n}": np.concatenate([c[n] for c in columns]) for n in Samples.__dataclass_fields__}
+    packed["kept_series"] = np.repeat(np.arange(len(entries), dtype=np.int32), [len(c["number"]) for c in columns])
+    packed.update({n: np.array([e["sums"][n] for e in entries]) for n in SUMS})
+    series = [{k: v for k, v in e.items() if k not in ("kept", "sums")} for e in entries]
     packed["header"] = np.array(json.dumps({"version": VERSION, "series": series}, sort_keys=True))
     target.parent.mkdir(parents=True, exist_ok=True)
     write(target, _bytes(packed))
-    return done
+    return sum(len(e["chunks"]) for e in entries)
+
+
+def _with_chunk(entry: dict, name: str, path: Path) -> dict:
+    """A series' entry with one more chunk; as it was where the file is broken."""
+    chunk = read(path)
+    if chunk is None:
+        return entry
+    with np.load(path, allow_pickle=False) as stored:
+        sums = {n: stored[n] for n in SUMS}
+    counts, fitted, kept = chunk.counts, chunk.fitted, chunk.kept
+    if entry["chunks"]:
+        old = entry["sums"]
+        sums = {n: old[n] if n == "compliance" else old[n] + sums[n] for n in SUMS}
+        counts = {k: entry["counts"][k] + v for k, v in counts.items()}
+        fitted = {m: entry["fitted"][m] + v for m, v in fitted.items()}
+        kept = Samples.joined([entry["kept"], kept])
+    return {**entry, "chunks": [*entry["chunks"], name], "counts": counts, "fitted": fitted, "kept": kept, "sums": sums}

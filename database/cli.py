@@ -67,6 +67,8 @@ def main(arguments: list[str]) -> int:
 def _tasks(options: argparse.Namespace) -> list[chunks.Task]:
     if options.samples < 0 or options.newton_samples < 0 or options.samples + options.newton_samples == 0:
         raise FlexMapsError("Give a positive number of samples")
+    if options.samples % chunks.CHUNK or options.newton_samples % chunks.CHUNK:
+        raise FlexMapsError(f"Samples come in chunks of {chunks.CHUNK}: give a multiple of it")
     return chunks.tasks({"strain": options.samples, "newton": options.newton_samples})
 
 
@@ -74,7 +76,7 @@ def run_build(options: argparse.Namespace) -> int:
     if options.processes < 1:
         raise FlexMapsError("Give at least one process")
     wanted = _tasks(options)
-    todo = build.pending(options.dir, wanted)
+    todo = build.pending(options.dir, wanted, PACK)
     say(f"{len(wanted) - len(todo)} of {len(wanted)} chunks are there")
     if todo and options.scheduler:
         build.run_dask(options.dir, todo, options.scheduler, options.root_on_workers, say)
@@ -83,6 +85,9 @@ def run_build(options: argparse.Namespace) -> int:
         if options.keep_samples:
             extra += ["--keep-samples", str(options.keep_samples)]
         build.run_processes(options.dir, todo, options.processes, extra, say)
+    left = build.pending(options.dir, todo)
+    if left:
+        raise FlexMapsError(f"{len(left)} chunks are still missing; run the same command to go on")
     say(f"{len(wanted)} chunks are there; gather and fit them with: tools/dev.py database fit")
     return 0
 
@@ -92,7 +97,8 @@ def run_work(options: argparse.Namespace) -> int:
         k, n = (int(x) for x in options.stripe.split("/"))
     except ValueError:
         raise FlexMapsError(f"--stripe is '{options.stripe}'; it reads like 0/4") from None
-    mine = [t for i, t in enumerate(build.pending(options.dir, _tasks(options))) if i % n == k]
+    # stripes of all chunks, not of those still missing: every worker sees another moment of those
+    mine = build.pending(options.dir, _tasks(options)[k::n], PACK)
     parent = os.getppid()
     # a worker whose starter was killed ends after its chunk; the next build goes on
     progress = Progress(stopped=lambda: os.getppid() != parent)

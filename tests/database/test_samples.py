@@ -145,6 +145,15 @@ def test_statistics_alone_give_the_fit(tmp_path, chunk_bytes):
     assert chunks.pack(tmp_path, tmp_path / "pack.npz") == 2
     (series,) = fits.load(tmp_path / "pack.npz")
     assert series.subject == STRAIGHT and series.fitted["chord"] == 45
+    # on another machine: only the packed file is there, and what it holds is neither made again nor lost
+    assert build.pending(tmp_path / "empty", [second], tmp_path / "pack.npz") == []
+    (tmp_path / "next").mkdir()
+    third = Task(STRAIGHT, "newton", 0, 25)
+    chunks.write(tmp_path / "next" / third.name, chunks.compute(third))
+    assert chunks.pack(tmp_path / "next", tmp_path / "pack.npz") == 3
+    again = next(s for s in fits.load(tmp_path / "pack.npz") if s.law == "strain")
+    assert np.array_equal(again.normal["chord"][0], series.normal["chord"][0]) and again.fitted == series.fitted
+    assert np.array_equal(again.kept.energy, series.kept.energy)
     samples = Sampler(STRAIGHT, "strain").samples(range(50))
     fit = samples.chosen(samples.number % chunks.HELD_OUT != 0)
     a = rods.chord_features(fit.centres, fit.rotations, series.rest_tips) / fit.energy[:, None]
@@ -176,7 +185,13 @@ def test_network_learns_a_smooth_function():
 
 
 @pytest.mark.parametrize(
-    "line", [["build", "--samples", "-1"], ["build", "--processes", "0"], ["work", "--stripe", "x"]]
+    "line",
+    [
+        ["build", "--samples", "-1"],
+        ["build", "--samples", "40"],
+        ["build", "--processes", "0"],
+        ["work", "--stripe", "x"],
+    ],
 )
 def test_command_line_refuses_nonsense_in_one_line(line, capsys, tmp_path):
     assert cli.main([*line, "--dir", str(tmp_path)]) == 1
