@@ -34,6 +34,7 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     bodies = int(mesh.body_of.max()) + 1
     cut = layout.cut.copy()
     notes: dict[str, object] = dict(layout.notes)
+    each: list[dict[str, object]] = []  # what is said of every body, where there are several
     start = np.ones((len(mesh.quads), 4), dtype=complex)
     for body in range(bodies):
         part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
@@ -45,7 +46,9 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
             alone, edges = _alone(layout, quads)
             board, said = _merge_body(alone, params, part, bodies)
             cut[edges], start[quads] = board.cut, board.rotations()
-            notes |= {f"body {body + 1}": said} if said else {}
+            each.append(said)
+    if any(each):
+        notes["bodies"] = each
     return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
 
 
