@@ -24,10 +24,12 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py demo                     main job on a built-in surface; results in out/
   python3 tools/dev.py run MESH --edge 20 --out DIR
                                                 main job on your mesh (.obj .off .ply .stl .blend), 20 mm quads
-  python3 tools/dev.py test [engine|blender|install|window ...] [-k NAME]
+  python3 tools/dev.py test [engine|database|blender|install|window ...] [-k NAME]
                                                 lint, types and tests
   python3 tools/dev.py build [--platform NAME]  the extension's zip, in dist/
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
+  python3 tools/dev.py database build|fit|report
+                                                simulate spirals and fit the stiffness table (hours; it resumes)
   python3 tools/dev.py lint                     ruff and mypy only
   python3 tools/dev.py setup                    make the environment, nothing else
   python3 tools/dev.py python FILE ...          run a script inside the environment
