@@ -240,7 +240,9 @@ def show_spirals(
         lift = np.array([*centres[k], 1.02 * design.params.thickness])
         made = add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
         made.hide_render = True
-        made.hide_set(True)  # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
+        made.hide_set(
+            True
+        )  # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
 
 
 def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:

@@ -9,16 +9,12 @@ on smoothly from one quad into the other.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .flatten import FlatPatches
 from .mesh import QuadMesh
 from .params import SpiralParams
-
-if TYPE_CHECKING:
-    from .design import SpiralDesign
 
 LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
 
@@ -237,9 +233,8 @@ def edge(arms: Arms, t: np.ndarray, side: float | np.ndarray, away: float = 0.0)
     return point, tangent
 
 
-def centre_lines(design: SpiralDesign, samples: int) -> np.ndarray:
+def centre_lines(shape: Arms, samples: int) -> np.ndarray:
     """Centre lines of all arms from joint to centre, (F, 4, samples, 2) metres, evenly spaced in t."""
-    shape = arms(design.flat, design.params, design.width, design.twist)
     t = np.broadcast_to(np.linspace(0.0, 1.0, samples), (*shape.radius.shape, samples))
     return centre_line(shape, t)[0]
 

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -16,26 +17,42 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 
-def _load_checkout() -> None:
-    """Load the package through tools/dev.py, the one place that knows how."""
-    spec = importlib.util.spec_from_file_location("flexmaps_dev", ROOT / "tools" / "dev.py")
+def load_tool(name: str) -> ModuleType:
+    """A module of tools/, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", ROOT / "tools" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    dev = importlib.util.module_from_spec(spec)
-    sys.modules["flexmaps_dev"] = dev
-    spec.loader.exec_module(dev)
-    dev.load_package()
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[f"flexmaps_{name}"] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 # `python -m pytest` puts the working folder there; with it, every module could be imported a second time by another name
 sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != ROOT]
-_load_checkout()
+load_tool("dev").load_package()  # the one place that knows how
 
 
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository's root folder."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def build_zip() -> ModuleType:
+    """The tool that builds the extension's zip."""
+    return load_tool("build_zip")
+
+
+@pytest.fixture(scope="session")
+def real_blender() -> ModuleType:
+    """The tool that runs a real Blender; skips where there can be none, and says why."""
+    module = load_tool("real_blender")
+    reason = module.obstacle()
+    if reason is not None:
+        pytest.skip(reason)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -96,9 +96,7 @@ def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subpro
     inside = INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name)
     (work / "inside.sh").write_text(inside)
     enter = ENTER.format(root=shlex.quote(str(folder())), work=place)
-    return subprocess.run(
-        ["unshare", "-m", "bash", "-c", enter], capture_output=True, text=True, timeout=timeout + 60
-    )
+    return subprocess.run(["unshare", "-m", "bash", "-c", enter], capture_output=True, text=True, timeout=timeout + 60)
 
 
 def picture(pixels: Path, target: Path) -> None:

@@ -23,7 +23,7 @@ def shaken(flat_grid):
 def test_centre_lines_of_equal_spirals_in_squares_are_archimedean(flat_grid, clockwise):
     flat = flat_grid(3, 3)
     params = SpiralParams(clockwise=clockwise)
-    lines = spiral.centre_lines(SpiralDesign(flat, params, np.full(9, 0.001), np.full(9, 4.0)), 33)
+    lines = spiral.centre_lines(SpiralDesign(flat, params, np.full(9, 0.001), np.full(9, 4.0)).arms, 33)
     t, sign = np.linspace(0, 1, 33), -1 if clockwise else 1
     for k, start in enumerate((-90, 0, 90, 180)):  # side 0 is the lower one
         angle = np.radians(start) + sign * 4.0 * t

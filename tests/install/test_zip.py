@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import json
 import os
 import subprocess
@@ -54,16 +53,6 @@ sys.stdout.flush()
 import os
 os._exit(0)
 """
-
-
-@pytest.fixture(scope="session")
-def build_zip():
-    spec = importlib.util.spec_from_file_location("build_zip", ROOT / "tools" / "build_zip.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="session")

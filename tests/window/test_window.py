@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import shutil
 from pathlib import Path
@@ -15,32 +14,14 @@ ROOT = Path(__file__).resolve().parents[2]
 DRIVE = Path(__file__).with_name("drive.py")
 
 
-def tool(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="session")
-def blender() -> ModuleType:
-    module = tool("real_blender")
-    reason = module.obstacle()
-    if reason is not None:
-        pytest.skip(reason)
-    return module
+def zip_file(build_zip: ModuleType) -> Path:
+    return build_zip.build("linux-x64")
 
 
-@pytest.fixture(scope="session")
-def zip_file() -> Path:
-    return tool("build_zip").build("linux-x64")
-
-
-def drive(blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
+def drive(real_blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
     shutil.copy2(zip_file, work)
-    done = blender.run(DRIVE, work, window=window)
+    done = real_blender.run(DRIVE, work, window=window)
     result = work / "result.json"
     assert result.is_file(), done.stdout[-3000:] + done.stderr[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
@@ -61,19 +42,19 @@ def check_work(found: dict[str, Any], work: Path) -> None:
     assert {".svg", ".dxf"} <= suffixes
 
 
-def test_without_a_window(blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
-    found = drive(blender, zip_file, tmp_path, window=False)
+def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    found = drive(real_blender, zip_file, tmp_path, window=False)
     check_work(found, tmp_path)
     assert "not quads" in found["refused"][0][0]
     assert set(map(tuple, found["stages"].values())) == {("FINISHED",)}
 
 
-def test_with_its_window(blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
-    found = drive(blender, zip_file, tmp_path, window=True)
+def test_with_its_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    found = drive(real_blender, zip_file, tmp_path, window=True)
     pictures = ROOT / "out" / "window"
     pictures.mkdir(parents=True, exist_ok=True)
     for shot in sorted(tmp_path.glob("*.xwd")):
-        blender.picture(shot, pictures / f"{shot.stem}.png")
+        real_blender.picture(shot, pictures / f"{shot.stem}.png")
     check_work(found, tmp_path)
     assert found["refused"][1:] == ["EDIT", ["checks"]], "a click on Check shows the culprits in edit mode"
     assert found["escaped"], "Esc leaves the mesh as it was"
