@@ -1,6 +1,7 @@
 """Materials that sheets are cut from: stiffness, density and the strain they bear, each with its source.
 
 Values are typical ones for choosing widths and twists; a maker's own batch may differ by a tenth or more, so test a strip.
+The sources say where such values are published; only Delrin's and VeroWhite's have been compared with a copy so far.
 """
 
 from __future__ import annotations
