@@ -92,7 +92,10 @@ def _counts(results: Path) -> tuple[dict[str, int], list[str]]:
             counts["failed"] += 1
         elif "skipped" in kinds:
             counts["skipped"] += 1
-            reasons.add(kinds["skipped"].get("message", ""))
+            # a whole file that was skipped has its reason in the text
+            text = (kinds["skipped"].text or "").rpartition("Skipped: ")[2].strip("\"')")
+            message = kinds["skipped"].get("message", "")
+            reasons.add(text if message == "collection skipped" else message)
         else:
             counts["passed"] += 1
     return counts, sorted(reasons)
