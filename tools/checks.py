@@ -27,8 +27,9 @@ def main(argv: list[str]) -> int:
     command, *rest = argv
     tiers = [name for name in rest if name in TIERS]
     options = [word for word in rest if word not in TIERS]
-    failed = [] if tiers else _lint()
+    failed = None if tiers else _lint()  # who asks for one tier wants its answer soon
     if command == "lint":
+        failed = failed or []
         print("lint: " + (f"failed ({', '.join(failed)})" if failed else "clean"))
         return 1 if failed else 0
     rows = []
@@ -101,9 +102,9 @@ def _counts(results: Path) -> tuple[dict[str, int], list[str]]:
     return counts, sorted(reasons)
 
 
-def _summary(failed: list[str], rows: list[tuple[str, int, dict[str, int], list[str], float]]) -> int:
+def _summary(failed: list[str] | None, rows: list[tuple[str, int, dict[str, int], list[str], float]]) -> int:
     print("== summary")
-    print("lint      " + (f"failed: {', '.join(failed)}" if failed else "clean"))
+    print("lint      " + ("not run" if failed is None else f"failed: {', '.join(failed)}" if failed else "clean"))
     bad = bool(failed)
     for tier, status, counts, reasons, seconds in rows:
         # 5: pytest found no test, as with -k; a crash leaves no results
