@@ -159,20 +159,19 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     edges = edges[~mesh.border[edges]]
     pair = mesh.edge_quads[edges]
     cut = board.cut[edges]
+    where = np.minimum(np.searchsorted(slide.quads, pair), len(slide.quads) - 1)
+    moved = slide.quads[where] == pair
     if (old == new).all():
         if (old != old[0]).any():
             return None
         # an inner cut: what was on one side of it is on the other afterwards
-        inside = np.isin(pair, slide.quads).sum(axis=1) == 1
+        inside = moved[:, 0] != moved[:, 1]
         own = (owner[pair] == old[0]).all(axis=1)
         flip = inside & own
         opens, closes = edges[flip & cut], edges[flip & ~cut]
     else:
         if (old == new).any():
             return None
-        where = np.searchsorted(slide.quads, pair)
-        where = np.minimum(where, len(slide.quads) - 1)
-        moved = slide.quads[where] == pair
         after = np.where(moved, new[where], owner[pair])
         same = after[:, 0] == after[:, 1]
         was_same = owner[pair[:, 0]] == owner[pair[:, 1]]
