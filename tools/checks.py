@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -94,7 +95,7 @@ def _counts(results: Path) -> tuple[dict[str, int], list[str]]:
         elif "skipped" in kinds:
             counts["skipped"] += 1
             # a whole file that was skipped has its reason in the text
-            text = (kinds["skipped"].text or "").rpartition("Skipped: ")[2].strip("\"')")
+            text = re.sub(r"[\"']\)$", "", (kinds["skipped"].text or "").rpartition("Skipped: ")[2])
             message = kinds["skipped"].get("message", "")
             reasons.add(text if message == "collection skipped" else message)
         else:
