@@ -1,0 +1,296 @@
+"""Volumetric equilibrium of whole assemblies: welded solids of many spirals, Newton's method with mixed stresses.
+
+The energy of an element needs its own rest shape alone. So every spiral keeps its rest shape in its own patch's plane,
+arms are welded by giving the nodes of both tip faces one number, and nowhere is a rest shape of the whole needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..engine.errors import FlexMapsError
+from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
+from ..engine.progress import SILENT, Progress
+from . import linear
+from .assemblies import Plan
+from .elastic import SECTION, STATION_PAIRS, Elements
+from .statics import Group, Model
+
+ITERATIONS = 60
+TOLERANCE = 1e-8
+"""Work of the last step over the energy; positions end far closer than the mesh resolves."""
+HOLD = 100.0
+"""Stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is."""
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """An equilibrium of an assembly, or the attempt at one. Arm widths, Young's modulus 1.
+
+    nodes : (N, 3) deformed positions of the welded nodes
+    centres (n, 3), rotations (n, 3, 3) : mean position and rotation of every hub
+    reactions : (h, 6) force and moment on every held hub, at its centre
+    energy; strain : 99 % of the volume stays below it; iterations
+    stable : the last tangent had only positive eigenvalues
+    """
+
+    nodes: np.ndarray
+    centres: np.ndarray
+    rotations: np.ndarray
+    reactions: np.ndarray
+    energy: float
+    strain: float
+    iterations: int
+    converged: bool
+    stable: bool
+
+
+class Welded:
+    """An assembly ready to be loaded.
+
+    plan : which arms meet; models : the distinct spirals; of : (n,) int, which of them every spiral is
+    held : the hubs whose mean motion is prescribed, at least one
+    """
+
+    def __init__(self, plan: Plan, models: Sequence[Model], of: np.ndarray, held: Sequence[int]):
+        if not len(held):
+            raise FlexMapsError("An assembly needs at least one held hub; hold any one of a free body")
+        self.plan, self.models, self.of, self.held = plan, list(models), np.asarray(of), list(held)
+        self.numbers = _weld(plan, self.models, self.of)
+        self.size = 3 * (1 + max(int(n.max()) for n in self.numbers))
+        self._local = [_spiral_pattern(m.elements) for m in self.models]
+        self.pattern = self._pattern()
+        self.cholesky = SparseCholesky(self.pattern)
+
+    def model(self, spiral: int) -> Model:
+        return self.models[self.of[spiral]]
+
+    def _pattern(self) -> Pattern:
+        rows, cols = [], []
+        for i, number in enumerate(self.numbers):
+            local = self._local[self.of[i]]
+            dofs = (3 * number[:, None] + np.arange(3)).ravel()
+            r, c = dofs[local.indices], dofs[local.columns]
+            rows.append(np.maximum(r, c))
+            cols.append(np.minimum(r, c))
+        for h in self.held:
+            dofs = self._hub_dofs(h)
+            r, c = np.meshgrid(dofs, dofs, indexing="ij")
+            rows.append(r.ravel())
+            cols.append(c.ravel())
+        return Pattern(np.concatenate(rows), np.concatenate(cols), self.size)
+
+    def _hub_dofs(self, spiral: int) -> np.ndarray:
+        return (3 * self.numbers[spiral][self.model(spiral).hub.nodes][:, None] + np.arange(3)).ravel()
+
+    # -- start ---------------------------------------------------------------------------------------------------
+
+    def guess(self, centres: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+        """(N, 3) node positions for given hub poses: every arm bends from its hub to the joint, half way between hubs.
+
+        The field in a spiral is the linear limit's under the tip motions that the joints ask for.
+        """
+        motions = np.zeros((self.plan.count, 4, 6))
+        for (a, b), (k, l) in zip(self.plan.pairs, self.plan.arms):
+            ta, tb = self.model(a).tips[k].centre, self.model(b).tips[l].centre
+            turn = _axes(tb) @ HALF_TURN @ _axes(ta).T  # of a direction in a's frame to the same one in b's
+            half = _half_way(rotations[a], rotations[b] @ turn)
+            middle = 0.5 * (centres[a] + rotations[a] @ ta + centres[b] + rotations[b] @ tb)
+            for s, arm, tip, joint in ((a, k, ta, half), (b, l, tb, half @ turn.T)):
+                motions[s, arm, :3] = rotations[s].T @ (middle - centres[s]) - tip
+                motions[s, arm, 3:] = _vector(rotations[s].T @ joint)
+        out, count = np.zeros((self.size // 3, 3)), np.zeros(self.size // 3)
+        fields = [_tip_fields(m) for m in self.models]
+        for i, number in enumerate(self.numbers):
+            x = self.model(i).solid.nodes + np.einsum("gikl,kl->gi", fields[self.of[i]], motions[i])
+            np.add.at(out, number, centres[i] + x @ rotations[i].T)
+            np.add.at(count, number, 1.0)
+        return out / count[:, None]
+
+    def frames(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n, 3) centres and (n, 3, 3) rotations of the hubs."""
+        found = [self.model(i).hub.frame(nodes[number]) for i, number in enumerate(self.numbers)]
+        return np.array([c for c, _ in found]), np.array([r for _, r in found])
+
+    # -- equilibrium ---------------------------------------------------------------------------------------------
+
+    def _constraints(self, centres: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(size, 6 h) functionals of the nodes that are fixed while the held hubs keep given poses, and their values.
+
+        In the turned frame the moments of the nodes' positions vanish exactly if that frame is the polar rotation.
+        """
+        functionals, values = np.zeros((self.size, 6 * len(self.held))), np.zeros(6 * len(self.held))
+        for h, (spiral, c, r) in enumerate(zip(self.held, centres, rotations)):
+            hub = self.model(spiral).hub
+            turned = Group(hub.nodes, hub.weights, c, hub.arms @ r.T)
+            functionals[self._hub_dofs(spiral), 6 * h : 6 * h + 6] = turned.spread.reshape(-1, 6)
+            values[6 * h : 6 * h + 3] = c
+        return functionals, values
+
+    def _state(self, nodes: np.ndarray) -> list[np.ndarray]:
+        """Deformation gradients of every spiral's elements."""
+        return [
+            self.model(i).elements.gradients(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
+        ]
+
+    def energy(self, nodes: np.ndarray) -> float:
+        """Elastic energy of (N, 3) node positions."""
+        parts = enumerate(self._state(nodes))
+        return sum(self.model(i).elements.energy(self.model(i).elements.strain(f)) for i, f in parts)
+
+    def forces(self, nodes: np.ndarray) -> np.ndarray:
+        """(size,) derivative of the energy by the node positions."""
+        out = np.zeros(self.size)
+        for i, f in enumerate(self._state(nodes)):
+            el = self.model(i).elements
+            nodal = el.forces(f, el.stress(el.strain(f)))
+            dofs = 3 * self.numbers[i][el.index][..., None] + np.arange(3)
+            out += np.bincount(dofs.ravel(), nodal.ravel(), self.size)
+        return out
+
+    def stiffness(self, state: list[np.ndarray], stress: list[np.ndarray], functionals: np.ndarray) -> np.ndarray:
+        """Lower-triangle values of the tangent on ``pattern``, the held hubs stiffened."""
+        values = []
+        for i, (f, s) in enumerate(zip(state, stress)):
+            values.append(self._local[self.of[i]].sum(self.model(i).elements.tangents(f, s)))
+        for h, spiral in enumerate(self.held):
+            own = functionals[self._hub_dofs(spiral), 6 * h : 6 * h + 6]
+            values.append((HOLD * own @ own.T).ravel())
+        return self.pattern.sum(np.concatenate(values))
+
+    def solve(
+        self,
+        start: np.ndarray,
+        centres: np.ndarray,
+        rotations: np.ndarray,
+        forces: np.ndarray,
+        progress: Progress = SILENT,
+    ) -> Balance:
+        """Equilibrium from (N, 3) start positions, held hubs at poses (h, 3), (h, 3, 3), dead forces (n, 3) at the hubs."""
+        functionals, values = self._constraints(centres, rotations)
+        load = np.zeros((self.size // 3, 3))
+        for i, number in enumerate(self.numbers):
+            hub = self.model(i).hub
+            load[number[hub.nodes]] += hub.weights[:, None] * forces[i]
+        x, mixed, stable, converged = start.copy(), None, False, False
+        multipliers = np.zeros(len(values))
+        for k in range(1, ITERATIONS + 1):
+            state = self._state(x)
+            if mixed is None:
+                mixed = [np.zeros_like(f) for f in state]
+            stable = self._factor(state, mixed, functionals)
+            residual = load.ravel() - self.forces(x)
+            columns = self.cholesky.solve(np.column_stack([residual, functionals]))
+            gap = values - functionals.T @ x.ravel()
+            multipliers = np.linalg.solve(functionals.T @ columns[:, 1:], functionals.T @ columns[:, 0] - gap)
+            step = columns[:, 0] - columns[:, 1:] @ multipliers
+            work = abs(float((residual - functionals @ multipliers) @ step))
+            step = step.reshape(-1, 3)
+            mixed = self._extrapolated(state, step)
+            x = x + step
+            energy = self.energy(x)
+            progress(k / ITERATIONS, f"iteration {k}: energy {energy:.8g}, work {work:.2e}, stable {stable}")
+            if not np.isfinite(energy):
+                break
+            if work <= TOLERANCE * max(energy, 1e-12) and stable:
+                converged = True
+                break
+        return Balance(x, *self.frames(x), -multipliers.reshape(-1, 6), energy, self.strain(x), k, converged, stable)
+
+    def _factor(self, state: list[np.ndarray], stress: list[np.ndarray], functionals: np.ndarray) -> bool:
+        """Factor the tangent; where it is indefinite, with a share of the stress only. Whether all of it was used."""
+        for share in (1.0, 0.5, 0.2, 0.0):
+            try:
+                part = stress if share == 1.0 else [share * s for s in stress]
+                self.cholesky.factor(self.stiffness(state, part, functionals))
+            except NotPositiveDefinite:
+                continue
+            return share == 1.0
+        raise NotPositiveDefinite("the assembly falls apart: a spiral hangs on no held hub")
+
+    def _extrapolated(self, state: list[np.ndarray], step: np.ndarray) -> list[np.ndarray]:
+        """The mixed stress after a step: of the strain linearised about the state (Magisano, Leonetti, Garcea 2017)."""
+        out = []
+        for i, (f, number) in enumerate(zip(state, self.numbers)):
+            el = self.model(i).elements
+            slope = el.gradients(step[number]) - np.eye(3)
+            change = np.swapaxes(f, -1, -2) @ slope
+            out.append(el.stress(el.strain(f) + 0.5 * (change + np.swapaxes(change, -1, -2))))
+        return out
+
+    def strain(self, nodes: np.ndarray) -> float:
+        """The strain that 99 % of the volume of the most strained spiral stays below."""
+        return max(
+            self.model(i).elements.peak_strain(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
+        )
+
+
+def _axes(tip: np.ndarray) -> np.ndarray:
+    """(3, 3) columns: outwards to a tip, to the left of that, normal."""
+    out = tip / np.linalg.norm(tip)
+    return np.column_stack([out, np.cross([0.0, 0.0, 1.0], out), [0.0, 0.0, 1.0]])
+
+
+def _vector(rotation: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_rotvec()
+
+
+def _half_way(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return a @ Rotation.from_rotvec(0.5 * _vector(a.T @ b)).as_matrix()
+
+
+def _weld(plan: Plan, models: list[Model], of: np.ndarray) -> list[np.ndarray]:
+    """Per spiral the numbers of its nodes; the nodes of joined tip faces share theirs."""
+    counts = [len(models[k].solid.nodes) for k in of]
+    start = np.concatenate([[0], np.cumsum(counts)])
+    label = np.arange(start[-1])
+    for (a, b), (k, l) in zip(plan.pairs, plan.arms):
+        ta, tb = models[of[a]].tips[k], models[of[b]].tips[l]
+        distance, match = cKDTree(ta.arms @ _axes(ta.centre)).query(tb.arms @ _axes(tb.centre) @ HALF_TURN)
+        if len(ta.nodes) != len(tb.nodes) or distance.max() > 1e-6 or len(np.unique(match)) != len(match):
+            raise FlexMapsError(f"The arms of spirals {a} and {b} do not fit together: give both one width and twist")
+        label[start[b] + tb.nodes] = start[a] + ta.nodes[match]
+    number = np.unique(label, return_inverse=True)[1].reshape(-1)
+    return [number[s:e] for s, e in zip(start[:-1], start[1:])]
+
+
+def _spiral_pattern(elements: Elements) -> Pattern:
+    """Where one spiral's tangent, not yet welded, has entries."""
+    dofs = 3 * elements.index[..., None] + np.arange(3)
+    pairs = np.array(STATION_PAIRS)
+    rows, cols = (dofs[:, pairs[:, end]].transpose(0, 1, 3, 2) for end in (0, 1))
+    shape = (len(dofs), len(pairs), 3, 3, SECTION, SECTION)
+    rows = np.broadcast_to(rows[:, :, :, None, :, None], shape).ravel()
+    cols = np.broadcast_to(cols[:, :, None, :, None, :], shape).ravel()
+    # a pair of different stations stands for both triangles, so it goes to the lower one; equal stations hold both
+    both = np.broadcast_to((pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None], shape).ravel()
+    high, low = np.maximum(rows, cols), np.minimum(rows, cols)
+    return Pattern(np.where(both, high, rows), np.where(both, low, cols), int(dofs.max()) + 1)
+
+
+def _tip_fields(model: Model) -> np.ndarray:
+    """(N, 3, 4, 6): displacement per unit motion (shift, turn) of the tips against the hub, in the linear limit."""
+    out = np.zeros((*model.solid.nodes.shape, 4, 6))
+    wrenches = np.eye(6)
+    for k in range(4):
+        tip, hub = model.tips[k], model.hub
+        offset = tip.centre - hub.centre
+        nodal = np.zeros((*model.solid.nodes.shape, 6))
+        nodal[tip.nodes] += tip.spread @ wrenches
+        nodal[hub.nodes] -= hub.spread @ (linear.transport(offset).T @ wrenches)
+        found = model.expand(model.rest.solve(model.reduce(nodal)))
+        of_hub = np.einsum("gij,gik->jk", hub.spread, found[hub.nodes])
+        arms = model.solid.nodes - hub.centre
+        found -= of_hub[:3] + np.cross(of_hub[3:].T, arms[:, None, :]).swapaxes(1, 2)
+        of_tip = np.einsum("gij,gik->jk", tip.spread, found[tip.nodes])
+        out[:, :, k] = found @ np.linalg.inv(of_tip)
+    return out
