@@ -13,7 +13,7 @@ from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
 from .slots import DEPTH, gaps, gaps_across, gaps_round, narrowest, slot_needed, twist_bound, twist_limit
-from .spiral import Arms, arms, inner_radius, mates, room, roomy
+from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, mates, room, roomy
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 
@@ -59,6 +59,17 @@ class SpiralDesign:
     def scale(self) -> np.ndarray:
         """(F,) metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
         return 2.0 * self.arms.radius.mean(axis=1)
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(F,) square metres of material, by its outline from edge to edge; the fillets are left out."""
+        share = np.linspace(0.0, 1.0, 33)
+        outwards = np.roll(self.roots.right, 1, axis=1)[..., None] * share[::-1]
+        right = edge(self.arms, outwards, RIGHT)[0]
+        left = edge(self.arms, self.roots.left[..., None] * share, LEFT)[0]
+        round_about = np.concatenate([right, left], axis=2).reshape(len(self.width), -1, 2) - self.arms.centre[:, None]
+        following = np.roll(round_about, -1, axis=1)
+        return 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
 
     @cached_property
     def thin(self) -> np.ndarray:

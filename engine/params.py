@@ -12,6 +12,7 @@ from dataclasses import Field, dataclass, field, fields
 from typing import Any
 
 from .errors import FlexMapsError
+from .materials import MATERIALS, Material, material
 
 SHOWN: dict[str, tuple[float, str]] = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"), "": (1.0, "")}
 
@@ -154,9 +155,84 @@ class SheetParams(Params):
         unit="m",
     )
     oversize: str = setting(
-        "enlarge", "Too large panels", "What happens to a panel that is larger than the sheet",
-        choices=(("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"), ("error", "Stop", "Stop and name the patch")),
+        "split", "Too large panels", "What happens to a panel that is larger than the sheet",
+        choices=(
+            ("split", "Cut", "Cut the patch along a new seam when patches are merged, until every piece fits"),
+            ("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"),
+            ("error", "Stop", "Stop and name the patch"),
+        ),
     )  # fmt: skip
+    rotation: str = setting(
+        "FREE", "Rotation", "How the panels may be turned on the sheet",
+        choices=(
+            ("FREE", "Any", "Any angle"),
+            ("QUARTER", "Quarter turns", "Every panel's longer side along or across the sheet"),
+            ("GRAIN", "Along the grain", "Every panel's longer side along the sheet's width, as for wood"),
+        ),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class MaterialParams(Params):
+    """What the sheet is made of."""
+
+    material: str = setting(
+        "pom",
+        "Material",
+        "What the sheet is made of: stiffness, weight and the strain it bears",
+        choices=(
+            *((key, m.name, m.source) for key, m in MATERIALS.items()),
+            ("custom", "Custom", "The four values below"),
+        ),
+    )
+    youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material, in Pa", low=1e6, high=1e12)
+    poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
+    density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
+    strain_limit: float = setting(
+        0.02,
+        "Strain limit",
+        "Largest strain that a custom material bears, as a share of its length",
+        low=1e-4,
+        high=5.0,
+    )
+
+    @property
+    def chosen(self) -> Material:
+        """The material as the engine needs it."""
+        if self.material != "custom":
+            return material(self.material)
+        values = (self.youngs, self.poisson, self.density, self.strain_limit)
+        return Material("Custom", *values, breaks=True, source="given by the user")
+
+
+@dataclass(frozen=True)
+class SimulateParams(Params):
+    """Finding the shape that the assembled object takes (FlexMaps section 6.1)."""
+
+    model: str = setting(
+        "arm",
+        "Elastic model",
+        "How the arms of the spirals deform",
+        choices=(
+            ("arm", "Arms", "The full stiffness of every arm, from volumetric finite elements"),
+            ("rod", "Rods", "Four stiffnesses a spiral, as published; kept for comparison"),
+        ),
+    )
+    gravity: bool = setting(False, "Gravity", "Let the weight of the sheet act, downwards along z; needs supports")
+    clamped: bool = setting(True, "Clamp supports", "Supported spirals keep their direction too, not only their place")
+    iterations: int = setting(
+        200, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
+    )
+    tolerance: float = setting(
+        1e-8, "Tolerance", "Largest force left over, as a share of the forces within", low=1e-12, high=1e-2
+    )
+    restarts: int = setting(
+        0,
+        "Other shapes",
+        "Searches from randomly bent starts, to find whether it can snap into another shape",
+        low=0,
+        high=50,
+    )
 
 
 @dataclass(frozen=True)
@@ -166,6 +242,8 @@ class Settings:
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
     spiral: SpiralParams = field(default_factory=SpiralParams)
+    material: MaterialParams = field(default_factory=MaterialParams)
+    simulate: SimulateParams = field(default_factory=SimulateParams)
     sheet: SheetParams = field(default_factory=SheetParams)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from .errors import Cancelled
 
@@ -13,13 +14,15 @@ class Progress:
     """Reports how far a stage has come, and raises ``Cancelled`` once a stop is wanted.
 
     ``report(fraction, text)`` receives the overall fraction in [0, 1]; ``stopped()`` is asked at every call.
-    ``part(lo, hi)`` gives a stage its share of the whole.
+    ``part(lo, hi)`` gives a stage its share of the whole. ``show(value)`` hands an intermediate result to whoever wants
+    to look at it, such as a shape that is still moving; ``shown`` receives it.
     """
 
     report: Callable[[float, str], None] | None = None
     stopped: Callable[[], bool] | None = None
     lo: float = 0.0
     hi: float = 1.0
+    shown: Callable[[Any], None] | None = None
 
     def __call__(self, fraction: float, text: str = "") -> None:
         if self.stopped is not None and self.stopped():
@@ -29,7 +32,11 @@ class Progress:
 
     def part(self, lo: float, hi: float) -> Progress:
         span = self.hi - self.lo
-        return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi)
+        return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
+
+    def show(self, value: Any) -> None:
+        if self.shown is not None:
+            self.shown(value)
 
 
 SILENT = Progress()

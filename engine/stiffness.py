@@ -23,6 +23,8 @@ from .errors import FlexMapsError
 
 TABLE = Path(__file__).resolve().parent.parent / "data" / "stiffness.npz"
 SCALE_RANGE = (5.0, 50.0)
+SHORTEST = 2.0
+"""s/w at which an arm is all hub."""
 WIDTH_RANGE = (0.3, 3.0)
 POISSON_RANGE = (0.0, 0.45)
 SLOT_SHARE = 0.14
@@ -247,11 +249,16 @@ def tip_compliance(
     """Compliance of the tips of n arms with exact derivatives.
 
     scale : (n,) m, diameter of the circumscribed circle: twice the distance from the centre to the tip; width : (n,) m;
-    twist : (n,) rad; thickness in m, Young's modulus in Pa. Raises FlexMapsError outside the table: nothing is
-    extrapolated. ``faces`` of the error are positions in the given arrays.
+    twist : (n,) rad; thickness in m, Young's modulus in Pa. Arms shorter than the table's shortest, s/w = 5, are hardly
+    longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Else raises FlexMapsError
+    outside the table; ``faces`` of the error are positions in the given arrays.
     """
     _refuse_material(thickness, youngs)
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
+    least = SCALE_RANGE[0]
+    stub = (scale < least * width) & (scale > SHORTEST * width)
+    if stub.any():
+        return _shortened(scale, np.where(stub, least * width, scale), stub, width, twist, thickness, youngs, poisson)
     found = blocks(scale / width, width / thickness, twist, load_table(float(poisson)), float(poisson))
     # a wrench (F, M) is (E w^2, E w^3) and a motion (u, turn) is (w, 1) of the dimensionless one
     power = np.zeros((2, 6), dtype=int)
@@ -264,6 +271,28 @@ def tip_compliance(
     by_scale = by_ratio / scale
     by_width = (by_flatness - by_ratio + power[..., None] * values) / width
     return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist)))
+
+
+def _shortened(
+    scale: np.ndarray,
+    table_scale: np.ndarray,
+    stub: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    thickness: float,
+    youngs: float,
+    poisson: float,
+) -> ArmCompliance:
+    """Compliances of arms of which some (``stub``) are shorter than the table's: those go with the powers of a beam's length."""
+    at = tip_compliance(table_scale, width, twist, thickness=thickness, youngs=youngs, poisson=poisson)
+    turns = np.repeat([0, 1], 3)
+    power = 3.0 - turns[:, None] - turns
+    factor = (scale / table_scale)[:, None, None] ** power
+    values, short = at.values * factor, stub[:, None, None]
+    by_scale = np.where(short, values * power / scale[:, None, None], at.by_scale)
+    by_width = (at.by_width + np.where(short, SCALE_RANGE[0] * at.by_scale, 0.0)) * factor
+    by_width -= np.where(short, values * power / width[:, None, None], 0.0)
+    return ArmCompliance(values, by_scale, by_width, at.by_twist * factor)
 
 
 def _refuse_material(thickness: float, youngs: float) -> None:

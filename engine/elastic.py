@@ -1,0 +1,65 @@
+"""What every elastic model of an assembly offers, so that equilibrium and design take any of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from .assembly import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Expansion:
+    """The elastic energy about a state, to second order in the increments of ``Pose.moved``.
+
+    energy : joules; per_joint : (m,) joules
+    gradient : (n, 6) newtons and newton metres
+    hessian : (m, 12, 12) of every joint, in the order first spiral's shift, its turn, second spiral's shift, its turn
+    convex : (m, 12, 12) the positive semi-definite part of it, without the curvature of the strains (Gauss-Newton)
+    """
+
+    energy: float
+    per_joint: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    convex: np.ndarray
+
+
+class State(Protocol):
+    """A configuration: the hubs' pose and whatever else a model carries along. Never changed in place."""
+
+    @property
+    def pose(self) -> Pose: ...
+
+
+class ElasticModel(Protocol):
+    """An elastic model of n spirals with m joints.
+
+    name : "arm" or "rod"; pairs : (m, 2) int, the spirals of every joint
+    """
+
+    name: str
+    pairs: np.ndarray
+
+    def start(self, pose: Pose) -> Any:
+        """The state at a pose, as if reached straight from rest."""
+
+    def energy(self, state: Any) -> float:
+        """Joules; not a number where the state is beyond the model."""
+
+    def expand(self, state: Any) -> Expansion:
+        """Energy, gradient and Hessian."""
+
+    def moved(self, state: Any, step: np.ndarray) -> Any:
+        """The state moved by (n, 6) as in ``Pose.moved``."""
+
+    def twist(self, state: Any) -> np.ndarray:
+        """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""
+
+
+def summed(blocks: np.ndarray, pairs: np.ndarray, size: int) -> np.ndarray:
+    """(n, 6) sums of per-joint vectors (m, 12) over the spirals of ``pairs`` (m, 2)."""
+    index = (pairs[..., None] * 6 + np.arange(6)).ravel()
+    return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
