@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from . import check, curvature, design, flatten, merge, regularise, sheets, trace
+from . import check, curvature, design, flatten, merge, regularise, sheets, split, trace
 from .check import Finding
 from .design import SpiralDesign
 from .errors import FlexMapsError
@@ -21,7 +21,7 @@ from .progress import SILENT, Progress
 from .sheets import CutSheets
 
 # every stage with its share of the progress bar
-STAGES = {"check": 0.05, "regularise": 0.15, "trace": 0.05, "merge": 0.45, "spirals": 0.1, "sheets": 0.2}
+STAGES = {"check": 0.05, "regularise": 0.15, "trace": 0.05, "merge": 0.4, "split": 0.05, "spirals": 0.1, "sheets": 0.2}
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Result:
     source : the mesh as it came in, scaled to metres
     findings : what the check found, warnings included
     mesh : the quad mesh, regularised if that stage ran
-    flat : the flat patches, of the traced layout or, once that stage ran, of the merged one
+    flat : the flat patches, of the last layout: traced, merged, and cut to the sheet's size
     design, sheets : the spirals, and the sheets to cut
     seconds : wall time of every stage that ran
     """
@@ -105,6 +105,11 @@ def run(
         flat = merge.merge(layout, settings.layout, part)
     result = replace(result, flat=flat)
     if stop_after == "merge":
+        return result
+    with stage("split") as part:
+        flat = split.split(flat, settings.layout, settings.sheet, part)
+    result = replace(result, flat=flat)
+    if stop_after == "split":
         return result
     with stage("spirals"):
         spirals = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(mesh))

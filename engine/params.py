@@ -1,7 +1,7 @@
 """Every setting of the program: default, bounds, unit and help text, each said once.
 
-The engine works in SI units; ``unit`` is the unit of the value in the dataclass ("m", "rad", or "" for a pure number).
-People are shown millimetres and degrees: ``SHOWN`` holds the factor and the symbol, used by the Blender settings and by
+The engine works in SI units; ``unit`` is the unit of the value in the dataclass ("m", "rad", "Pa", or "" for a pure number).
+People are shown millimetres, degrees and gigapascals: ``SHOWN`` holds the factor and the symbol, used by the Blender settings and by
 the command line.
 """
 
@@ -14,7 +14,12 @@ from typing import Any
 from .errors import FlexMapsError
 from .materials import MATERIALS, Material, material
 
-SHOWN: dict[str, tuple[float, str]] = {"m": (1e3, "mm"), "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"), "": (1.0, "")}
+SHOWN: dict[str, tuple[float, str]] = {
+    "m": (1e3, "mm"),
+    "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"),
+    "Pa": (1e-9, "GPa"),
+    "": (1.0, ""),
+}
 
 
 def setting(
@@ -39,7 +44,7 @@ def setting(
 def shown(f: Field, value: float) -> str:
     """``value`` of the field ``f`` as a person reads it, e.g. ``"2 mm"``."""
     factor, symbol = SHOWN[f.metadata["unit"]]
-    return f"{value * factor:g}{' ' if symbol == 'mm' else ''}{symbol}"
+    return f"{value * factor:g}{' ' if symbol.isalpha() else ''}{symbol}"
 
 
 class Params:
@@ -185,7 +190,9 @@ class MaterialParams(Params):
             ("custom", "Custom", "The four values below"),
         ),
     )
-    youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material, in Pa", low=1e6, high=1e12)
+    youngs: float = setting(
+        2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa"
+    )
     poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
     density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
     strain_limit: float = setting(
@@ -280,8 +287,27 @@ class ExportParams(Params):
 
 
 @dataclass(frozen=True)
+class LoadParams(Params):
+    """What holds an object in Blender and what pulls at it; both are chosen by vertex groups."""
+
+    supports: str = setting(
+        "", "Supports", "Vertex group that is held: every quad with two corners or more in it; empty: nothing is held"
+    )
+    pulled: str = setting("", "Pulled", "Vertex group that a force pulls at: every quad with two corners or more in it")
+    force_x: float = setting(0.0, "Force X (N)", "Along the world's x, shared by the pulled quads")
+    force_y: float = setting(0.0, "Force Y (N)", "Along the world's y, shared by the pulled quads")
+    force_z: float = setting(0.0, "Force Z (N)", "Along the world's z, shared by the pulled quads")
+
+    @property
+    def force(self) -> tuple[float, float, float]:
+        """Newtons in world axes."""
+        return self.force_x, self.force_y, self.force_z
+
+
+@dataclass(frozen=True)
 class ObjectSettings(Settings):
     """All settings that an object in Blender carries with it."""
 
+    loads: LoadParams = field(default_factory=LoadParams)
     remesh: RemeshParams = field(default_factory=RemeshParams)
     export: ExportParams = field(default_factory=ExportParams)

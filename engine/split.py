@@ -25,7 +25,8 @@ ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet
 BEND = 3.0  # what a quarter turn of a run costs, in mean edges
 CHECKED = 40  # runs that are looked at closely, best first
 NEEDED, UNEVEN = 2.0, 0.5  # what one more piece costs, and pieces as unequal as can be, against a run across the patch
-SLACK = 0.005  # share of the sheet's longer side that is left for connectors, and because pieces flatten anew
+CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew
+SLACK = 0.005  # share of the sheet's longer side that is left for connectors and for the packing
 
 
 def split(
@@ -49,7 +50,7 @@ def split(
             progress((turn + number / len(large)) / rounds, "cutting patches to the sheet's size")
             if patch in done:
                 continue  # as the mirror image of another one
-            run = _best_run(flat, patch, params, room, sheet)
+            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet)
             if run is not None:
                 for edges in (run, *(image.edges[run] for image in mirrored)):
                     done |= _cut_once(flat.layout, edges, cut, done)
@@ -199,17 +200,23 @@ def _best_run(
     # both directions of a run are one run: keep those that leave the smaller number behind
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     found: list[tuple[float, int, np.ndarray]] = []
-    ranked = np.argsort(score, axis=None, kind="stable")[: CHECKED * 5]
-    for flat_index in ranked.tolist():
-        start, end = divmod(flat_index, score.shape[1])
-        if not np.isfinite(score[start, end]) or len(found) >= CHECKED:
-            break
+    for start, end in _worth_checking(score, needed):
         edges = runs.edges(start, end)
         judged = _judged(flat, patch, edges, params, room, sheet)
         if judged is not None:
             judged += 0.5 * float(runs.cost[start, end]) / size + UNEVEN * float(uneven[start, end]) ** 2
             found.append((round(judged, 9), len(found), edges))
     return min(found, key=lambda f: f[:2])[2] if found else None
+
+
+def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
+    """Starts and ends of the best runs (s, e), some for every number of pieces: the fewest may break another limit."""
+    found = []
+    for pieces in np.unique(needed[np.isfinite(score)])[:3]:
+        these = np.flatnonzero((needed == pieces) & np.isfinite(score))
+        best = these[np.argsort(score.ravel()[these], kind="stable")[:CHECKED]]
+        found += [divmod(i, score.shape[1]) for i in best.tolist()]
+    return found
 
 
 def _needed(
@@ -258,7 +265,7 @@ def _judged(
     needed = _sheets_needed(widths, room, sheet.rotation).sum()
     compact = np.maximum(after.compactness[parts] - 4.0, 0.0)
     beyond = np.maximum(after.compactness[parts] - params.compactness_limit, 0.0)
-    return float(NEEDED * needed + 2.0 * worse + 0.25 * compact.sum() + beyond.sum())
+    return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
 
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: np.ndarray, done: set[int]) -> set[int]:

@@ -45,7 +45,7 @@ class Trace(LayoutStage, bpy.types.Operator):
 
 
 class Merge(LayoutStage, bpy.types.Operator):
-    """Join patches as long as they stay within the limits; begins with the seams, or traces first where there are none"""
+    """Join patches as long as they stay within the limits, and cut what is larger than the sheet; begins with the seams, or traces first where there are none"""
 
     bl_idname = "flexmaps.merge"
     bl_label = "Merge"
@@ -54,13 +54,14 @@ class Merge(LayoutStage, bpy.types.Operator):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, flatten, merge, trace
+            from ..engine import check, flatten, merge, split, trace
 
             quads = check.as_quad_mesh(surface.polygons)
             layout = mesh.layout_of(surface, quads)
             if not layout.cut.any():
                 layout = trace.trace(quads, settings.layout, progress.part(0.0, 0.1))
-            flat = merge.merge(trace.make_disks(layout), settings.layout, progress.part(0.1, 1.0))
+            flat = merge.merge(trace.make_disks(layout), settings.layout, progress.part(0.1, 0.9))
+            flat = split.split(flat, settings.layout, settings.sheet, progress.part(0.9, 1.0))
             return flat, flatten.layout_report(flat)
 
         return work

@@ -1,0 +1,101 @@
+"""Cutting patches to the sheet's size: every piece fits, as judged by shapely, and nothing else changes."""
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine import merge, shapes, split, trace
+from flexmaps.engine.flatten import overlapping
+from flexmaps.engine.params import LayoutParams, SheetParams
+
+LAYOUT = LayoutParams()
+
+
+def _fits(points, sheet, degrees=1):
+    """Whether a shape lies on the sheet less its margins in some direction."""
+    hull = shapely.MultiPoint(points).convex_hull
+    free = sheet.sheet_width - 2 * sheet.margin, sheet.sheet_height - 2 * sheet.margin
+    for angle in range(0, 180, degrees):
+        x0, y0, x1, y1 = shapely.affinity.rotate(hull, angle, origin=(0, 0)).bounds
+        if x1 - x0 <= free[0] and y1 - y0 <= free[1]:
+            return True
+    return False
+
+
+def _pieces(flat):
+    return [flat.points[loop] for loop in flat.outlines]
+
+
+def test_a_plate_is_cut_straight_into_as_few_pieces_as_fit(flat_grid):
+    plate = flat_grid(40, 15)  # 800 x 300 mm
+    made = split.split(plate, LAYOUT, SheetParams())
+    assert len(made.layout.patches) == 2
+    assert made.layout.cut.sum() == 15
+    # one straight line of edges
+    ends = plate.layout.mesh.vertices[plate.layout.mesh.edges[made.layout.cut]]
+    assert np.ptp(ends[..., 0]) < 1e-12
+    assert all(_fits(p, SheetParams()) for p in _pieces(made))
+    assert "1 cuts more" in made.layout.notes["split"]
+
+
+def test_what_fits_is_left_alone(flat_grid):
+    plate = flat_grid(25, 15)
+    assert split.split(plate, LAYOUT, SheetParams()) is plate
+    large = flat_grid(40, 30)
+    assert split.split(large, LAYOUT, SheetParams(oversize="enlarge")) is large
+
+
+def test_a_large_plate_needs_several_rounds(flat_grid):
+    made = split.split(flat_grid(50, 40), LAYOUT, SheetParams())  # 1 x 0.8 m: at least 4 sheets
+    assert 4 <= len(made.layout.patches) <= 8
+    assert all(_fits(p, SheetParams()) for p in _pieces(made))
+    assert (made.layout.euler == 1).all()
+    assert made.layout.necks().min() >= LAYOUT.neck_min
+
+
+def test_other_patches_stay_as_they_are(flat_grid):
+    flat = flat_grid(60, 12, cut=lambda x, y: x == 50)  # 1000 x 240 and 200 x 240 mm
+    made = split.split(flat, LAYOUT, SheetParams())
+    small = np.flatnonzero(flat.layout.mesh.centroids[:, 0] > 1.0)
+    np.testing.assert_array_equal(made.corners[small], flat.corners[small])
+    assert len(made.layout.patches) == 3
+
+
+@pytest.mark.parametrize("rotation", ["FREE", "QUARTER", "GRAIN"])
+def test_rotation_limits_what_fits(flat_grid, rotation):
+    # 560 x 300 mm lies lengthwise on the sheet; on one that stands upright only when it may be turned
+    plate, sheet = flat_grid(28, 15), SheetParams(sheet_width=0.4, sheet_height=0.6, rotation=rotation)
+    made = split.split(plate, LAYOUT, sheet)
+    assert (len(made.layout.patches) > 1) == (rotation == "GRAIN")
+    assert split.split(plate, LAYOUT, SheetParams(rotation=rotation)) is plate
+
+
+def test_a_slanted_strip_fits_along_the_diagonal(flat_grid):
+    strip = flat_grid(30, 2)  # 600 x 40 mm: only slantwise on a sheet 550 x 400
+    sheet = SheetParams(sheet_width=0.55, sheet_height=0.4)
+    assert split.split(strip, LAYOUT, sheet) is strip
+    assert (
+        len(split.split(strip, LAYOUT, SheetParams(sheet_width=0.55, sheet_height=0.4, rotation="QUARTER")).outlines)
+        > 1
+    )
+
+
+@pytest.mark.parametrize("sheet", [SheetParams(sheet_width=0.2, sheet_height=0.15), SheetParams(sheet_width=0.3)])
+def test_a_curved_surface_keeps_every_limit(sheet):
+    mesh = shapes.make("demo", 0.02)
+    merged = merge.merge(trace.trace(mesh, LAYOUT), LAYOUT)
+    made = split.split(merged, LAYOUT, sheet)
+    assert len(made.layout.patches) >= len(merged.layout.patches)
+    assert all(_fits(p, sheet) for p in _pieces(made))
+    assert made.energy.max() <= LAYOUT.distortion_limit
+    assert not overlapping(made)
+    # a cut is only ever added
+    assert (made.layout.cut | ~merged.layout.cut).all()
+
+
+def test_mirrored_patches_are_cut_alike(flat_grid):
+    flat = flat_grid(80, 12, cut=lambda x, y: x == 40)  # two of 800 x 240 mm, mirror images
+    made = split.split(flat, LAYOUT, SheetParams())
+    middles = flat.layout.mesh.vertices[flat.layout.mesh.edges[made.layout.cut]].mean(axis=1)
+    mirrored = middles * [-1, 1, 1] + [1.6, 0, 0]
+    assert {tuple(m) for m in middles.round(6).tolist()} == {tuple(m) for m in mirrored.round(6).tolist()}
+    assert len(made.layout.patches) == 4
