@@ -6,6 +6,7 @@ arms are welded by giving the nodes of both tip faces one number, and nowhere is
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -158,8 +159,8 @@ class Welded:
         values = []
         for i, (f, s) in enumerate(zip(state, stress)):
             values.append(self._local[self.of[i]].sum(self.model(i).elements.tangents(f, s)))
-        for h, spiral in enumerate(self.held):
-            own = functionals[self._hub_dofs(spiral), 6 * h : 6 * h + 6]
+        for spiral in self.held:
+            own = functionals[self._hub_dofs(spiral)]
             values.append((HOLD * own @ own.T).ravel())
         return self.pattern.sum(np.concatenate(values))
 
@@ -169,10 +170,16 @@ class Welded:
         centres: np.ndarray,
         rotations: np.ndarray,
         forces: np.ndarray,
+        fixed: np.ndarray | None = None,
         progress: Progress = SILENT,
     ) -> Balance:
-        """Equilibrium from (N, 3) start positions, held hubs at poses (h, 3), (h, 3, 3), dead forces (n, 3) at the hubs."""
+        """Equilibrium from (N, 3) start positions, held hubs at poses (h, 3), (h, 3, 3), dead forces (n, 3) at the hubs.
+
+        fixed : (h, 6) bool, which of shift and turn of the held hubs are prescribed; all by default
+        """
         functionals, values = self._constraints(centres, rotations)
+        chosen = np.ones(len(values), dtype=bool) if fixed is None else np.ravel(fixed)
+        functionals, values = functionals[:, chosen], values[chosen]
         load = np.zeros((self.size // 3, 3))
         for i, number in enumerate(self.numbers):
             hub = self.model(i).hub
@@ -200,7 +207,9 @@ class Welded:
             if work <= TOLERANCE * max(energy, 1e-12) and stable:
                 converged = True
                 break
-        return Balance(x, *self.frames(x), -multipliers.reshape(-1, 6), energy, self.strain(x), k, converged, stable)
+        reactions = np.zeros(len(chosen))
+        reactions[chosen] = -multipliers
+        return Balance(x, *self.frames(x), reactions.reshape(-1, 6), energy, self.strain(x), k, converged, stable)
 
     def _factor(self, state: list[np.ndarray], stress: list[np.ndarray], functionals: np.ndarray) -> bool:
         """Factor the tangent; where it is indefinite, with a share of the stress only. Whether all of it was used."""
@@ -260,7 +269,7 @@ def _weld(plan: Plan, models: list[Model], of: np.ndarray) -> list[np.ndarray]:
             raise FlexMapsError(f"The arms of spirals {a} and {b} do not fit together: give both one width and twist")
         label[start[b] + tb.nodes] = start[a] + ta.nodes[match]
     number = np.unique(label, return_inverse=True)[1].reshape(-1)
-    return [number[s:e] for s, e in zip(start[:-1], start[1:])]
+    return [number[s:e] for s, e in itertools.pairwise(start)]
 
 
 def _spiral_pattern(elements: Elements) -> Pattern:
