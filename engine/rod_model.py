@@ -1,0 +1,253 @@
+"""The rod model: rigid hubs joined by edges from centre to centre, with stretch, two bendings and twist at each end.
+
+FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and twist after Bergou et al. 2008 and 2010. An
+edge's roll belongs to it alone, so the energy here is the least over all rolls: six unknowns a spiral are left. The
+paper measures the roll from a frame that is carried along in time; here it is measured from the first hub's frame,
+carried onto the edge along the shortest turn. Both differ by the reference twist, which eq. 4 takes out again, so the
+energy is the same and a state has no frame to carry along but whole turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import rod_strains
+from .assembly import Assembly, Pose
+from .elastic import Expansion, summed
+from .materials import Material
+from .stiffness_rods import rod_parameters
+
+
+@dataclass(frozen=True, eq=False)
+class RodState:
+    """A pose, and what the edges make of it.
+
+    length : (m,) metres; tangent : (m, 3) from the first hub to the second
+    frames : (m, 2, 3, 3) columns: the edge's rest direction as the hub of either end carries it along, to its left, normal
+    bend : (m, 2, 2) the curvature binormal along that normal and along that left
+    twist : (m,) rad of the second hub against the first about the edge, with whole turns
+    roll : (m,) rad of the edge against the first hub
+    """
+
+    pose: Pose
+    length: np.ndarray
+    tangent: np.ndarray
+    frames: np.ndarray
+    bend: np.ndarray
+    twist: np.ndarray
+    roll: np.ndarray
+
+    @property
+    def angles(self) -> np.ndarray:
+        """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
+        return np.stack([self.roll, self.roll - self.twist], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class RodModel:
+    """The rod model of an assembly.
+
+    assembly : spirals and joints at rest
+    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t over the half length, for both ends
+    stretch : (m,) J: k_s times the half length, both ends together
+    rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
+    length : (m,) metres, at rest
+    """
+
+    assembly: Assembly
+    springs: np.ndarray
+    stretch: np.ndarray
+    rest: np.ndarray
+    length: np.ndarray
+    name: str = "rod"
+
+    @classmethod
+    def of(cls, assembly: Assembly, material: Material) -> RodModel:
+        """The model of an assembly of one material; raises FlexMapsError with the faces outside the rod parameters."""
+        arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
+        reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
+        found = rod_parameters(
+            2.0 * reach / np.maximum(arms, 1),
+            assembly.width,
+            assembly.twist,
+            thickness=assembly.thickness,
+            youngs=material.youngs,
+        )
+        return cls.with_parameters(assembly, found.values)
+
+    @classmethod
+    def with_parameters(cls, assembly: Assembly, parameters: np.ndarray) -> RodModel:
+        """The model of spirals with k_s (N), k_b0, k_b1, k_t (N m^2), in the columns of (n, 4).
+
+        An edge is at rest where both arms of its joint are: straight from centre to centre in the plane of either hub.
+        """
+        half, stiffness = assembly.radius, parameters[assembly.pairs]
+        across = assembly.axes[:, 0] @ np.swapaxes(assembly.axes[:, 1], 1, 2)
+        span = assembly.lever[:, 0] - np.einsum("mij,mj->mi", across, assembly.lever[:, 1])
+        length = np.linalg.norm(span, axis=1)
+        along = span / length[:, None]
+        along = np.stack([along, np.einsum("mji,mj->mi", across, along)], axis=1)
+        normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
+        rest = np.stack([along, np.cross(normal, along), normal], axis=3)
+        springs = stiffness[..., 1:] / half[..., None]
+        return cls(assembly, springs, (stiffness[..., 0] * half).sum(axis=1), rest, length)
+
+    @property
+    def pairs(self) -> np.ndarray:
+        return self.assembly.pairs
+
+    def start(self, pose: Pose) -> RodState:
+        return self._state(pose, None)
+
+    def moved(self, state: RodState, step: np.ndarray) -> RodState:
+        return self._state(state.pose.moved(step), state)
+
+    def twist(self, state: RodState) -> np.ndarray:
+        return state.twist
+
+    def energy(self, state: RodState) -> float:
+        return float(self._stretched(state)[0].sum() + self._ends(state).sum())
+
+    def _ends(self, state: RodState) -> np.ndarray:
+        """(m, 2) joules of bending and twist."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return rod_strains.energy(self.springs, state.bend, state.angles)
+
+    def _stretched(self, state: RodState) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) joules of eq. 2, and their derivative by the length in newtons."""
+        strain = state.length / self.length - 1.0
+        return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
+
+    def _state(self, pose: Pose, before: RodState | None) -> RodState:
+        """The state at a pose; whole turns of the twist and the rolls' minima are those nearest to the state before."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            first, second = self.pairs.T
+            edge = pose.centres[second] - pose.centres[first]
+            length = np.sqrt(np.einsum("mi,mi->m", edge, edge))
+            tangent = edge / length[:, None]
+            frames = pose.rotations[self.pairs] @ self.rest
+            seen = np.einsum("mkij,mi->mkj", frames, tangent)
+            near = 1.0 + seen[..., 0]
+            bend = seen[..., 1:] * [2.0, -2.0] / near[..., None]
+            carried = frames[..., 2] - (seen[..., 2] / near)[..., None] * (frames[..., 0] + tangent[:, None])
+            sine = np.einsum("mi,mi->m", tangent, np.cross(carried[:, 0], carried[:, 1]))
+            twist = np.arctan2(sine, np.einsum("mi,mi->m", carried[:, 0], carried[:, 1]))
+            share = self.springs[:, 1, 2] / self.springs[..., 2].sum(axis=1)
+            guess = share * twist
+            if before is not None:
+                twist = twist + 2.0 * np.pi * np.round((before.twist - twist) / (2.0 * np.pi))
+                guess = before.roll + share * (twist - before.twist)
+            roll = rod_strains.relaxed_roll(self.springs, bend, twist, guess)
+        return RodState(pose, length, tangent, frames, bend, twist, roll)
+
+    def expand(self, state: RodState) -> Expansion:
+        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement.
+
+        With d the shift of the second hub against the first and w the turn of an end's hub, an end sees its edge's
+        tangent move by u = Pd/l + t x w + ..., and the hub's frame on the edge roll by w.t - (binormal . u)/2 + ...
+        (P projects at right angles to the tangent t, l is the length).
+        """
+        joules, tension = self._stretched(state)
+        ends = rod_strains.expand(self.springs, state.bend, state.angles)
+        # by the roll of the hub's frame instead of the edge's roll against it
+        slope = ends.gradient * _FLIP
+        jacobian, curved = _kinematics(state, slope)
+        gradient = np.einsum("mki,mkij->mkj", slope, jacobian)
+        gradient[:, 0, :3] += tension[:, None] * state.tangent
+        per_joint = joules + ends.energy.sum(axis=1)
+        along = _outer(state.tangent, state.tangent)
+        steep = (self.stretch / self.length**2)[:, None, None] * along
+        lateral = (tension / state.length)[:, None, None] * (np.eye(3) - along)
+        flip = np.outer(_FLIP, _FLIP)
+        blocks = gradient[:, 0] @ _SPLIT[0] + gradient[:, 1] @ _SPLIT[1]
+        return Expansion(
+            float(per_joint.sum()),
+            per_joint,
+            summed(blocks, self.pairs, self.assembly.size),
+            _condensed(ends.hessian * flip, jacobian, steep + lateral, curved),
+            _condensed(ends.convex * flip, jacobian, steep, None),
+        )
+
+
+_FLIP = np.array([1.0, 1.0, -1.0])
+
+# increments (d, w) of either end from those of both hubs: first shift, first turn, second shift, second turn
+_SPLIT = np.zeros((2, 6, 12))
+_SPLIT[:, :3, :3], _SPLIT[:, :3, 6:9], _SPLIT[0, 3:, 3:6], _SPLIT[1, 3:, 9:] = (
+    -np.eye(3),
+    np.eye(3),
+    np.eye(3),
+    np.eye(3),
+)
+
+# v @ _CROSS is the matrix that x is multiplied by in v x x
+_CROSS = np.zeros((3, 3, 3))
+_CROSS[[2, 0, 1], [0, 1, 2], [1, 2, 0]], _CROSS[[1, 2, 0], [0, 1, 2], [2, 0, 1]] = -1.0, 1.0
+
+
+def _kinematics(state: RodState, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of x, y and the frame's roll by (d, w): first ones (m, 2, 3, 6), and second ones weighted by ``slope`` (m, 2, 3), (m, 2, 6, 6)."""
+    tangent, length = state.tangent, state.length[:, None, None]
+    rest, left, normal = np.moveaxis(state.frames, 3, 0)
+    near = (1.0 + np.einsum("mki,mi->mk", rest, tangent))[..., None]
+    x, y = state.bend[..., :1], state.bend[..., 1:]
+    # how x, y and the roll change with the tangent that the hub sees, and with that tangent's part along the hub's own
+    by_tangent = np.stack(
+        [(2.0 * left - x * rest) / near, -(2.0 * normal + y * rest) / near, -0.5 * (x * normal + y * left), rest],
+        axis=2,
+    )
+    on_axis = by_tangent @ tangent[:, None, :, None]
+    spun = by_tangent @ np.swapaxes(_cross(tangent), 1, 2)[:, None] * -1.0
+    pulled = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length[..., None], spun], axis=3)
+    jacobian = pulled[:, :, :3].copy()
+    jacobian[:, :, 2, 3:] += tangent[:, None]
+    eye, along = np.eye(3), _outer(tangent, tangent)[:, None]
+    force = np.einsum("mki,mkij->mkj", slope, by_tangent[:, :, :3])
+    axial = np.einsum("mki,mi->mk", force, tangent)[..., None, None]
+    both = _outer(force, np.broadcast_to(tangent[:, None], force.shape))
+    both = both + np.swapaxes(both, 2, 3)
+    roll = 0.5 * slope[..., 2, None, None]
+    sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], pulled[:, :, :3])
+    twice = _outer(sideways / -near, pulled[:, :, 3])
+    curved = twice + np.swapaxes(twice, 2, 3)
+    square = state.length[:, None, None, None] ** 2
+    curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / square
+    mixed = (_cross(force) @ (eye - along) + roll * (eye - along)) / length[..., None]
+    curved[..., 3:, :3] += mixed
+    curved[..., :3, 3:] += np.swapaxes(mixed, 2, 3)
+    curved[..., 3:, 3:] += 0.5 * both - axial * eye
+    return jacobian, curved
+
+
+def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curved: np.ndarray | None) -> np.ndarray:
+    """(m, 12, 12) by the hubs' increments, without the roll.
+
+    ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
+    d and curved : (m, 2, 6, 6) by (d, w) to be added
+    """
+    own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
+    if curved is not None:
+        own += curved
+    out = np.zeros((len(own), 12, 12))
+    shift = own[:, 0, :3, :3] + own[:, 1, :3, :3] + shifts
+    out[:, :3, :3] = out[:, 6:9, 6:9] = shift
+    out[:, :3, 6:9] = out[:, 6:9, :3] = -shift
+    for k, turn in ((0, slice(3, 6)), (1, slice(9, 12))):
+        mixed = own[:, k, :3, 3:]
+        out[:, 6:9, turn], out[:, :3, turn] = mixed, -mixed
+        out[:, turn, 6:9], out[:, turn, :3] = np.swapaxes(mixed, 1, 2), -np.swapaxes(mixed, 1, 2)
+        out[:, turn, turn] = own[:, k, 3:, 3:]
+    coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
+    row = coupled[:, 0] @ _SPLIT[0] + coupled[:, 1] @ _SPLIT[1]
+    return out - _outer(row / ends[..., 2, 2].sum(axis=1)[:, None], row)
+
+
+def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _cross(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with _cross(v) x = v x x."""
+    return np.tensordot(v, _CROSS, axes=1)

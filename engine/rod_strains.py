@@ -1,0 +1,119 @@
+"""The bending and twist energy of one end of an edge in three numbers: two curvatures and a roll (FlexMaps section 6.1).
+
+An edge's frame at an end is the hub's frame, carried onto the edge along the shortest turn and then rolled about it by
+the twist. With x, y the curvature binormal along the hub's normal and along the left of its rest edge, averaging both
+frames makes the curvatures of eq. 3
+
+    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = twist / 2, c = cos h.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+TOLERANCE = 1e-9
+"""Radians: a Newton step below this leaves an error of its square."""
+ROUNDS = 60
+LONGEST = 0.5
+"""Radians a step may roll an edge before a minimum is known to lie ahead."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndEnergy:
+    """Energies of ends and their derivatives by x, y and twist; any number of leading axes.
+
+    energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3); convex : (..., 3, 3) its part without the strains' own
+    curvature
+    """
+
+    energy: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    convex: np.ndarray
+
+
+def _strains(bend: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Both curvatures, cos^2 h, cos h sin h and cos^2 h - 1/2."""
+    half_cosine, half_sine = 0.5 * np.cos(twist), 0.5 * np.sin(twist)
+    squared = 0.5 + half_cosine
+    x, y = bend[..., 0], bend[..., 1]
+    return squared * x - half_sine * y, squared * y + half_sine * x, squared, half_sine, half_cosine
+
+
+def energy(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """(...) joules of eq. 3 and 4; springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D; bend : (..., 2); twist : (...) rad."""
+    first, second = _strains(bend, twist)[:2]
+    return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * twist**2)
+
+
+def expand(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> EndEnergy:
+    """``energy`` with its first and second derivatives; arguments as there."""
+    first, second, squared, half_sine, half_cosine = _strains(bend, twist)
+    x, y = bend[..., 0], bend[..., 1]
+    # rows: the three strains; columns: by x, y, twist
+    slopes = np.zeros((*twist.shape, 3, 3))
+    slopes[..., 0, 0] = slopes[..., 1, 1] = squared
+    slopes[..., 0, 1], slopes[..., 1, 0] = -half_sine, half_sine
+    slopes[..., 0, 2] = -half_sine * x - half_cosine * y
+    slopes[..., 1, 2] = -half_sine * y + half_cosine * x
+    slopes[..., 2, 2] = 1.0
+    strains = np.stack([first, second, twist], axis=-1)
+    stress = springs * strains
+    gradient = np.einsum("...i,...ij->...j", stress, slopes)
+    convex = np.swapaxes(slopes, -1, -2) @ (springs[..., None] * slopes)
+    hessian = convex.copy()
+    m1, m2 = stress[..., 0], stress[..., 1]
+    by_x, by_y = -half_sine * m1 + half_cosine * m2, -half_cosine * m1 - half_sine * m2
+    hessian[..., 0, 2] += by_x
+    hessian[..., 2, 0] += by_x
+    hessian[..., 1, 2] += by_y
+    hessian[..., 2, 1] += by_y
+    hessian[..., 2, 2] += m1 * (half_sine * y - half_cosine * x) - m2 * (half_cosine * y + half_sine * x)
+    return EndEnergy(0.5 * (stress * strains).sum(axis=-1), gradient, hessian, convex)
+
+
+def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """(m,) rad: the edges' rolls against their first hubs in the energy's minimum downhill of ``guess`` (m,).
+
+    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; twist : (m,) rad of the second hub against the first. Newton's
+    method within what the signs of the slope enclose; where there is a value that is not finite the roll is none.
+    """
+    roll = np.array(guess, dtype=float)
+    low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
+    left = np.arange(len(roll))
+    for _ in range(ROUNDS):
+        slope, bulge = _roll_slopes(springs[left], bend[left], roll[left][:, None] - _offsets(twist[left]))
+        here = roll[left]
+        down = slope < 0
+        below, above = np.where(down, here, low[left]), np.where(down, high[left], here)
+        low[left], high[left] = below, above
+        newton = here - slope / bulge
+        open_step = here + np.where(down, LONGEST, -LONGEST)
+        enclosed = np.isfinite(below) & np.isfinite(above)
+        # the middle of an interval that is open on one side is not used
+        middle = np.where(enclosed, 0.5 * (np.where(enclosed, below, 0.0) + np.where(enclosed, above, 0.0)), open_step)
+        good = (bulge > 0) & (newton >= below) & (newton <= above) & (np.abs(newton - here) <= LONGEST)
+        roll[left] = np.where(good, newton, middle)
+        left = left[(np.abs(roll[left] - here) > TOLERANCE) & np.isfinite(slope)]
+        if not len(left):
+            break
+    return roll
+
+
+def _offsets(twist: np.ndarray) -> np.ndarray:
+    """(m, 2): how far the hubs of both ends are turned against the first."""
+    return np.stack([np.zeros_like(twist), twist], axis=1)
+
+
+def _roll_slopes(springs: np.ndarray, bend: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivative (m,) of the energy of both ends by the roll; angle : (m, 2) rad."""
+    first, second, _, half_sine, half_cosine = _strains(bend, angle)
+    x, y = bend[..., 0], bend[..., 1]
+    slope1, slope2 = -half_sine * x - half_cosine * y, -half_sine * y + half_cosine * x
+    bulge1, bulge2 = half_sine * y - half_cosine * x, -half_cosine * y - half_sine * x
+    k1, k2, kt = springs[..., 0], springs[..., 1], springs[..., 2]
+    slope = k1 * first * slope1 + k2 * second * slope2 + kt * angle
+    bulge = k1 * (slope1**2 + first * bulge1) + k2 * (slope2**2 + second * bulge2) + kt
+    return slope.sum(axis=1), bulge.sum(axis=1)
