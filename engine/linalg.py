@@ -93,16 +93,7 @@ class SparseCholesky:
             except ArithmeticError as error:
                 raise NotPositiveDefinite(str(error)) from None
             return
-        try:
-            # without pivoting the signs of U's diagonal are the signs of the eigenvalues (Sylvester)
-            self._factor = splu(
-                self.pattern.matrix(values),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError as error:
-            raise NotPositiveDefinite(str(error)) from None
+        self._factor = _symmetric_lu(self.pattern, values)
         if not (self._factor.U.diagonal() > 0).all() or (self._factor.perm_r != self._factor.perm_c).any():
             raise NotPositiveDefinite("an eigenvalue is not positive")
 
@@ -117,6 +108,24 @@ class SparseCholesky:
             cholmod.solve(self._factor, dense)
             return np.array(dense).reshape(rhs.shape)
         return self._factor.solve(rhs)
+
+
+def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
+    """How many eigenvalues of the matrix with these (nnz,) values are negative: the signs of its pivots (Sylvester).
+
+    Raises NotPositiveDefinite where a pivot is zero.
+    """
+    return int((_symmetric_lu(pattern, values).U.diagonal() < 0).sum())
+
+
+def _symmetric_lu(pattern: Pattern, values: np.ndarray) -> Any:
+    """LU factors without pivoting: the signs of U's diagonal are the signs of the eigenvalues (Sylvester)."""
+    try:
+        return splu(
+            pattern.matrix(values), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError as error:
+        raise NotPositiveDefinite(str(error)) from None
 
 
 def _first_backend() -> str:

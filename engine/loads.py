@@ -1,0 +1,85 @@
+"""What holds an assembly and what pulls at it: supports, weight, point loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .errors import FlexMapsError
+
+GRAVITY = 9.81  # m / s^2
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Supports and forces of n spirals.
+
+    fixed : (n, 6) bool, the shifts (3) and turns (3) of every hub that are held
+    force : (n, 3) newtons on the hubs, of fixed direction
+    """
+
+    fixed: np.ndarray
+    force: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        size: int,
+        *,
+        supports: np.ndarray | None = None,
+        clamped: bool = True,
+        force: np.ndarray | None = None,
+        mass: np.ndarray | None = None,
+    ) -> Loads:
+        """Loads of ``size`` spirals: those in ``supports`` (k,) int are held, their directions too if ``clamped``.
+
+        force : (n, 3) N; mass : (n,) kg, pulled downwards along z if given. Raises FlexMapsError if a support is no spiral.
+        """
+        held = np.asarray([] if supports is None else supports, dtype=np.int64)
+        if supports is not None and not len(held):
+            raise FlexMapsError("The group of the supports holds no spiral; put at least two corners of a quad into it")
+        if len(held) and (held.min() < 0 or held.max() >= size):
+            raise FlexMapsError(f"The supports name spiral {int(held.max())}, but there are only {size}")
+        fixed = np.zeros((size, 6), dtype=bool)
+        fixed[held, : 6 if clamped else 3] = True
+        total = np.zeros((size, 3)) if force is None else np.array(force, dtype=float)
+        if total.shape != (size, 3) or not np.isfinite(total).all():
+            raise FlexMapsError("The forces must be three finite numbers for every spiral")
+        if mass is not None:
+            total[:, 2] -= GRAVITY * np.asarray(mass)
+        return cls(fixed, total)
+
+    def held(self, pairs: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """(n, 6) bool: what is fixed while the equilibrium is sought.
+
+        Every piece without supports is held at its middle spiral, which only fixes where it floats. Raises FlexMapsError
+        with the faces of such a piece if forces would carry it away.
+        """
+        n = len(self.fixed)
+        count, piece = connected_components(
+            coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n)), directed=False
+        )
+        held = self.fixed.copy()
+        floating = np.bincount(piece, weights=self.fixed[:, 0], minlength=count) == 0
+        for k in np.flatnonzero(floating):
+            members = np.flatnonzero(piece == k)
+            total, each = (
+                np.linalg.norm(self.force[members].sum(axis=0)),
+                np.linalg.norm(self.force[members], axis=1).sum(),
+            )
+            if total > 1e-9 * each:
+                raise FlexMapsError(
+                    f"Weight or forces act on a piece of {len(members)} spirals that nothing holds; name supports there "
+                    "or take the forces away",
+                    faces=members,
+                )
+            middle = centres[members].mean(axis=0)
+            held[members[np.argmin(np.linalg.norm(centres[members] - middle, axis=1))]] = True
+        return held
+
+    def work(self, centres: np.ndarray) -> float:
+        """Joules: what the forces do up to here, against the origin."""
+        return float((self.force * centres).sum())
