@@ -1,8 +1,8 @@
 """The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of the stiffness table.
 
-A joint sees the motion of two frames that coincide at rest: the joint as the first hub carries it along, and as the
-second one does. Their relative turn is a rotation vector; their gap is measured in the frame half way between both
-(corotational). The compliances of both arms add up, for both carry the same wrench.
+The compliances of both arms of a joint add up, for both carry the same wrench. Their motion is that of one hub against
+the other: the relative turn is a rotation vector, and the way from the bend point of the first arm to that of the second
+(see ``arm_bend``) is measured in the frame half way between both hubs (corotational).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .arm_bend import bend_point
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
 from .errors import FlexMapsError
@@ -30,20 +31,22 @@ class ArmState:
 class _Strains:
     """Strains of the joints and the frame in which they are measured.
 
-    middle : (m, 3, 3) the frame half way between both sides; turn : (m, 3) rad and gap : (m, 3) m in its axes
-    first, second : (m, 3) m, in space, from the centre of either hub to the joint as that hub carries it along
+    middle : (m, 3, 3) the frame half way between both hubs; turn : (m, 3) rad in its axes
+    gap, shift : (m, 3) m in its axes, the way between both bend points, and less what it is at rest
+    first, second : (m, 3) m in space, from the centre of either hub to its bend point
     """
 
     middle: np.ndarray
     turn: np.ndarray
     gap: np.ndarray
+    shift: np.ndarray
     first: np.ndarray
     second: np.ndarray
 
     @property
     def vector(self) -> np.ndarray:
-        """(m, 6): gap and turn."""
-        return np.concatenate([self.gap, self.turn], axis=1)
+        """(m, 6): shift and turn."""
+        return np.concatenate([self.shift, self.turn], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +54,31 @@ class ArmModel:
     """The elastic model of an assembly with one 6 x 6 stiffness a joint.
 
     assembly : spirals and joints at rest
-    stiffness : (m, 6, 6) SI, in the joint's axes; forces first, moments last
+    lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
+    rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
+    stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
+    offset : (m, 3) metres, from the joint to the middle between both bend points at rest, in the joint's axes
     """
 
     assembly: Assembly
+    lever: np.ndarray
+    rest: np.ndarray
     stiffness: np.ndarray
+    offset: np.ndarray
     name: str = "arm"
 
     @classmethod
     def of(cls, assembly: Assembly, material: Material) -> ArmModel:
         """The model of an assembly of one material; raises FlexMapsError with the faces outside the stiffness table."""
-        return cls(assembly, np.linalg.inv(arm_compliances(assembly, material).sum(axis=1)))
+        at_joint = np.linalg.inv(arm_compliances(assembly, material).sum(axis=1))
+        lever = _bend_levers(assembly)
+        beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
+        # a turn about the middle between the bend points leaves the joint aside
+        offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
+        transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
+        transfer[:, :3, 3:] = _cross(offset)
+        stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
+        return cls(assembly, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset)
 
     @property
     def pairs(self) -> np.ndarray:
@@ -78,20 +95,23 @@ class ArmModel:
         return 0.5 * float((_times(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> np.ndarray:
-        """(m, 6) N and N m that the second side of every joint exerts on the first, in the joint's axes half way."""
-        return _times(self.stiffness, self._strains(state.pose).vector)
+        """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
+        wrench = _times(self.stiffness, self._strains(state.pose).vector)
+        wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
+        return wrench
 
     def twist(self, state: ArmState) -> np.ndarray:
         return self._strains(state.pose).turn[:, 0]
 
     def _strains(self, pose: Pose, joints: slice = slice(None)) -> _Strains:
-        (a, b), lever, axes = self.pairs[joints].T, self.assembly.lever[joints], self.assembly.axes[joints]
+        (a, b), lever, axes = self.pairs[joints].T, self.lever[joints], self.assembly.axes[joints]
         first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
         turn = rotation_vector(np.swapaxes(first, 1, 2) @ second)
         middle = first @ Rotation.from_rotvec(0.5 * turn).as_matrix()
         first, second = _times(pose.rotations[a], lever[:, 0]), _times(pose.rotations[b], lever[:, 1])
         gap = pose.centres[b] + second - pose.centres[a] - first
-        return _Strains(middle, turn, _times(np.swapaxes(middle, 1, 2), gap), first, second)
+        gap = _times(np.swapaxes(middle, 1, 2), gap)
+        return _Strains(middle, turn, gap, gap - self.rest[joints], first, second)
 
     def expand(self, state: ArmState) -> Expansion:
         m = len(self.pairs)
@@ -135,6 +155,13 @@ BATCH = 1024
 # increments (d, a, b) from those of both hubs: first shift, first turn, second shift, second turn
 _SPLIT = np.zeros((9, 12))
 _SPLIT[:3, :3], _SPLIT[:3, 6:9], _SPLIT[3:6, 3:6], _SPLIT[6:, 9:] = -np.eye(3), np.eye(3), np.eye(3), np.eye(3)
+
+
+def _bend_levers(assembly: Assembly) -> np.ndarray:
+    """(m, 2, 3) metres: from the hubs to the bend points of the arms."""
+    bend = bend_point(assembly.twist)[0][assembly.pairs]
+    left = np.cross([0.0, 0.0, 1.0], assembly.lever) * (-1.0 if assembly.clockwise else 1.0)
+    return bend[..., :1] * assembly.lever + bend[..., 1:] * left
 
 
 def arm_compliances(assembly: Assembly, material: Material) -> np.ndarray:
