@@ -53,6 +53,10 @@ class Equilibrium:
     twist_max: float
     status: str
 
+    def placed(self, pose: Pose) -> Equilibrium:
+        """The same equilibrium, moved as a whole to a pose."""
+        return replace(self, pose=pose)
+
     @property
     def locked(self) -> bool:
         """Whether some joint is twisted so far that the state is probably a false minimum."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .errors import Cancelled
@@ -33,6 +33,13 @@ class Progress:
     def part(self, lo: float, hi: float) -> Progress:
         span = self.hi - self.lo
         return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
+
+    def showing(self, made: Callable[[Any], Any]) -> Progress:
+        """The same progress for work that shows something else, from which ``made`` makes what is to be shown."""
+        if self.shown is None:
+            return self
+        shown = self.shown
+        return replace(self, shown=lambda value: shown(made(value)))
 
     def show(self, value: Any) -> None:
         if self.shown is not None:
