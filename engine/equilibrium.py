@@ -24,6 +24,7 @@ from .threads import one_thread
 TURN_CAP = 0.5  # radians that a hub may turn in one step
 BLEND_FIRST, BLEND_GROWTH, BLEND_DECAY, BLEND_LEAST = 0.05, 3.0, 0.3, 0.01
 ARMIJO, SHORTEST_STEP = 1e-4, 2.0**-30
+ROUNDING = 1e-13  # radians and metres of a step that changes nothing any more
 ESCAPES = 5  # saddles that are left before the search is given up
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle
 LOCKED = 1.0  # radians of twist in a joint beyond which the frames may have locked in a false minimum
@@ -112,6 +113,9 @@ class _Search:
             if steps >= self.params.iterations:
                 return self._result(state, here, False, f"No equilibrium within {steps} iterations.")
             step = self._step(here, gradient)
+            if np.abs(step).max() <= ROUNDING:
+                # nothing is left to move: the forces are what rounding leaves
+                return self._result(state, here, self.blend == 0.0, "")
             moved = self._searched(state, here, gradient, step)
             if moved is None:
                 sentence = "No step lowers the energy any further, though forces are left."
@@ -223,7 +227,8 @@ def other_minima(
 ) -> list[Equilibrium]:
     """Other shapes in which the assembly can rest, by energy: searches from starts bent along its softest modes.
 
-    ``params.restarts`` starts; minima are the same if no hub differs by more than a tenth of the distance of neighbours.
+    ``params.restarts`` starts: the shape turned inside out, then bent along its softest modes. Minima are the same if no
+    hub differs by more than a tenth of the distance of neighbours.
     """
     if not params.restarts or not found.converged:
         return []
@@ -231,21 +236,36 @@ def other_minima(
     here = model.expand(model.start(found.pose))
     modes = system.softest(system.values(here.hessian), system.values(here.convex), min(MODES, len(system.free) - 2))
     modes /= np.linalg.norm(modes[..., 3:], axis=2).max(axis=1)[:, None, None]
-    rng, minima = np.random.default_rng(0), [found]
-    quick = replace(params, iterations=min(params.iterations, 100))
+    minima, quick = [found], replace(params, iterations=min(params.iterations, 100))
     for k in range(params.restarts):
         part = progress.part(k / params.restarts, (k + 1) / params.restarts)
-        # one mode after the other, to both sides, then random mixtures of them; in small turns, as turns do not add
-        weight = rng.normal(size=len(modes)) if k >= 2 * len(modes) else np.eye(len(modes))[k // 2] * (-1.0) ** k
-        size = BEND * (1.0 + k % 3)
-        step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * size
-        start = found.pose
-        for _ in range(8):
-            start = start.moved(step / 8.0)
+        start = _inside_out(found.pose, system.held) if k == 0 else _bent(found.pose, modes, k - 1)
         other = solve(model, start, loads, quick, part, system)
         if other.converged and all(_differ(other.pose, known.pose, model.pairs) for known in minima):
             minima.append(other)
     return sorted(minima[1:], key=lambda e: e.energy)
+
+
+def _inside_out(pose: Pose, held: np.ndarray) -> Pose:
+    """Mirrored along the mean normal, at the middle of the hubs that are held; these stay."""
+    middle = pose.centres[held[:, 0]].mean(axis=0)
+    normal = pose.rotations[:, :, 2].mean(axis=0)
+    normal /= max(np.linalg.norm(normal), 1e-12)
+    mirror = np.eye(3) - 2.0 * np.outer(normal, normal)
+    centres = middle + (pose.centres - middle) @ mirror
+    rotations = mirror @ pose.rotations @ np.diag([1.0, 1.0, -1.0])
+    return Pose(np.where(held[:, :3], pose.centres, centres), np.where(held[:, 3:4, None], pose.rotations, rotations))
+
+
+def _bent(pose: Pose, modes: np.ndarray, k: int) -> Pose:
+    """Bent along one mode after the other, to both sides, then along random mixtures of them."""
+    rng = np.random.default_rng(k)
+    weight = np.eye(len(modes))[k // 2] * (-1.0) ** k if k < 2 * len(modes) else rng.normal(size=len(modes))
+    step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * BEND * (1.0 + k % 3)
+    # in small parts, as turns do not add
+    for _ in range(8):
+        pose = pose.moved(step / 8.0)
+    return pose
 
 
 MODES = 6

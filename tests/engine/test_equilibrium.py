@@ -1,0 +1,271 @@
+"""Elastic model of the arms and static equilibrium: finite differences, closed forms, bad input."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flexmaps.engine.arm_model import ArmModel, arm_compliances
+from flexmaps.engine.assembly import Assembly, Pose, nearest_rotation
+from flexmaps.engine.equilibrium import other_minima, solve
+from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.engine.linalg import Pattern, negative_eigenvalues
+from flexmaps.engine.loads import Loads
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.newton_system import NewtonSystem
+from flexmaps.engine.params import SimulateParams
+from flexmaps.engine.progress import Progress
+from scipy.spatial.transform import Rotation
+
+SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015
+VERO = MATERIALS["vero"]
+
+
+def row(count: int, *, twist: float = 0.0, closed: bool = False, clockwise: bool = False) -> Assembly:
+    """Spirals in squares side by side along x; ``closed`` joins the last to the first."""
+    first = np.arange(count if closed else count - 1)
+    pairs = np.stack([first, (first + 1) % count], axis=1)
+    lever = np.zeros((len(pairs), 2, 3))
+    lever[:, 0, 0], lever[:, 1, 0] = 0.5 * SPACING, -0.5 * SPACING
+    axes = np.broadcast_to(np.eye(3), (len(pairs), 2, 3, 3))
+    full = np.full(count, 1.0)
+    return Assembly(pairs, lever, axes, WIDTH * full, twist * full, 1e-4 * full, THICKNESS, clockwise)
+
+
+def straight(count: int) -> Pose:
+    centres = np.zeros((count, 3))
+    centres[:, 0] = SPACING * np.arange(count)
+    return Pose(centres, np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+
+
+def ring(count: int) -> Pose:
+    """Hubs on a circle, their normals outwards."""
+    angle = 2.0 * np.pi * np.arange(count) / count
+    radius = SPACING * count / (2.0 * np.pi)
+    turns = Rotation.from_rotvec(np.outer(angle, [0.0, 1.0, 0.0])).as_matrix()
+    return Pose(radius * np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=1), turns)
+
+
+def shaken(pose: Pose, shift: float, turn: float, seed: int = 0) -> Pose:
+    noise = np.random.default_rng(seed).normal(size=(len(pose.centres), 6))
+    return pose.moved(noise * np.repeat([shift, turn], 3))
+
+
+def free(count: int) -> Loads:
+    return Loads.of(count)
+
+
+@pytest.mark.parametrize("twist", [0.0, 2.5])
+@pytest.mark.parametrize("turn", [1e-7, 0.3, 1.0])
+def test_derivatives_are_those_of_the_energy(twist: float, turn: float) -> None:
+    model = ArmModel.of(row(5, twist=twist, closed=True), VERO)
+    state = model.start(shaken(ring(5), 0.003, turn, seed=3))
+    here = model.expand(state)
+    rng = np.random.default_rng(1)
+    direction = rng.normal(size=(5, 6)) * np.repeat([0.01, 1.0], 3)
+
+    def energy(t: float) -> float:
+        return model.energy(model.moved(state, t * direction))
+
+    h = 1e-3
+    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
+    bend = (16 * (energy(h) + energy(-h)) - 30 * energy(0.0) - energy(2 * h) - energy(-2 * h)) / (12 * h * h)
+    both = direction[model.pairs].reshape(-1, 12)
+    assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+    assert bend == pytest.approx(float(np.einsum("mi,mij,mj->", both, here.hessian, both)), rel=1e-6)
+    assert np.linalg.eigvalsh(here.convex).min() > -1e-9 * np.abs(here.convex).max()
+    assert here.per_joint.sum() == pytest.approx(here.energy)
+
+
+def test_rigid_motion_and_rest_cost_nothing() -> None:
+    model = ArmModel.of(row(4, twist=3.0), VERO)
+    assert model.energy(model.start(straight(4))) == pytest.approx(0.0, abs=1e-25)
+    bent = shaken(straight(4), 0.002, 0.3)
+    turned = bent.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
+    assert model.energy(model.start(turned)) == pytest.approx(model.energy(model.start(bent)), rel=1e-10)
+
+
+def test_clockwise_arms_are_the_mirror_image() -> None:
+    mirror = np.diag([1.0, -1.0, 1.0])
+    pose = shaken(straight(3), 0.001, 0.2)
+    mirrored = Pose(pose.centres @ mirror, mirror @ pose.rotations @ mirror)
+    one, other = (ArmModel.of(row(3, twist=3.0, clockwise=c), VERO) for c in (False, True))
+    assert one.energy(one.start(pose)) == pytest.approx(other.energy(other.start(mirrored)), rel=1e-12)
+    assert one.energy(one.start(mirrored)) != pytest.approx(other.energy(other.start(mirrored)), rel=1e-3)
+
+
+@pytest.mark.parametrize("twist", [0.0, 3.0])
+def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
+    count, pull = 8, np.array([0.4, 0.3, 1.0]) * 1e-4
+    assembly = row(count, twist=twist)
+    force = np.zeros((count, 3))
+    force[-1] = pull
+    found = solve(
+        ArmModel.of(assembly, VERO),
+        straight(count),
+        Loads.of(count, supports=np.array([0]), force=force),
+        SimulateParams(tolerance=1e-10),
+    )
+    # small loads: every joint turns and shifts the rest of the row by its own compliance under the force's wrench there
+    compliance = arm_compliances(assembly, VERO).sum(axis=1)
+    moved = np.zeros(3)
+    for joint in range(count - 1):
+        reach = np.array([SPACING * (count - 1 - joint - 0.5), 0.0, 0.0])
+        motion = compliance[joint] @ np.concatenate([pull, np.cross(reach, pull)])
+        moved += motion[:3] + np.cross(motion[3:], reach)
+    assert found.converged
+    assert found.pose.centres[-1] - straight(count).centres[-1] == pytest.approx(moved, rel=1e-3, abs=1e-3 * np.abs(moved).max())
+
+
+def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:
+    count = 24
+    assembly = row(count, closed=True)
+    found = solve(ArmModel.of(assembly, VERO), shaken(ring(count), 0.001, 0.05), free(count), SimulateParams())
+    turn = 2.0 * np.pi / count
+    bending = arm_compliances(assembly, VERO)[0].sum(axis=0)[4, 4]
+    assert found.converged and found.negative_eigenvalues == 0
+    assert found.energy == pytest.approx(count * turn**2 / (2.0 * bending), rel=1e-3)
+    off = found.pose.centres - found.pose.centres.mean(axis=0)
+    # the chord of an inextensible arc of the length of a spacing
+    assert np.linalg.norm(off, axis=1) == pytest.approx(SPACING / turn, rel=2e-3)
+
+
+def test_straight_rest_is_found_and_kept() -> None:
+    model = ArmModel.of(row(6, twist=2.0), VERO)
+    found = solve(model, shaken(straight(6), 0.002, 0.2), free(6), SimulateParams())
+    assert found.converged and found.energy < 1e-12
+    aligned = found.pose.aligned(straight(6).centres)
+    assert aligned.centres == pytest.approx(straight(6).centres, abs=1e-8)
+    again = solve(model, found.pose, free(6), SimulateParams())
+    assert again.converged and again.iterations <= 1
+
+
+def test_a_column_under_pressure_leaves_its_saddle() -> None:
+    """Pressed beyond its buckling load, a straight row balances but does not rest: the search must bend it."""
+    count = 10
+    assembly = row(count)
+    bending = arm_compliances(assembly, VERO)[0].sum(axis=0)[4, 4]
+    length = SPACING * (count - 1)
+    euler = np.pi**2 * SPACING / bending / (4.0 * length**2)
+    for load, buckles in ((0.8, False), (1.3, True)):
+        force = np.zeros((count, 3))
+        force[-1, 0] = -load * euler
+        found = solve(
+            ArmModel.of(assembly, VERO),
+            straight(count),
+            Loads.of(count, supports=np.array([0]), force=force),
+            SimulateParams(),
+        )
+        assert found.converged and found.negative_eigenvalues == 0
+        assert (np.abs(found.pose.centres[:, 2]).max() > 0.01 * length) == buckles
+
+
+def test_both_backends_find_the_same_shape() -> None:
+    model = ArmModel.of(row(12, twist=1.0, closed=True), VERO)
+    start, loads = shaken(ring(12), 0.001, 0.1), free(12)
+    held = loads.held(model.pairs, start.centres)
+    one, other = (
+        solve(model, start, loads, SimulateParams(), system=NewtonSystem(model.pairs, held, backend))
+        for backend in ("cvxopt", "superlu")
+    )
+    assert one.iterations == other.iterations
+    assert one.pose.centres == pytest.approx(other.pose.centres, abs=1e-9)
+
+
+def test_negative_eigenvalues_are_counted() -> None:
+    rng = np.random.default_rng(2)
+    dense = rng.normal(size=(12, 12))
+    dense += dense.T
+    rows, cols = np.tril_indices(12)
+    pattern = Pattern(rows, cols, 12)
+    counted = negative_eigenvalues(pattern, pattern.sum(dense[rows, cols]))
+    assert counted == (np.linalg.eigvalsh(dense) < 0).sum()
+
+
+def test_a_dome_snaps_through_and_back() -> None:
+    """A ring of larger circumference than its rim allows has two mirrored shapes; one is found from the other."""
+    count = 12
+    assembly = row(count)
+    # both ends are held nearer to each other than the row is long: it arches up or down
+    start = straight(count)
+    start.centres[:, 0] *= 0.9
+    start.centres[:, 2] = 0.02 * np.sin(np.pi * np.arange(count) / (count - 1))
+    loads = Loads.of(count, supports=np.array([0, count - 1]))
+    model = ArmModel.of(assembly, VERO)
+    found = solve(model, start, loads, SimulateParams())
+    assert found.converged and found.pose.centres[5, 2] > 0.02
+    others = other_minima(model, found, loads, SimulateParams(restarts=6))
+    down = [o for o in others if o.pose.centres[5, 2] < -0.02]
+    assert down and down[0].energy == pytest.approx(found.energy, rel=1e-6)
+
+
+def test_pinned_supports_let_the_ends_turn() -> None:
+    count = 9
+    start = straight(count)
+    force = np.zeros((count, 3))
+    force[:, 2] = -0.01
+    ends = np.array([0, count - 1])
+    model = ArmModel.of(row(count), VERO)
+    sag = [
+        solve(model, start, Loads.of(count, supports=ends, clamped=c, force=force), SimulateParams()).pose
+        for c in (True, False)
+    ]
+    assert sag[0].rotations[0] == pytest.approx(np.eye(3))
+    assert abs(sag[1].rotations[0][0, 2]) > 1e-3
+    assert sag[1].centres[4, 2] < sag[0].centres[4, 2] < 0.0
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: Loads.of(5, supports=np.array([], dtype=int)), "group of the supports"),
+        (lambda: Loads.of(5, supports=np.array([7])), "there are only 5"),
+        (lambda: Loads.of(5, force=np.full((5, 3), np.nan)), "finite"),
+    ],
+)
+def test_bad_supports_are_refused(make: object, message: str) -> None:
+    with pytest.raises(FlexMapsError, match=message):
+        make()
+
+
+def test_weight_without_supports_names_the_piece() -> None:
+    assembly = row(6)
+    apart = dataclasses.replace(
+        assembly, pairs=assembly.pairs[[0, 1, 3, 4]], lever=assembly.lever[:4], axes=assembly.axes[:4]
+    )
+    model = ArmModel.of(apart, VERO)
+    loads = Loads.of(6, supports=np.array([0]), mass=np.full(6, 0.001))
+    with pytest.raises(FlexMapsError, match="nothing holds") as caught:
+        solve(model, straight(6), loads, SimulateParams())
+    assert caught.value.faces == [3, 4, 5]
+
+
+def test_a_spiral_outside_the_table_is_named() -> None:
+    assembly = row(4)
+    width = assembly.width.copy()
+    width[2] = 0.0003
+    with pytest.raises(FlexMapsError, match="stiffness table") as caught:
+        ArmModel.of(assembly.redesigned(width, assembly.twist), VERO)
+    assert caught.value.faces == [2]
+
+
+def test_giving_up_is_told_and_cancelling_works() -> None:
+    model = ArmModel.of(row(12, closed=True), VERO)
+    start = shaken(ring(12), 0.004, 0.5)
+    found = solve(model, start, free(12), SimulateParams(iterations=2))
+    assert not found.converged and found.iterations == 2 and "2 iterations" in found.status
+    calls = []
+
+    def stopped() -> bool:
+        calls.append(1)
+        return len(calls) > 2
+
+    with pytest.raises(Cancelled):
+        solve(model, start, free(12), SimulateParams(), Progress(stopped=stopped))
+
+
+def test_nearest_rotation_is_proper() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        found = nearest_rotation(rng.normal(size=(3, 3)))
+        assert found @ found.T == pytest.approx(np.eye(3))
+        assert np.linalg.det(found) == pytest.approx(1.0)
