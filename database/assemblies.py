@@ -58,13 +58,12 @@ def grid(columns: int, rows: int) -> Plan:
     return patches([(columns, rows)], [])
 
 
-def patches(sizes: list[tuple[int, int]], seams: list[tuple[tuple[int, int], tuple[int, int], bool]]) -> Plan:
+def patches(sizes: list[tuple[int, int]], seams: list[tuple[tuple[int, int], tuple[int, int]]]) -> Plan:
     """Several rectangular patches, joined side to side.
 
     sizes : columns and rows of every patch
-    seams : ((patch, side), (patch, side), along): a side is EAST, NORTH, WEST or SOUTH and is run through with the patch
-        on its left hand; the second side is run through backwards, as neighbours on an oriented surface are, unless
-        ``along`` is set
+    seams : ((patch, side), (patch, side)): a side is EAST, NORTH, WEST or SOUTH and is run through with the patch on its
+        left hand; the second one is run through backwards, as neighbours on an oriented surface are
     """
     cells, patch, first = [], [], []
     for p, (columns, rows) in enumerate(sizes):
@@ -82,12 +81,12 @@ def patches(sizes: list[tuple[int, int]], seams: list[tuple[tuple[int, int], tup
                 if j + 1 < rows:
                     pairs.append((own, own + columns))
                     arms.append((NORTH, SOUTH))
-    for (p, side), (q, other), along in seams:
+    for (p, side), (q, other) in seams:
         left = [first[p] + k for k in _side(sizes[p], side)]
         right = [first[q] + k for k in _side(sizes[q], other)]
         if len(left) != len(right):
             raise FlexMapsError("The two sides of a seam have different numbers of spirals")
-        pairs += list(zip(left, right if along else right[::-1]))
+        pairs += list(zip(left, right[::-1]))
         arms += [(side, other)] * len(left)
     return Plan(np.array(cells), np.array(patch), np.array(pairs).reshape(-1, 2), np.array(arms).reshape(-1, 2))
 
@@ -103,7 +102,7 @@ def dome(n: int) -> Plan:
 
     Patch p's north side is joined to patch p + 1's west side, with the corner at the north-west of every patch.
     """
-    return patches([(n, n)] * 3, [((p, NORTH), ((p + 1) % 3, WEST), False) for p in range(3)])
+    return patches([(n, n)] * 3, [((p, NORTH), ((p + 1) % 3, WEST)) for p in range(3)])
 
 
 def box(n: int) -> Plan:
@@ -111,6 +110,6 @@ def box(n: int) -> Plan:
 
     Patch 0 is the floor; wall 1 + k stands on its side k (EAST, NORTH, WEST, SOUTH) by its own south side.
     """
-    seams = [((0, k), (1 + k, SOUTH), False) for k in range(ARMS)]
-    seams += [((1 + k, EAST), (1 + (k + 1) % ARMS, WEST), False) for k in range(ARMS)]
+    seams = [((0, k), (1 + k, SOUTH)) for k in range(ARMS)]
+    seams += [((1 + k, WEST), (1 + (k + 1) % ARMS, EAST)) for k in range(ARMS)]
     return patches([(n, n)] * 5, seams)

@@ -19,6 +19,7 @@ from ..engine.progress import SILENT, Progress
 from . import linear
 from .assemblies import Plan
 from .elastic import SECTION, STATION_PAIRS, Elements
+from .geometry import QUARTER, Spiral, centre_line
 from .statics import Group, Model
 
 ITERATIONS = 60
@@ -99,7 +100,7 @@ class Welded:
         motions = np.zeros((self.plan.count, 4, 6))
         for (a, b), (k, l) in zip(self.plan.pairs, self.plan.arms):
             ta, tb = self.model(a).tips[k].centre, self.model(b).tips[l].centre
-            turn = _axes(tb) @ HALF_TURN @ _axes(ta).T  # of a direction in a's frame to the same one in b's
+            turn = joint_turn(self.model(a).solid.spiral, k, self.model(b).solid.spiral, l)
             half = _half_way(rotations[a], rotations[b] @ turn)
             middle = 0.5 * (centres[a] + rotations[a] @ ta + centres[b] + rotations[b] @ tb)
             for s, arm, tip, joint in ((a, k, ta, half), (b, l, tb, half @ turn.T)):
@@ -239,10 +240,15 @@ class Welded:
         )
 
 
-def _axes(tip: np.ndarray) -> np.ndarray:
-    """(3, 3) columns: outwards to a tip, to the left of that, normal."""
-    out = tip / np.linalg.norm(tip)
-    return np.column_stack([out, np.cross([0.0, 0.0, 1.0], out), [0.0, 0.0, 1.0]])
+def tip_axes(spiral: Spiral, arm: int) -> np.ndarray:
+    """(3, 3) columns: the outward tangent of an arm at its tip, the direction to the left of it, the normal."""
+    tangent = complex(centre_line(spiral, 1.0)[1] * QUARTER**arm)
+    return np.array([[tangent.real, -tangent.imag, 0.0], [tangent.imag, tangent.real, 0.0], [0.0, 0.0, 1.0]])
+
+
+def joint_turn(first: Spiral, arm: int, second: Spiral, other: int) -> np.ndarray:
+    """(3, 3): a direction in the flat frame of the first spiral of a joint to the same one in the second's."""
+    return tip_axes(second, other) @ HALF_TURN @ tip_axes(first, arm).T
 
 
 def _vector(rotation: np.ndarray) -> np.ndarray:
@@ -264,9 +270,10 @@ def _weld(plan: Plan, models: list[Model], of: np.ndarray) -> list[np.ndarray]:
     label = np.arange(start[-1])
     for (a, b), (k, l) in zip(plan.pairs, plan.arms):
         ta, tb = models[of[a]].tips[k], models[of[b]].tips[l]
-        distance, match = cKDTree(ta.arms @ _axes(ta.centre)).query(tb.arms @ _axes(tb.centre) @ HALF_TURN)
+        axes, other = (tip_axes(models[of[i]].solid.spiral, arm) for i, arm in ((a, k), (b, l)))
+        distance, match = cKDTree(ta.arms @ axes).query(tb.arms @ other @ HALF_TURN)
         if len(ta.nodes) != len(tb.nodes) or distance.max() > 1e-6 or len(np.unique(match)) != len(match):
-            raise FlexMapsError(f"The arms of spirals {a} and {b} do not fit together: give both one width and twist")
+            raise FlexMapsError(f"The arms of spirals {a} and {b} do not fit together: give both one width")
         label[start[b] + tb.nodes] = start[a] + ta.nodes[match]
     number = np.unique(label, return_inverse=True)[1].reshape(-1)
     return [number[s:e] for s, e in itertools.pairwise(start)]

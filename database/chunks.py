@@ -102,7 +102,7 @@ def compute(task: Task, keep: Path | None = None) -> bytes:
     counts = {"converged": int(ok.sum()), "failed": int((~ok).sum()), "stepped": int((samples.steps > 1).sum())}
     header = {"version": VERSION, "task": asdict(task), "counts": counts, "iterations": int(samples.iterations.sum())}
     arrays["compliance"] = compliance
-    return _bytes({**arrays, "header": np.array(json.dumps(header, sort_keys=True))})
+    return archive({**arrays, "header": np.array(json.dumps(header, sort_keys=True))})
 
 
 def joint_wrenches(samples: Samples, rest_tips: np.ndarray) -> np.ndarray:
@@ -124,10 +124,10 @@ def _columns(samples: Samples) -> dict[str, np.ndarray]:
 
 
 def _packed(samples: Samples) -> bytes:
-    return _bytes(_columns(samples))
+    return archive(_columns(samples))
 
 
-def _bytes(arrays: dict[str, np.ndarray]) -> bytes:
+def archive(arrays: dict[str, np.ndarray]) -> bytes:
     """An .npz whose bytes depend on the arrays alone (numpy's own holds the time of day)."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -232,7 +232,7 @@ def pack(folder: Path, target: Path, per_law: dict[str, int] | None = None) -> i
     series = [{k: v for k, v in e.items() if k not in ("kept", "sums")} for e in entries]
     packed["header"] = np.array(json.dumps({"version": VERSION, "series": series}, sort_keys=True))
     target.parent.mkdir(parents=True, exist_ok=True)
-    write(target, _bytes(packed))
+    write(target, archive(packed))
     return sum(len(e["chunks"]) for e in entries)
 
 
