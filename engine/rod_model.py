@@ -227,21 +227,21 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
     ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
     d and curved : (m, 2, 6, 6) by (d, w) to be added
     """
+    coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
+    row = coupled[:, 0] @ _SPLIT[0] + coupled[:, 1] @ _SPLIT[1]
+    out = _outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
     own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
     if curved is not None:
         own += curved
-    out = np.zeros((len(own), 12, 12))
     shift = own[:, 0, :3, :3] + own[:, 1, :3, :3] + shifts
-    out[:, :3, :3] = out[:, 6:9, 6:9] = shift
-    out[:, :3, 6:9] = out[:, 6:9, :3] = -shift
+    for rows, columns, sign in ((0, 0, 1.0), (6, 6, 1.0), (0, 6, -1.0), (6, 0, -1.0)):
+        out[:, rows : rows + 3, columns : columns + 3] += sign * shift
     for k, turn in ((0, slice(3, 6)), (1, slice(9, 12))):
-        mixed = own[:, k, :3, 3:]
-        out[:, 6:9, turn], out[:, :3, turn] = mixed, -mixed
-        out[:, turn, 6:9], out[:, turn, :3] = np.swapaxes(mixed, 1, 2), -np.swapaxes(mixed, 1, 2)
-        out[:, turn, turn] = own[:, k, 3:, 3:]
-    coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
-    row = coupled[:, 0] @ _SPLIT[0] + coupled[:, 1] @ _SPLIT[1]
-    return out - _outer(row / ends[..., 2, 2].sum(axis=1)[:, None], row)
+        out[:, turn, turn] += own[:, k, 3:, 3:]
+        for shifted, sign in ((slice(0, 3), -1.0), (slice(6, 9), 1.0)):
+            out[:, shifted, turn] += sign * own[:, k, :3, 3:]
+            out[:, turn, shifted] += sign * own[:, k, 3:, :3]
+    return out
 
 
 def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ TOLERANCE = 1e-9
 """Radians: a Newton step below this leaves an error of its square."""
 ROUNDS = 60
 LONGEST = 0.5
-"""Radians a step may roll an edge before a minimum is known to lie ahead."""
+"""Radians that one step may roll an edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess
     """(m,) rad: the edges' rolls against their first hubs in the energy's minimum downhill of ``guess`` (m,).
 
     springs : (m, 2, 3), bend : (m, 2, 2) of both ends; twist : (m,) rad of the second hub against the first. Newton's
-    method within what the signs of the slope enclose; where there is a value that is not finite the roll is none.
+    method within what the signs of the slope enclose. Edges with values that are not finite are given up.
     """
     roll = np.array(guess, dtype=float)
     low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
@@ -90,12 +90,9 @@ def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess
         below, above = np.where(down, here, low[left]), np.where(down, high[left], here)
         low[left], high[left] = below, above
         newton = here - slope / bulge
-        open_step = here + np.where(down, LONGEST, -LONGEST)
-        enclosed = np.isfinite(below) & np.isfinite(above)
-        # the middle of an interval that is open on one side is not used
-        middle = np.where(enclosed, 0.5 * (np.where(enclosed, below, 0.0) + np.where(enclosed, above, 0.0)), open_step)
-        good = (bulge > 0) & (newton >= below) & (newton <= above) & (np.abs(newton - here) <= LONGEST)
-        roll[left] = np.where(good, newton, middle)
+        good = (bulge > 0) & (newton >= below) & (newton <= above)
+        # an interval still open on one side has its middle at infinity, and the clip makes that the longest step
+        roll[left] = np.clip(np.where(good, newton, 0.5 * (below + above)), here - LONGEST, here + LONGEST)
         left = left[(np.abs(roll[left] - here) > TOLERANCE) & np.isfinite(slope)]
         if not len(left):
             break
