@@ -106,7 +106,7 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
         SimulateParams(tolerance=1e-10),
     )
     # small loads: every joint turns and shifts the rest of the row by its own compliance under the force's wrench there
-    compliance = arm_compliances(assembly, VERO).sum(axis=1)
+    compliance = arm_compliances(assembly, VERO).values.sum(axis=1)
     moved = np.zeros(3)
     for joint in range(count - 1):
         reach = np.array([SPACING * (count - 1 - joint - 0.5), 0.0, 0.0])
@@ -121,7 +121,7 @@ def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:
     assembly = row(count, closed=True)
     found = solve(ArmModel.of(assembly, VERO), shaken(ring(count), 0.001, 0.05), free(count), SimulateParams())
     turn = 2.0 * np.pi / count
-    bending = arm_compliances(assembly, VERO)[0].sum(axis=0)[4, 4]
+    bending = arm_compliances(assembly, VERO).values[0].sum(axis=0)[4, 4]
     assert found.converged and found.negative_eigenvalues == 0
     assert found.energy == pytest.approx(count * turn**2 / (2.0 * bending), rel=1e-3)
     off = found.pose.centres - found.pose.centres.mean(axis=0)
@@ -143,7 +143,7 @@ def test_a_column_under_pressure_leaves_its_saddle() -> None:
     """Pressed beyond its buckling load, a straight row balances but does not rest: the search must bend it."""
     count = 10
     assembly = row(count)
-    bending = arm_compliances(assembly, VERO)[0].sum(axis=0)[4, 4]
+    bending = arm_compliances(assembly, VERO).values[0].sum(axis=0)[4, 4]
     length = SPACING * (count - 1)
     euler = np.pi**2 * SPACING / bending / (4.0 * length**2)
     for load, buckles in ((0.8, False), (1.3, True)):
