@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arm_bend import bend_point
+from .arm_sensitivity import gradient_by_design
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
 from .errors import FlexMapsError
@@ -87,6 +88,9 @@ class ArmModel:
     def motion(self, pose: Pose, joints: slice = slice(None)) -> JointMotion:
         """How the joints have moved."""
         return joint_motion(pose, self.pairs[joints], self.lever[joints], self.assembly.axes[joints], self.rest[joints])
+
+    def gradient_by_design(self, state: ArmState) -> np.ndarray:
+        return gradient_by_design(self.assembly, self.compliance, self.offset, self.motion(state.pose))
 
     def expand(self, state: ArmState) -> Expansion:
         m = len(self.pairs)

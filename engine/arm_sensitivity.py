@@ -13,23 +13,24 @@ from __future__ import annotations
 import numpy as np
 
 from .arm_bend import bend_point
-from .arm_model import ArmModel
-from .assembly import Pose
-from .joint_motion import SPLIT, cross, first_order, times
+from .assembly import Assembly
+from .joint_motion import SPLIT, JointMotion, cross, first_order, times
+from .stiffness import ArmCompliance
 
 WIDTH, TWIST = 0, 1
 
 
-def gradient_by_design(model: ArmModel, pose: Pose) -> np.ndarray:
+def gradient_by_design(
+    assembly: Assembly, compliance: ArmCompliance, offset: np.ndarray, motion: JointMotion
+) -> np.ndarray:
     """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
 
-    Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist.
+    Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist. Arguments as in ``ArmModel``.
     """
-    motion = model.motion(pose)
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
-    shift = motion.shift + np.cross(model.offset, turn)
-    at_joint = np.linalg.inv(model.compliance.values.sum(axis=1))
+    shift = motion.shift + np.cross(offset, turn)
+    at_joint = np.linalg.inv(compliance.values.sum(axis=1))
     wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
     force = wrench[:, :3]
     out = np.zeros((len(turn), 12, 2, 2))
@@ -38,12 +39,12 @@ def gradient_by_design(model: ArmModel, pose: Pose) -> np.ndarray:
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
     by_pose = spread @ by_pose
-    by_pose[:, :3] += cross(model.offset) @ by_pose[:, 3:]
+    by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
     back = np.swapaxes(by_pose, 1, 2)
     for side in (0, 1):
-        for k, change in ((WIDTH, model.compliance.by_width), (TWIST, model.compliance.by_twist)):
+        for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
             out[:, :, side, k] = -times(back, times(at_joint, times(change[:, side], wrench)))
-        way = _way_by_twist(model, side)
+        way = _way_by_twist(assembly, side)
         sign = 1.0 if side == 0 else -1.0
         moved, turned = _second_bend(-sign * turn, angle, way, force)
         out[:, :, side, TWIST] += times(back @ at_joint[:, :, :3], sign * moved)
@@ -51,9 +52,8 @@ def gradient_by_design(model: ArmModel, pose: Pose) -> np.ndarray:
     return out
 
 
-def _way_by_twist(model: ArmModel, side: int) -> np.ndarray:
+def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
     """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
-    assembly = model.assembly
     change = bend_point(assembly.twist)[1][assembly.pairs[:, side]]
     lever = assembly.lever[:, side]
     left = np.cross([0.0, 0.0, 1.0], lever) * (-1.0 if assembly.clockwise else 1.0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .contours import Hubs, Outline, hubs, outlines, touching
+from .contours import Hubs, Outline, Tips, hubs, outlines, touching
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
@@ -47,8 +47,11 @@ class SpiralDesign:
         """Where the slots of every spiral end."""
         return hubs(self.arms, self.params.fillet)
 
-    def outlines(self, tolerance: float = 1e-5) -> list[Outline]:
-        """The outline of every panel as arcs within ``tolerance`` metres; drawn once for every tolerance."""
+    def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None) -> list[Outline]:
+        """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
+        if tips is not None:
+            slot = slot_needed(self.params)
+            return outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, tips)
         known = self.__dict__.setdefault("_outlines", {})
         if tolerance not in known:
             slot = slot_needed(self.params)
@@ -105,7 +108,7 @@ def uniform(
     width = 0.5 * (params.width_min + params.width_max) if width is None else width
     twist = 0.5 * params.twist_max if twist is None else twist
     count = len(flat.corners)
-    return _cuttable(flat, params, np.full(count, float(width)), np.full(count, float(twist)))
+    return fitted(flat, params, np.full(count, float(width)), np.full(count, float(twist)))
 
 
 def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarray) -> SpiralDesign:
@@ -121,11 +124,25 @@ def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarra
     c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
     width = params.width_max - c * (params.width_max - params.width_min)
     twist = params.twist_min + c * (params.twist_max - params.twist_min)
-    return _cuttable(flat, params, width, twist)
+    return fitted(flat, params, width, twist)
 
 
-def _cuttable(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> SpiralDesign:
-    """Bring widths and twists (F,) inside what can be cut in the real quads, joints and neighbours included."""
+def fitted(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> SpiralDesign:
+    """The design nearest to widths (F,) metres and twists (F,) radians that can be cut, joints and neighbours included.
+
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
+    width = np.minimum(width, width_range(flat, params)[1])
+    twist = np.minimum(twist, twist_bound(flat, params, width))
+    width, twist = _relieved(flat, params, width, twist)
+    return _proved(SpiralDesign(flat, params, width, twist))
+
+
+def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) and (F,) metres: the smallest and the largest width in every quad.
+
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
     if params.width_min > params.width_max:
         raise FlexMapsError("The smallest width is larger than the largest width; exchange them")
     widest = room(flat, params)
@@ -141,12 +158,10 @@ def _cuttable(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist:
             f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
             faces=small,
         )
-    width = np.minimum(width, widest)
     # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
-    width = np.minimum(width, np.maximum(params.width_min, roomy(flat, slot_needed(params), DEPTH)))
-    twist = np.minimum(twist, twist_bound(flat, params, width))
-    width, twist = _relieved(flat, params, width, twist)
-    return _proved(SpiralDesign(flat, params, width, twist))
+    wide = np.minimum(params.width_max, np.maximum(params.width_min, roomy(flat, slot_needed(params), DEPTH)))
+    high = np.minimum(wide, widest)
+    return np.minimum(params.width_min, high), high
 
 
 def _proved(design: SpiralDesign, rounds: int = 30) -> SpiralDesign:

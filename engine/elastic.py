@@ -55,6 +55,13 @@ class ElasticModel(Protocol):
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """The state moved by (n, 6) as in ``Pose.moved``."""
 
+    def gradient_by_design(self, state: Any) -> np.ndarray:
+        """(m, 12, 2, 2): derivative of every joint's share of the gradient by the design, at a fixed pose.
+
+        Rows as in ``Expansion.hessian``; then the side of the joint; then width (per metre) and twist (per radian) of the
+        spiral on that side.
+        """
+
     def twist(self, state: Any) -> np.ndarray:
         """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""
 

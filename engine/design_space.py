@@ -1,0 +1,87 @@
+"""Coordinates of the fabricable designs in which their coupled bounds are a box (FlexMaps section 7).
+
+Per spiral, x0 in [0, 1] is the width between its smallest and its largest, x1 in [0, 1] the twist as a share of the
+largest twist that still leaves a slot at that width in that quad. Any x in the box is a design whose spirals can be cut;
+what blended joints and neighbours ask for beyond that is settled by ``design.fitted`` and comes back as ``cap``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .assembly import Assembly
+from .design import SpiralDesign, width_range
+from .slots import twist_bound
+from .stiffness import SCALE_RANGE, twist_limit
+
+KNOTS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class DesignSpace:
+    """low, high : (F,) metres, range of the width; bound : (KNOTS, F) radians, largest twist at evenly spaced widths;
+    cap : (F,) share of it that neighbours leave; twist_min : radians
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    bound: np.ndarray
+    cap: np.ndarray
+    twist_min: float
+
+    @classmethod
+    def of(cls, design: SpiralDesign, assembly: Assembly) -> DesignSpace:
+        """The space of all designs in the same patches with the same settings."""
+        low, high = width_range(design.flat, design.params)
+        widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
+        bound = np.stack([twist_bound(design.flat, design.params, w) for w in widths])
+        # nor beyond the stiffness table, whose limit is that of the shortest arm
+        shortest = np.full(len(low), np.inf)
+        np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
+        ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
+        return cls(low, high, np.minimum(bound, 0.999 * twist_limit(ratio)), np.ones(len(low)), design.params.twist_min)
+
+    def capped(self, cap: np.ndarray) -> DesignSpace:
+        """With less room for the twists: (F,) shares."""
+        return replace(self, cap=cap)
+
+    def design(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Widths (F,) metres and twists (F,) radians of coordinates (F, 2)."""
+        largest = self._largest(x[:, 0])[0]
+        least = np.minimum(self.twist_min, largest)
+        return self.low + x[:, 0] * (self.high - self.low), least + x[:, 1] * (largest - least)
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """(F, 2, 2): derivative of width and twist (rows) by both coordinates (columns)."""
+        largest, slope = self._largest(x[:, 0])
+        least = np.minimum(self.twist_min, largest)
+        out = np.zeros((len(x), 2, 2))
+        out[:, 0, 0] = self.high - self.low
+        out[:, 1, 0] = np.where(largest > self.twist_min, x[:, 1], 1.0) * slope
+        out[:, 1, 1] = largest - least
+        return out
+
+    def coordinates(self, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        """(F, 2) of widths and twists, brought into the box."""
+        x = np.zeros((len(width), 2))
+        x[:, 0] = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
+        largest = self._largest(x[:, 0])[0]
+        least = np.minimum(self.twist_min, largest)
+        x[:, 1] = np.clip((twist - least) / np.maximum(largest - least, 1e-12), 0.0, 1.0)
+        return x
+
+    def _largest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest twist at widths x in [0, 1], and its derivative: cubic Hermite pieces between the knots."""
+        k = np.minimum((x * (KNOTS - 1)).astype(np.int64), KNOTS - 2)
+        u, every = x * (KNOTS - 1) - k, np.arange(len(x))
+        steps = np.diff(self.bound, axis=0)
+        # harmonic means of the neighbouring steps: between two knots nothing rises above either of them
+        inner = 2.0 * steps[1:] * steps[:-1] / np.minimum(steps[1:] + steps[:-1], -1e-300)
+        inner = np.where(steps[1:] * steps[:-1] > 0.0, inner, 0.0)
+        slope = np.concatenate([steps[:1], inner, steps[-1:]])
+        a, b, da, db = self.bound[k, every], self.bound[k + 1, every], slope[k, every], slope[k + 1, every]
+        value = a + u * (da + u * (3.0 * (b - a) - 2.0 * da - db + u * (da + db - 2.0 * (b - a))))
+        change = da + u * (2.0 * (3.0 * (b - a) - 2.0 * da - db) + 3.0 * u * (da + db - 2.0 * (b - a)))
+        return self.cap * value, self.cap * change * (KNOTS - 1)
