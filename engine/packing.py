@@ -1,4 +1,4 @@
-"""Laying panels on sheets: true shapes, quarter turns, never overlapping, with the asked distance between them."""
+"""Laying panels on sheets, the quick way: true shapes, quarter turns, never overlapping, the asked distance between them."""
 
 from __future__ import annotations
 
@@ -45,53 +45,97 @@ def least_box(points: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def pack(
-    shapes: list[np.ndarray], sheet: tuple[float, float], margin: float, spacing: float, progress: Progress = SILENT
+    shapes: list[np.ndarray],
+    sheet: tuple[float, float],
+    margin: float,
+    spacing: float,
+    progress: Progress = SILENT,
+    rotation: str = "FREE",
 ) -> Packing:
     """Lay closed outlines (M, 2), in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
 
     sheet : width and height in metres; ``margin`` stays free along its border, ``spacing`` between the shapes. A shape
     that is larger than the sheet gets a sheet of the size that it needs. Shapes are judged on a raster that can only make
-    them larger, so distances are kept exactly and a cell or two may be given away.
+    them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``.
     """
     boxes = [least_box(s) for s in shapes]
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / CELLS
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
-    rotation, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
+    turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
     open_sheets: list[_Sheet] = []
+    quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
     for done, i in enumerate(order):
         progress(done / len(order), "packing")
         turn, size = boxes[i]
-        stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing)
+        if not fits(size + 4.0 * cell, sheet, margin, rotation):
+            slanted = turn_that_fits(shapes[i], sheet, margin + 2.0 * cell, rotation)
+            turn = turn if slanted is None else slanted
+            size = _extent(shapes[i], turn)
+        stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
         place = next(((n, p) for n, s in enumerate(open_sheets) if (p := s.place(stamp)) is not None), None)
         if place is None:
-            open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell), margin, 0.5 * spacing, cell))
+            open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
             fresh = open_sheets[-1].place(stamp)
             assert fresh is not None  # the sheet was made for it
             place = len(open_sheets) - 1, fresh
-        sheet_of[i], (rotation[i], shift[i]) = place
-    return Packing(sheet_of, rotation, shift, np.array([s.size for s in open_sheets]).reshape(-1, 2))
+        sheet_of[i], (turned[i], shift[i]) = place
+    return Packing(sheet_of, turned, shift, np.array([s.size for s in open_sheets]).reshape(-1, 2))
 
 
-def fits(size: np.ndarray, sheet: tuple[float, float], margin: float) -> bool:
-    """Whether a box of this size (2,), in metres, fits on the sheet, either way round."""
-    free = sorted(x - 2.0 * margin + 1e-9 for x in sheet)
-    return bool(min(size) <= free[0] and max(size) <= free[1])
+def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
+    """A turn in radians that lays points (M, 2), metres, on a sheet less its margin; ``None`` if none does.
+
+    rotation : "FREE", any turn; "QUARTER", the longer side of the smallest box along or across; "GRAIN", only along.
+    """
+    turn = least_box(points)[0]
+    quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
+    steps = np.radians(np.arange(0.0, 90.0)) if rotation == "FREE" else np.zeros(1)
+    for angle in (turn + steps[:, None] + quarters).ravel().tolist():
+        if (_extent(points, angle) <= np.array(sheet) - 2.0 * margin + 1e-9).all():
+            return angle
+    return None
 
 
-def _large_enough(size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float) -> tuple[float, float]:
+def _extent(points: np.ndarray, turn: float) -> np.ndarray:
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.ptp(points @ np.array([[cos, sin], [-sin, cos]]), axis=0)
+
+
+def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float:
+    """Metres from the left border of a sheet to the right end of what lies on it."""
+    ends = [0.0]
+    for i in np.flatnonzero(packing.sheet == index).tolist():
+        cos, sin = np.cos(packing.rotation[i]), np.sin(packing.rotation[i])
+        ends.append(float((shapes[i] @ [cos, -sin]).max() + packing.shift[i, 0]))
+    return max(ends)
+
+
+def fits(size: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
+    """Whether a box of this size (2,), in metres, longer side first, fits on the sheet: either way round, or along the grain."""
+    free = [x - 2.0 * margin + 1e-9 for x in sheet]
+    if rotation == "GRAIN":
+        return bool(size[0] <= free[0] and size[1] <= free[1])
+    return bool(min(size) <= min(free) and max(size) <= max(free))
+
+
+def _large_enough(
+    size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
+) -> tuple[float, float]:
     slack = 2.0 * margin + 4.0 * cell
-    if fits(size + 4.0 * cell, sheet, margin):
+    if fits(size + 4.0 * cell, sheet, margin, rotation):
         return sheet
     # whole centimetres; the panel lies lengthwise, and the sheet is never smaller than the one that was asked for
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
+    if rotation == "GRAIN":
+        return max(wide, sheet[0]), max(high, sheet[1])
     return max(wide, *sheet), max(high, min(sheet))
 
 
 class _Stamp:
-    """A shape as rasters in its four quarter turns, each grown by ``grow`` and by the raster's own error."""
+    """A shape as rasters in its quarter turns, each grown by ``grow`` and by the raster's own error."""
 
-    def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float):
+    def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
         from shapely import Polygon
 
         self.turn, self.cell = turn, cell
@@ -106,7 +150,7 @@ class _Stamp:
         columns, rows = (int(np.ceil(e / cell)) for e in self.extent)
         rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
         mask = _filled([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
-        self.masks = [np.ascontiguousarray(np.rot90(mask, -k)) for k in range(4)]
+        self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
         self.box = cell * np.array([columns, rows])
 
     def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
@@ -132,7 +176,7 @@ class _Sheet:
     def place(self, stamp: _Stamp) -> tuple[float, np.ndarray] | None:
         """Take the free place nearest to the left, then to the bottom; ``None`` if there is none."""
         best: tuple[int, int, int, int] | None = None
-        for quarter, mask in enumerate(stamp.masks):
+        for quarter, mask in stamp.masks.items():
             rows, columns = (t - m + 1 for t, m in zip(self.taken.shape, mask.shape, strict=True))
             if rows < 1 or columns < 1 or (quarter > 1 and not self.taken.any()):
                 continue

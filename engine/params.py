@@ -137,6 +137,50 @@ class SpiralParams(Params):
 
 
 @dataclass(frozen=True)
+class ConnectorParams(Params):
+    """The joints of the panels, wherever two arms meet across a cut (FlexMaps section 8)."""
+
+    kind: str = setting(
+        "none",
+        "Connectors",
+        "What holds two arms together where they meet across a cut",
+        choices=(
+            ("none", "None", "Plain ends"),
+            ("dovetail", "Dovetails", "A head on one panel snaps into a socket of the other"),
+            ("key", "Keys", "Both panels have sockets; a small loose key holds them and can be taken out again"),
+            ("tab", "Tabs", "Widened plain ends, to be glued"),
+        ),
+    )
+    clearance: float = setting(
+        0.00005,
+        "Clearance",
+        "Free gap all round between the finished parts of a joint: about 0.05 mm for a laser, 0.1 mm for a 3D printer; the kerf comes on top of it",
+        low=0.0,
+        high=0.001,
+        unit="m",
+    )
+    neck: float = setting(
+        1.0, "Neck", "Width of a connector's neck as a share of the width of its arm", low=0.5, high=2.0
+    )
+    least: float = setting(
+        0.0008,
+        "Thinnest part",
+        "No neck and no wall of a connector is thinner; sheets of 2 mm need about 0.8 mm",
+        low=0.0002,
+        high=0.02,
+        unit="m",
+    )
+    rounding: float = setting(
+        0.0002,
+        "Rounding",
+        "Radius of a connector's corners; at least half of the kerf, or the radius of the mill",
+        low=0.00005,
+        high=0.005,
+        unit="m",
+    )
+
+
+@dataclass(frozen=True)
 class SheetParams(Params):
     """The sheets that are cut, and how the panels lie on them."""
 
@@ -175,6 +219,17 @@ class SheetParams(Params):
             ("GRAIN", "Along the grain", "Every panel's longer side along the sheet's width, as for wood"),
         ),
     )  # fmt: skip
+    nesting: str = setting(
+        "TRUE", "Nesting", "How the panels are laid on the sheets",
+        choices=(
+            ("TRUE", "Tight", "Search for the fewest sheets, as long as the time limit allows"),
+            ("FAST", "Quick", "Quarter turns only, without a search"),
+        ),
+    )  # fmt: skip
+    nesting_seconds: float = setting(
+        20.0, "Nesting time", "Longest time in seconds that the search for fewer sheets may take", low=0.0, high=86400.0
+    )
+    seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from .contours import touching
 from .design import SpiralDesign, nearest_quads
 from .errors import FlexMapsError
 from .labels import Labels, make_labels
-from .packing import Packing, fits, least_box, pack
+from .nesting import nest
+from .packing import Packing, least_box, turn_that_fits
 from .params import SheetParams
 from .progress import SILENT, Progress
 
@@ -114,10 +115,8 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
-    shapes = [p.outline.sampled(1e-4) for p in panels]
-    packing = pack(
-        shapes, (params.sheet_width, params.sheet_height), params.margin, params.spacing, progress.part(0.65, 1.0)
-    )
+    shapes = [p.outline.sampled(2e-5) for p in panels]
+    packing = nest(shapes, params, progress.part(0.65, 1.0))
     slot, bridge = design.narrowest
     return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
 
@@ -126,9 +125,10 @@ def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params
     """A warning for every panel that is larger than the sheet, or an error if so asked."""
     found = []
     for panel in panels:
-        size = least_box(panel.outline.sampled(1e-4))[1]
-        if fits(size, (params.sheet_width, params.sheet_height), params.margin):
+        shape = panel.outline.sampled(1e-4)
+        if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
             continue
+        size = least_box(shape)[1]
         text = (
             f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
             f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"

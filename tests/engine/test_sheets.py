@@ -25,7 +25,7 @@ def made(flat_grid):
         8, 6, move=lambda p: p @ np.array([[1.0, 0.05], [0.1, 1.0]]), cut=lambda x, y: x == 3 or (y == 3 and x > 6)
     )
     curvature = np.sin(40 * flat.corners.mean(axis=1)).sum(axis=1) + 2
-    return sheets.make_sheets(design.from_curvature(flat, SpiralParams(), curvature), SheetParams())
+    return sheets.make_sheets(design.from_curvature(flat, SpiralParams(), curvature), SheetParams(nesting="FAST"))
 
 
 def _polygon(panel):
@@ -55,10 +55,10 @@ def test_labels_lie_inside_the_material(made):
 
 def test_labels_that_would_be_too_small_are_counted(flat_grid):
     made = design.uniform(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
-    result = sheets.make_sheets(made, SheetParams(label_min=0.001))
+    result = sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001))
     assert result.labels_left_out == 4
     assert any("labels have no room" in w for w in result.warnings)
-    assert sheets.make_sheets(made, SheetParams(labels=False)).labels_placed == 0
+    assert sheets.make_sheets(made, SheetParams(nesting="FAST", labels=False)).labels_placed == 0
 
 
 def test_names():
@@ -165,7 +165,7 @@ def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
 
 def test_oversize_panels(flat_grid):
     made = design.uniform(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
-    small = {"sheet_width": 0.2, "sheet_height": 0.15}
+    small = {"sheet_width": 0.2, "sheet_height": 0.15, "nesting": "FAST"}
     enlarged = sheets.make_sheets(made, SheetParams(**small))
     assert len(enlarged.warnings) == 1
     assert "Panel 1 is 2" in enlarged.warnings[0]
@@ -186,11 +186,11 @@ def test_margin_larger_than_the_sheet(flat_grid):
 def test_progress_ascends_and_stops(flat_grid):
     made = design.uniform(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
     seen = []
-    sheets.make_sheets(made, SheetParams(), Progress(lambda fraction, text: seen.append(fraction)))
+    sheets.make_sheets(made, SheetParams(nesting="FAST"), Progress(lambda fraction, text: seen.append(fraction)))
     assert seen == sorted(seen)
     assert len(seen) > 5
     with pytest.raises(Cancelled):
-        sheets.make_sheets(made, SheetParams(), Progress(stopped=lambda: len(seen) > 0))
+        sheets.make_sheets(made, SheetParams(nesting="FAST"), Progress(stopped=lambda: len(seen) > 0))
 
 
 def test_svg_arc_flags_for_both_senses_and_large_arcs():
@@ -213,7 +213,7 @@ def test_sheets_of_real_layouts(name):
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
-        design.from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams()
+        design.from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams(nesting="FAST")
     )
     assert len(result.panels) == len(flat.layout.patches)
     assert result.slot_min >= 0.3e-3 - 1e-9

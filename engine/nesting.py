@@ -1,0 +1,267 @@
+"""Nesting: the true shapes of the panels laid on sheets of one size as tightly as a time limit allows, by spyrrow.
+
+spyrrow (the sparrow algorithm of Gardeyn, Vanden Berghe and Wauters 2025) packs a strip of fixed height as short as it
+can. Sheets are filled one panel at a time, the large ones first: a set of panels goes on a sheet if its strip is no longer
+than the sheet. What the quick packing finds is the first answer, so that there is one however short the time is.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .packing import Packing, least_box, pack, turn_that_fits, used_length
+from .params import SheetParams
+from .progress import SILENT, Progress
+
+STEP = 5.0  # degrees between the directions in which a panel is tried
+STRAY = 1e-4  # metres by which shapes may be simplified, outwards only
+ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
+FULLEST = 0.92  # share of a sheet beyond which no set of panels is tried
+PATIENCE = 4  # orders tried in a row without an improvement before the search ends
+TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so this is also how long ESC may take to free the core
+
+
+def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SILENT) -> Packing:
+    """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
+
+    Never worse than ``packing.pack``, which it returns where spyrrow is missing or nothing better is found. The seed makes
+    the search repeatable as far as a limit in seconds can be.
+    """
+    sheet = (params.sheet_width, params.sheet_height)
+    rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
+    if params.nesting != "TRUE" or not available() or len(shapes) < 2:
+        return rough
+    search = _Search(shapes, params, progress.part(0.1, 1.0))
+    best, best_worth = rough, _worth(rough, shapes)
+    rng = np.random.default_rng(params.seed)
+    idle = 0
+    while idle < PATIENCE and len(best.sizes) > search.fewest:
+        found = search.fill(rng)
+        if found is None:
+            break
+        idle += 1
+        if _worth(found, shapes) < best_worth and _sound(found, shapes, params):
+            best, best_worth, idle = found, _worth(found, shapes), 0
+    tighter = search.shortened(best)
+    return tighter if _worth(tighter, shapes) < best_worth and _sound(tighter, shapes, params) else best
+
+
+def available() -> bool:
+    """Whether spyrrow can be imported here."""
+    try:
+        import spyrrow  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+def _worth(packing: Packing, shapes: list[np.ndarray]) -> tuple[int, float]:
+    """What is to be small: the number of sheets, then the used length of the emptiest one."""
+    lengths = [used_length(packing, shapes, k) for k in range(len(packing.sizes))]
+    return len(lengths), round(min(lengths), 6)
+
+
+def _sound(packing: Packing, shapes: list[np.ndarray], params: SheetParams) -> bool:
+    """Whether the asked distances hold between the true shapes, exactly."""
+    import shapely
+    from shapely import affinity
+
+    placed = []
+    for i, shape in enumerate(shapes):
+        turned = affinity.rotate(shapely.Polygon(shape), packing.rotation[i], origin=(0, 0), use_radians=True)
+        placed.append(affinity.translate(turned, *packing.shift[i]))
+        x0, y0, x1, y1 = placed[-1].bounds
+        width, height = packing.sizes[packing.sheet[i]]
+        if min(x0, y0, width - x1, height - y1) < params.margin - 1e-9:
+            return False
+    tree = shapely.STRtree(placed)
+    one, two = tree.query(placed, predicate="dwithin", distance=max(params.spacing - 1e-9, 0.0))
+    together = (one < two) & (packing.sheet[one] == packing.sheet[two])
+    return not bool(together.any())
+
+
+@dataclass(frozen=True, eq=False)
+class _Set:
+    """Panels that lie together on one sheet: ``places`` holds turn (radians) and shift (2,) metres of every one."""
+
+    places: dict[int, tuple[float, np.ndarray]]
+    area: float
+
+
+class _Search:
+    """Shapes made ready for spyrrow, what is known of sets of them, and the time that is left."""
+
+    def __init__(self, shapes: list[np.ndarray], params: SheetParams, progress: Progress):
+        self.shapes, self.params, self.progress = shapes, params, progress
+        self.begin = time.monotonic()
+        self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
+        self.separation = params.spacing + ROUNDING
+        simple = [_simplified(s, max(params.spacing, 0.002)) for s in shapes]
+        self.area = np.array([0.5 * abs(_twice_area(s)) for s in simple])
+        self.turns = [self._turns(s) for s in simple]
+        self.large = [i for i, turns in enumerate(self.turns) if not turns]
+        self.simple = simple
+        fit = [i for i in range(len(shapes)) if self.turns[i]]
+        self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self.free.prod() - 1e-9))
+        self.known: dict[frozenset[int], _Set | None] = {}
+
+    def spent(self) -> float:
+        """The share of the time limit that has passed."""
+        return (time.monotonic() - self.begin) / max(self.params.nesting_seconds, 1e-9)
+
+    def _turns(self, shape: np.ndarray) -> list[float]:
+        """Degrees in which a shape fits on the sheet; none for one that is too large."""
+        base = np.degrees(least_box(shape)[0])
+        step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
+        angles = base + np.arange(0.0, 360.0, step)
+        turn = turn_that_fits(shape, tuple(self.free), 0.0, self.params.rotation)
+        if turn is not None:
+            angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
+        cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+        wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
+        high = np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
+        return angles[(wide <= self.free[0]) & (high <= self.free[1])].tolist()
+
+    # -- filling sheets ------------------------------------------------------------------------------------------------
+
+    def fill(self, rng: np.random.Generator) -> Packing | None:
+        """All panels on sheets, the large ones first, the order shuffled a little from the second time on."""
+        order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.known))
+        sets: list[_Set] = []
+        for i in np.argsort(-order, kind="stable").tolist():
+            if i in self.large:
+                continue
+            for k in sorted(range(len(sets)), key=lambda k: -sets[k].area):
+                found = self._together(frozenset(sets[k].places) | {i})
+                if found is not None:
+                    sets[k] = found
+                    break
+            else:
+                sets.append(self._alone(i))
+            if self.spent() >= 1.0:
+                return None
+        return self._packing(sets)
+
+    def _together(self, members: frozenset[int]) -> _Set | None:
+        """These panels on one sheet, if that is found in ``TURN`` seconds."""
+        if members not in self.known:
+            area = float(self.area[list(members)].sum())
+            if area > FULLEST * self.free.prod():
+                return None
+            self.known[members] = self._strip(members, float(self.free[0]))
+        return self.known[members]
+
+    def _alone(self, i: int) -> _Set:
+        angle = float(np.radians(self.turns[i][0]))
+        cos, sin = np.cos(angle), np.sin(angle)
+        low = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
+        return _Set({i: (angle, self.params.margin - low)}, float(self.area[i]))
+
+    def _packing(self, sets: list[_Set]) -> Packing:
+        count = len(self.shapes)
+        sheet, rotation, shift = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 2))
+        sizes = [np.array([self.params.sheet_width, self.params.sheet_height])] * len(sets)
+        for k, group in enumerate(sorted(sets, key=lambda s: -s.area)):
+            for i, (turn, move) in group.places.items():
+                sheet[i], rotation[i], shift[i] = k, turn, move
+        for i in self.large:
+            alone = pack([self.shapes[i]], tuple(sizes[0]) if sizes else self._size(), self.params.margin,
+                         self.params.spacing, rotation=self.params.rotation)  # fmt: skip
+            sheet[i], rotation[i], shift[i] = len(sizes), alone.rotation[0], alone.shift[0]
+            sizes.append(alone.sizes[0])
+        return Packing(sheet, rotation, shift, np.array(sizes).reshape(-1, 2))
+
+    def _size(self) -> tuple[float, float]:
+        return self.params.sheet_width, self.params.sheet_height
+
+    def shortened(self, packing: Packing) -> Packing:
+        """The same with the panels of the emptiest sheet drawn together, so that a larger piece of it is left over."""
+        lengths = [used_length(packing, self.shapes, k) for k in range(len(packing.sizes))]
+        k = int(np.argmin(lengths))
+        members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
+        if members & set(self.large):
+            return packing
+        found = self._strip(members, 0.0)
+        if found is None:
+            return packing
+        rotation, shift = packing.rotation.copy(), packing.shift.copy()
+        for i, (turn, move) in found.places.items():
+            rotation[i], shift[i] = turn, move
+        return Packing(packing.sheet, rotation, shift, packing.sizes)
+
+    # -- one call of spyrrow -------------------------------------------------------------------------------------------
+
+    def _strip(self, members: frozenset[int], enough: float) -> _Set | None:
+        """Panels packed in a strip as high as the sheet, if it is no longer than the sheet; ends once it is ``enough``."""
+        solution = self._solve(members, enough)
+        if solution is None or solution.width - 2.0 * self.separation * 1e3 > self.free[0] * 1e3:
+            return None
+        # spyrrow keeps the separation from the border of its strip too
+        move = self.params.margin - self.separation
+        return _Set(
+            {
+                int(p.id): (float(np.radians(p.rotation)), np.array(p.translation) * 1e-3 + move)
+                for p in solution.placed_items
+            },
+            float(self.area[list(members)].sum()),
+        )
+
+    def _solve(self, members: frozenset[int], enough: float) -> Any:
+        """spyrrow's shortest feasible strip for some panels, in millimetres; it runs in a thread of its own, for ESC."""
+        import spyrrow
+
+        items = [
+            spyrrow.Item(str(i), [tuple(p) for p in (self.simple[i] * 1e3).tolist()], 1, self.turns[i])
+            for i in sorted(members)
+        ]
+        high = float(self.free[1] + 2.0 * self.separation) * 1e3
+        task = spyrrow.StripPackingInstance("", high, items)
+        config = spyrrow.StripPackingConfig(
+            total_computation_time=TURN,
+            min_items_separation=self.separation * 1e3,
+            num_workers=1,
+            seed=self.params.seed,
+        )
+        queue, done = spyrrow.ProgressQueue(), threading.Event()
+
+        def work() -> None:
+            try:
+                task.solve(config, queue)
+            except BaseException:  # a panic of its Rust code is no Exception; there is no solution then
+                pass
+            finally:
+                done.set()
+
+        threading.Thread(target=work, daemon=True).start()
+        feasible = (spyrrow.ReportType.ExplFeas, spyrrow.ReportType.CmprFeas, spyrrow.ReportType.Final)
+        best = None
+        while True:
+            ended = done.wait(0.02)
+            for kind, solution in queue.drain():
+                if kind in feasible and (best is None or solution.width < best.width):
+                    best = solution
+            if ended or (best is not None and best.width - 2e3 * self.separation <= enough * 1e3):
+                return best
+            self.progress(min(self.spent(), 1.0), f"nesting {len(members)} panels on a sheet")
+
+
+def _simplified(shape: np.ndarray, bay: float) -> np.ndarray:
+    """A coarser outline (M', 2) round a shape, without bays that are narrower than twice ``bay`` metres."""
+    import shapely
+
+    outline = shapely.Polygon(shape)
+    # buffers round corners off by less than they should: the outline itself makes up for it
+    closed = outline.buffer(bay, quad_segs=4).buffer(-bay, quad_segs=4).union(outline)
+    largest = max(getattr(closed, "geoms", [closed]), key=lambda g: g.area)
+    grown = largest.simplify(0.9 * STRAY).buffer(STRAY, join_style="mitre")
+    return np.asarray(grown.exterior.coords)[:-1]
+
+
+def _twice_area(points: np.ndarray) -> float:
+    after = np.roll(points, -1, axis=0)
+    return float((points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]).sum())

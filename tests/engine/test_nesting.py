@@ -1,0 +1,115 @@
+"""Nesting: exact distances by shapely, never more sheets than the quick packing, ESC, rotation limits, large panels."""
+
+import time
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine import nesting
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.packing import pack, used_length
+from flexmaps.engine.params import SheetParams
+from flexmaps.engine.progress import Progress
+from shapely import affinity
+
+pytest.importorskip("spyrrow")
+
+
+def _placed(shapes, packing):
+    for i, shape in enumerate(shapes):
+        turned = affinity.rotate(shapely.Polygon(shape), packing.rotation[i], origin=(0, 0), use_radians=True)
+        yield int(packing.sheet[i]), affinity.translate(turned, *packing.shift[i])
+
+
+def _check(shapes, packing, params):
+    placed = list(_placed(shapes, packing))
+    for n, (sheet, shape) in enumerate(placed):
+        width, height = packing.sizes[sheet]
+        x0, y0, x1, y1 = shape.bounds
+        assert min(x0, y0, width - x1, height - y1) >= params.margin - 1e-9
+        for other_sheet, other in placed[:n]:
+            assert other_sheet != sheet or shape.distance(other) >= params.spacing - 1e-9
+
+
+def _triangles(count, size=0.19):
+    return [size * np.array([[0, 0], [1, 0], [0, 1.0]])] * count
+
+
+def _wedge(long, wide, narrow):
+    return np.array([[0, 0], [long, 0.5 * (wide - narrow)], [long, 0.5 * (wide + narrow)], [0, wide]])
+
+
+def test_triangles_go_in_pairs():
+    params = SheetParams(sheet_width=0.4, sheet_height=0.2, margin=0.0, spacing=0.002)
+    shapes = _triangles(4)  # two squares of pairs, side by side
+    packing = nesting.nest(shapes, params)
+    assert len(packing.sizes) == 1
+    _check(shapes, packing, params)
+
+
+def test_fewer_sheets_than_the_quick_packing():
+    # slanted triangles: quarter turns cannot lay them side against side
+    params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002)
+    shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
+    assert len(pack(shapes, (0.4, 0.3), 0.005, 0.002).sizes) == 3
+    packing = nesting.nest(shapes, params)
+    assert len(packing.sizes) == 2
+    _check(shapes, packing, params)
+
+
+def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
+    params = SheetParams(spacing=0.003)
+    shapes = [_wedge(0.3, 0.12, 0.02)] * 5
+    rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
+    packing = nesting.nest(shapes, params)
+    assert used_length(packing, shapes, 0) < 0.95 * used_length(rough, shapes, 0)
+    _check(shapes, packing, params)
+
+
+@pytest.mark.parametrize(("rotation", "step"), [("QUARTER", 90.0), ("GRAIN", 180.0)])
+def test_rotation_limits_hold(rotation, step):
+    params = SheetParams(rotation=rotation, nesting_seconds=4.0)
+    shapes = [_wedge(0.3, 0.12, 0.06)] * 5
+    packing = nesting.nest(shapes, params)
+    turns = np.degrees(packing.rotation) / step
+    np.testing.assert_allclose(turns, turns.round(), atol=1e-4)
+    _check(shapes, packing, params)
+
+
+def test_a_panel_that_is_too_large_gets_its_own_sheet():
+    params = SheetParams(nesting_seconds=2.0)
+    shapes = [np.array([[0, 0], [0.8, 0], [0.8, 0.5], [0, 0.5]]), *_triangles(3)]
+    packing = nesting.nest(shapes, params)
+    assert packing.sizes[packing.sheet[0]].max() >= 0.81
+    assert (packing.sizes[packing.sheet[1:]] == [0.6, 0.4]).all()
+    _check(shapes, packing, params)
+
+
+def test_quick_or_without_spyrrow_it_is_the_quick_packing(monkeypatch):
+    shapes = _triangles(6)
+    rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
+    monkeypatch.setattr(nesting, "available", lambda: False)
+    for params in (SheetParams(nesting="FAST"), SheetParams()):
+        packing = nesting.nest(shapes, params)
+        np.testing.assert_array_equal(packing.shift, rough.shift)
+
+
+def test_it_stops_when_asked_and_ends_by_itself():
+    shapes = [_wedge(0.38, 0.17, 0.02)] * 12
+    asked = time.monotonic()
+
+    def stopped():
+        return time.monotonic() - asked > 1.5
+
+    with pytest.raises(Cancelled):
+        nesting.nest(shapes, SheetParams(nesting_seconds=1e4), Progress(stopped=stopped))
+
+
+def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
+    comb = [[0, 0]]
+    for k in range(10):
+        comb += [[0.01 * k, 0.05], [0.01 * k + 0.009, 0.05], [0.01 * k + 0.009, 0.01], [0.01 * k + 0.01, 0.01]]
+    comb += [[0.1, 0]]
+    simple = nesting._simplified(np.array(comb), 0.003)
+    assert len(simple) < 14
+    assert shapely.Polygon(simple).contains(shapely.Polygon(comb))
