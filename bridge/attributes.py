@@ -30,13 +30,17 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 
 @contextmanager
 def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """The object's mesh with the state that the user sees, edit mode included."""
+    """The object's mesh with the state that the user edits, edit mode included; of shape keys, the basis."""
     if not obj.data.is_editmode:
         yield obj.data
         return
     copy = bpy.data.meshes.new(".flexmaps")
     try:
-        bmesh.from_edit_mesh(obj.data).to_mesh(copy)
+        bm = bmesh.from_edit_mesh(obj.data)
+        bm.to_mesh(copy)
+        if obj.active_shape_key_index > 0:  # another key than the basis is being edited
+            layer = bm.verts.layers.shape[obj.data.shape_keys.reference_key.name]
+            copy.vertices.foreach_set("co", np.array([v[layer] for v in bm.verts], np.float32).ravel())
         yield copy
     finally:
         bpy.data.meshes.remove(copy)

@@ -32,6 +32,7 @@ class Job:
         self.title = title
         self.fraction = 0.0
         self.text = ""
+        self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving
         self.result: Any = None
         self.error: BaseException | None = None
         self._work = work
@@ -67,12 +68,15 @@ class Job:
 
     def _run(self) -> None:
         try:
-            self.result = self._work(Progress(self._report, self._stop.is_set))
+            self.result = self._work(Progress(self._report, self._stop.is_set, shown=self._show))
         except BaseException as error:  # carried to the main thread, which knows what to do with it
             self.error = error
 
     def _report(self, fraction: float, text: str) -> None:
         self.fraction, self.text = fraction, text
+
+    def _show(self, value: Any) -> None:
+        self.shown = value
 
 
 class Ticks:

@@ -160,7 +160,7 @@ def _add_flag(group: argparse._ArgumentGroup, f: Field, kind: type) -> None:
     elif meta["choices"]:
         group.add_argument(flag, choices=[c[0] for c in meta["choices"]], default=f.default, help=help)
     else:
-        metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES"}.get(symbol, "N")
+        metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(symbol, "N")
         group.add_argument(flag, type=kind, metavar=metavar, help=help)
 
 

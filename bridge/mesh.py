@@ -13,6 +13,8 @@ attributes hold what belongs to a quad:
     flexmaps_twist    face    twist of the spiral, degrees
     flexmaps_colour   corner  colours of the overlay, for renders
 
+What a simulation adds is told in ``equilibrium``.
+
 Engine coordinates are world coordinates in metres. Nothing here computes more than
 a change of frame.
 """
@@ -31,7 +33,7 @@ from ..engine.flatten import FlatPatches, measured
 from ..engine.layout import PatchLayout
 from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import SpiralParams
-from . import attributes
+from . import attributes, equilibrium
 from .objects import changed_by_modifiers, unusable
 
 FLAT_NAMES = ("cut", "flat", "patch", "energy", "square")
@@ -97,13 +99,15 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> PolygonMesh:
-    """The polygons that are seen, modifiers applied, metres and world axes."""
-    evaluated = obj.evaluated_get(depsgraph)
-    mesh = evaluated.to_mesh()
-    try:
-        return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
-    finally:
-        evaluated.to_mesh_clear()
+    """The polygons that are seen, modifiers applied, but no simulated shape, metres and world axes."""
+    with equilibrium.shown_at(obj, 0.0):
+        depsgraph.update()
+        evaluated = obj.evaluated_get(depsgraph)
+        mesh = evaluated.to_mesh()
+        try:
+            return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
+        finally:
+            evaluated.to_mesh_clear()
 
 
 def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> np.ndarray:
@@ -144,8 +148,11 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
 
 def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:
     """Move the object's vertices to those of the engine's mesh; vertices of no quad stay."""
-    if obj.data.shape_keys is not None:
+    if equilibrium.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
+    equilibrium.forget(obj)
+    if obj.data.shape_keys is not None and not obj.data.is_editmode:
+        obj.shape_key_clear()  # a basis by itself would hold the vertices where they are
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
     positions[surface.polygons.corners] = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
@@ -228,12 +235,14 @@ def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centr
 
 
 def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
-    """Face attributes of the spirals."""
+    """Face attributes of the spirals; a simulation of others is dropped."""
+    equilibrium.forget(obj)
     attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
     attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.degrees(design.twist))
 
 
 def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
-    """Remove attributes that an earlier stage made out of date."""
+    """Remove attributes that an earlier stage made out of date, and what a simulation made of them."""
     for name in names:
         attributes.remove(obj, attributes.PREFIX + name)
+    equilibrium.forget(obj)

@@ -1,6 +1,7 @@
 """What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
 
-The blocks are those of report.json ("checks", "layout", "spirals", "sheets"); a stage that has not run is absent.
+The blocks are those of report.json ("checks", "layout", "spirals", "equilibrium", "sheets"); a stage that has not run is
+absent.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
     from ..engine.check import Finding
 
 NAME = "flexmaps_report"
-STAGES = ("checks", "layout", "spirals", "sheets")
+# how late a stage comes: running it makes everything that comes later out of date
+ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "sheets": 3}
 
 
 @lru_cache(maxsize=32)
@@ -32,14 +34,14 @@ def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
 
 def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
     """Put the block of a stage, and drop those of the stages after it, which it made out of date."""
-    kept = {name: value for name, value in read(mesh).items() if STAGES.index(name) < STAGES.index(stage)}
+    kept = {name: value for name, value in read(mesh).items() if name != stage and ORDER[name] <= ORDER[stage]}
     kept[stage] = block
     mesh[NAME] = json.dumps(kept)
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     """Drop the block of a stage and those after it."""
-    kept = {name: value for name, value in read(mesh).items() if STAGES.index(name) < STAGES.index(stage)}
+    kept = {name: value for name, value in read(mesh).items() if ORDER[name] < ORDER[stage]}
     mesh[NAME] = json.dumps(kept)
 
 

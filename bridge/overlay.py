@@ -1,4 +1,4 @@
-"""Colours on the model for distortion, spirals and patches, with a legend; also as a colour attribute for renders.
+"""Colours on the model for distortion, spirals, patches and the simulated shape, with a legend; also as a colour attribute for renders.
 
 Drawn over the 3D view by a handler of our own, so that no setting of the user's viewport is touched: switched off, all is
 as it was before.
@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import attributes, colours
+from . import attributes, colours, equilibrium, live
 
 # kind -> (attribute, label, unit)
 KINDS: dict[str, tuple[str, str, str]] = {
@@ -21,9 +21,14 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "WIDTH": ("flexmaps_width", "Width", "mm"),
     "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
     "PATCH": ("flexmaps_patch", "Patches", ""),
+    "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
+    "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
+    "SAFETY": ("flexmaps_strain", "Strain", "%"),
 }
+SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "SAFETY")
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 EDIT_ALPHA = 0.55
+LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 LIFT = 0.005  # how far the colours float above the surface, in edges
 
 
@@ -47,7 +52,16 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
         high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
         legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
         return colours.on_scale(values, 0.0, high, colours.BAD), legend
+    if kind == "SAFETY":
+        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
+        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
     low, high = float(values.min()), float(values.max())
+    if kind == "DISTANCE":
+        high = max(high, LEAST_DISTANCE)
+        legend = Legend(f"{label}, largest {values.max():.3g} mm", "0", f"{high:.3g} mm", colours.BAD)
+        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+    if kind == "STRAIN_ENERGY":
+        low = 0.0
     gap = "" if unit == "\N{DEGREE SIGN}" else " "
     legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
     return colours.on_scale(values, low, high, colours.MUCH), legend
@@ -55,6 +69,8 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
 
 def store(obj: bpy.types.Object, kind: str) -> bool:
     """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run."""
+    if not _current(obj, kind):
+        return False
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind][0])
         sizes = np.empty(len(mesh.polygons), np.int32)
@@ -67,6 +83,11 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
     if not obj.data.is_editmode:
         obj.data.attributes.active_color_name = "flexmaps_colour"
     return True
+
+
+def _current(obj: bpy.types.Object, kind: str) -> bool:
+    """Colours of a simulation that the mesh has left behind are not shown."""
+    return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)
 
 
 # -- drawing in the 3D view --------------------------------------------------------------------------------------------
@@ -87,6 +108,7 @@ def register() -> None:
     if not bpy.app.background:
         view = bpy.types.SpaceView3D
         _handles.append(view.draw_handler_add(_draw_colours, (), "WINDOW", "POST_VIEW"))
+        _handles.append(view.draw_handler_add(live.draw, (), "WINDOW", "POST_VIEW"))
         _handles.append(view.draw_handler_add(_draw_legend, (), "WINDOW", "POST_PIXEL"))
 
 
@@ -111,7 +133,9 @@ def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context) -> Non
 
 @bpy.app.handlers.persistent
 def _changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
-    if _cache and any(isinstance(update.id, bpy.types.Mesh | bpy.types.Object) for update in depsgraph.updates):
+    if _cache and any(
+        isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key) for update in depsgraph.updates
+    ):
         _cache.clear()
 
 
@@ -137,7 +161,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     from gpu_extras.batch import batch_for_shader
 
     corners, values, sides = _quads(obj, KINDS[kind][0])
-    if values is None or not len(values):
+    if values is None or not len(values) or not _current(obj, kind):
         return None
     rgb, legend = painted(obj, kind, values)
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -176,13 +200,12 @@ def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | N
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
         return nothing
-    points, index = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+    index = np.empty(len(mesh.loops), np.int32)
     edges, seams = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.edges), bool)
-    mesh.vertices.foreach_get("co", points)
     mesh.loops.foreach_get("vertex_index", index)
     mesh.loops.foreach_get("edge_index", edges)
     mesh.edges.foreach_get("use_seam", seams)
-    corners = points.reshape(-1, 3)[index].reshape(-1, 4, 3).astype(float)
+    corners = equilibrium.shown_positions(mesh)[index].reshape(-1, 4, 3).astype(float)
     return corners, values, seams[edges].reshape(-1, 4)
 
 

@@ -81,6 +81,7 @@ class Simulation:
             "model": self.model.name,
             "material": self.material.name,
             "converged": e.converged,
+            "locked": e.locked,
             "status": e.status,
             "iterations": e.iterations,
             "residual": e.residual,
@@ -89,6 +90,7 @@ class Simulation:
             "energy": e.energy,
             "rms_mm": rms * 1e3,
             "rms_percent": 100.0 * rms / size,
+            "max_mm": 1e3 * float(self.distance.max()),
             "max_percent": 100.0 * float(self.distance.max()) / size,
             "laplacian_rmse_mm": 1e3 * laplacian_rmse(self.assembly.pairs, e.pose.centres, self.target.centroids),
         }

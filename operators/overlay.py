@@ -6,6 +6,8 @@ import bpy
 
 from ..bridge.objects import unusable
 
+STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
+
 
 class Overlay(bpy.types.Operator):
     """Colour the quads by a number; press again to take the colours away"""
@@ -23,6 +25,9 @@ class Overlay(bpy.types.Operator):
             ("PATCH", "Patches", "One colour per patch"),
             ("WIDTH", "Width", "Width of the spirals' arms"),
             ("TWIST", "Twist", "Twist of the spirals"),
+            ("DISTANCE", "Distance", "How far the simulated shape is from the target"),
+            ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
+            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
         ],
         default="ENERGY",
     )
@@ -42,7 +47,7 @@ class Overlay(bpy.types.Operator):
             manager.flexmaps_overlay = "NONE"
             return {"FINISHED"}
         if not overlay.store(context.object, self.kind):
-            stage = "Spirals" if self.kind in {"WIDTH", "TWIST"} else "Merge"
+            stage = "Simulate" if self.kind in overlay.SIMULATED else STAGES.get(self.kind, "Merge")
             self.report({"ERROR"}, f"There is nothing to show yet; press {stage} first")
             return {"CANCELLED"}
         manager.flexmaps_overlay = self.kind

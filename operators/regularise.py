@@ -20,7 +20,9 @@ class Regularise(Stage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return "Remove the shape keys first: they fix the vertices" if obj.data.shape_keys else None
+        from ..bridge import equilibrium
+
+        return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:

@@ -34,6 +34,7 @@ class Stage:
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
+    level = "INFO"  # how ``finish`` wants its line to be told: "WARNING" where the result is not what was hoped for
 
     _job: job.Job | None = None
     _timer: Any = None
@@ -137,7 +138,7 @@ class Stage:
             )
         message = self.finish(context, obj, self._surface, result)
         redraw(context)
-        self.report({"INFO"}, message)
+        self.report({self.level}, message)
         return {"FINISHED"}
 
     def _clear(self, context: bpy.types.Context) -> None:

@@ -6,13 +6,23 @@ from typing import Any
 
 import bpy
 
-from ..bridge import job, notes
+from ..bridge import equilibrium, job, notes
 from ..bridge.objects import changed_by_modifiers, unusable
-from ..engine.params import ExportParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from ..engine.params import (
+    ExportParams,
+    LayoutParams,
+    LoadParams,
+    MaterialParams,
+    RegulariseParams,
+    SheetParams,
+    SimulateParams,
+    SpiralParams,
+)
 from .rows import choice_row, more, number, numbers, settings_rows, wrapped
 
 # what is always in sight; the rest is folded away
-MATERIAL = ("thickness", "width_min", "width_max")
+SPIRAL = ("thickness", "width_min", "width_max")
+LOADS = ("gravity", "clamped")
 SHEET = ("sheet_width", "sheet_height")
 
 
@@ -120,8 +130,8 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        settings_rows(layout.column(align=True), obj.flexmaps.spiral, SpiralParams, MATERIAL)
-        more(layout, "flexmaps_spiral", obj.flexmaps.spiral, SpiralParams, MATERIAL)
+        settings_rows(layout.column(align=True), obj.flexmaps.spiral, SpiralParams, SPIRAL)
+        more(layout, "flexmaps_spiral", obj.flexmaps.spiral, SpiralParams, SPIRAL)
         layout.operator("flexmaps.spirals", icon="FORCE_VORTEX")
         block = notes.read(obj.data).get("spirals")
         if block is None:
@@ -132,6 +142,61 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         number(grid, "Twist", _range(block, "twist_deg", "\N{DEGREE SIGN}"))
         number(grid, "Smallest slot", _decimals(block, "slot_min_mm", 2, " mm"))
         choice_row(layout, context.window_manager, "flexmaps_overlay", (("WIDTH", "Width"), ("TWIST", "Twist")))
+
+
+class SimulatePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_simulate"
+    bl_label = "Simulate"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings = obj.flexmaps
+        column = layout.column(align=True)
+        column.prop(settings.material, "material", text="")
+        if settings.material.material == "custom":
+            settings_rows(column, settings.material, MaterialParams, ("youngs", "poisson", "density", "strain_limit"))
+        column = layout.column(align=True)
+        column.prop_search(settings.loads, "supports", obj, "vertex_groups")
+        if settings.loads.supports:
+            column.prop(settings.simulate, "clamped")
+        column.prop(settings.simulate, "gravity")
+        column.prop_search(settings.loads, "pulled", obj, "vertex_groups")
+        if settings.loads.pulled:
+            settings_rows(column, settings.loads, LoadParams, ("force_x", "force_y", "force_z"))
+        more(layout, "flexmaps_simulate", settings.simulate, SimulateParams, LOADS)
+        layout.operator("flexmaps.simulate", icon="PLAY")
+        block = notes.read(obj.data).get("equilibrium")
+        if block is None:
+            return
+        if equilibrium.out_of_date(obj, context.scene):
+            wrapped(layout, context, "The mesh or a setting was changed since; press Simulate again", icon="ERROR")
+            return
+        _equilibrium(layout, context, obj, block)
+
+
+def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object, block: dict[str, Any]) -> None:
+    """What the last simulation found, and the slider between target and result."""
+    key = equilibrium.key_of(obj.data)
+    if key is not None:
+        layout.prop(key, "value", text="Target to equilibrium", slider=True)
+    if not equilibrium.sound(block):
+        wrapped(layout.box(), context, block["status"], icon="ERROR")
+    grid = numbers(layout)
+    number(grid, "Iterations", str(block.get("iterations")), alert=not block.get("converged"))
+    size = "{:.2f} mm, {:.2f} %"
+    number(grid, "RMS distance", size.format(block["rms_mm"], block["rms_percent"]))
+    number(grid, "Largest distance", size.format(block["max_mm"], block["max_percent"]))
+    strain = block.get("strain_share_max")
+    if strain is not None:
+        number(grid, "Largest strain", f"{100 * strain:.0f} % of limit", alert=strain > 1.0)
+    if block.get("other_energies"):
+        number(grid, "Other shapes", str(len(block["other_energies"])))
+    choice_row(
+        layout,
+        context.window_manager,
+        "flexmaps_overlay",
+        (("DISTANCE", "Distance"), ("STRAIN_ENERGY", "Energy"), ("SAFETY", "Safety")),
+    )
 
 
 class ExportPanel(StagePanel, bpy.types.Panel):
@@ -169,4 +234,4 @@ def _range(block: dict[str, Any], key: str, unit: str) -> str:
     return "-" if not values else f"{values[0]:.3g} to {values[-1]:.3g}{unit}"
 
 
-CLASSES = (MainPanel, MeshPanel, PatchPanel, SpiralPanel, ExportPanel)
+CLASSES = (MainPanel, MeshPanel, PatchPanel, SpiralPanel, SimulatePanel, ExportPanel)

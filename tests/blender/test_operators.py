@@ -312,6 +312,7 @@ def test_modifiers_shape_keys_and_other_objects_are_refused_by_name(dome: Any) -
     dome.modifiers.clear()
     assert bpy.ops.flexmaps.merge.poll()
     dome.shape_key_add(name="Basis")
+    dome.shape_key_add(name="mine")
     assert bpy.ops.flexmaps.merge.poll() and not bpy.ops.flexmaps.regularise.poll()
     assert not bpy.ops.flexmaps.spirals.poll()  # nothing is flat yet
     bpy.context.view_layer.objects.active = None
@@ -415,6 +416,9 @@ class Drawn:
 
     def prop(self, owner: Any, name: str, **_: Any) -> None:
         assert name in owner.bl_rna.properties, name
+
+    def prop_search(self, owner: Any, name: str, where: Any, collection: str, **_: Any) -> None:
+        assert name in owner.bl_rna.properties and collection in where.bl_rna.properties, name
 
     def operator(self, idname: str, text: str = "", **_: Any) -> Any:
         group, name = idname.split(".")

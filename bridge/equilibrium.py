@@ -1,0 +1,153 @@
+"""The simulated shape on a Blender mesh: a shape key to slide to and face attributes, and whether they are still true.
+
+What is written:
+
+    FlexMaps equilibrium     shape key   where the assembled piece comes to rest; the basis stays the target
+    flexmaps_distance        face        how far the hub is from the target, millimetres
+    flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
+    flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ..engine.params import LoadParams, MaterialParams, SimulateParams, SpiralParams
+from . import attributes, notes, settings
+
+if TYPE_CHECKING:
+    from ..engine.simulate import Simulation
+    from .mesh import Surface
+
+KEY = "FlexMaps equilibrium"
+NAMES = ("distance", "strain_energy", "strain")
+SETTINGS = {"spiral": SpiralParams, "material": MaterialParams, "simulate": SimulateParams, "loads": LoadParams}
+MADE_FROM = "made_from"  # in the block of the notes: fingerprint of what was simulated
+
+
+# -- the shape key -----------------------------------------------------------------------------------------------------
+
+
+def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
+    """Our shape key, if it is there."""
+    keys = mesh.shape_keys
+    return None if keys is None else keys.key_blocks.get(KEY)
+
+
+def foreign_keys(mesh: bpy.types.Mesh) -> bool:
+    """Whether the user has shape keys beside the basis and ours."""
+    keys = mesh.shape_keys
+    return keys is not None and any(k != keys.reference_key and k.name != KEY for k in keys.key_blocks)
+
+
+def forget(obj: bpy.types.Object) -> None:
+    """Remove everything that a simulation wrote: an earlier stage made it out of date."""
+    for name in NAMES:
+        attributes.remove(obj, attributes.PREFIX + name)
+    mesh, key = obj.data, key_of(obj.data)
+    if key is None:
+        return
+    if mesh.is_editmode:  # the BMesh would bring the key back; a basis by itself does no harm there
+        import bmesh
+
+        shapes = bmesh.from_edit_mesh(mesh).verts.layers.shape
+        if KEY in shapes:
+            shapes.remove(shapes[KEY])
+        obj.shape_key_remove(key)
+        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+        return
+    obj.shape_key_remove(key)
+    if len(mesh.shape_keys.key_blocks) == 1:
+        obj.shape_key_clear()
+
+
+def write(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation) -> None:
+    """Shape key, face attributes and note of a simulation. Edit mode is left: shape keys are seen outside it."""
+    if obj.mode == "EDIT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    inverse = np.linalg.inv(surface.to_metres)
+    positions = surface.positions.astype(float).copy()
+    corners = surface.polygons.corners
+    positions[corners] = simulation.vertices[corners] @ inverse[:3, :3].T + inverse[:3, 3]
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis", from_mix=False)
+    key = key_of(obj.data) or obj.shape_key_add(name=KEY, from_mix=False)
+    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    key.slider_min, key.slider_max, key.value, key.mute = 0.0, 1.0, 1.0, False
+    obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
+    found = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
+    for name, values in zip(NAMES, found, strict=True):
+        if values is None:
+            attributes.remove(obj, attributes.PREFIX + name)
+        else:
+            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+    obj.data.update()
+    notes.write(obj.data, "equilibrium", simulation.report() | {MADE_FROM: fingerprint(obj, scene)})
+
+
+def shown_positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(V, 3) float32: the vertices as far as our shape key has moved them, in the object's own frame."""
+    positions = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    key = key_of(mesh)
+    if key is not None and not key.mute and key.value and len(key.data) == len(mesh.vertices):
+        moved = np.empty_like(positions)
+        key.data.foreach_get("co", moved)
+        positions += np.float32(key.value) * (moved - positions)
+    return positions.reshape(-1, 3)
+
+
+@contextmanager
+def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
+    """The object for a while at the target, 0, or at its equilibrium, 1."""
+    key = key_of(obj.data)
+    if key is None:
+        yield
+        return
+    before = key.value, key.mute
+    key.value, key.mute = share, False
+    try:
+        yield
+    finally:
+        key.value, key.mute = before
+
+
+# -- whether it is good, and still true ------------------------------------------------------------------------------------------
+
+
+def sound(block: dict[str, Any]) -> bool:
+    """Whether a simulation found a shape to believe in; what is wrong else stands in its ``status``."""
+    return bool(block.get("converged")) and not block.get("locked")
+
+
+def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
+    """What a simulation depends on, as a short text: shape, spirals, size and settings. Quick: raw bytes, one checksum."""
+    mesh = obj.data
+    positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+    mesh.vertices.foreach_get("co", positions)
+    mesh.loops.foreach_get("vertex_index", corners)
+    check = zlib.crc32(corners, zlib.crc32(positions))
+    for name in ("width", "twist"):
+        values = attributes.get(mesh, attributes.PREFIX + name)
+        check = zlib.crc32(b"" if values is None else values, check)
+    given = [settings.read(getattr(obj.flexmaps, name), kind) for name, kind in SETTINGS.items()]
+    frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
+    if not (obj.flexmaps.simulate.gravity or any(given[-1].force)):
+        frame = frame.T @ frame  # a turn of the whole changes nothing where nothing pulls
+    size = max(float(np.abs(frame).max()), 1e-30)
+    text = f"{given} {size:.5g} {(np.round(frame / size, 4) + 0.0).tolist()}"
+    return f"{zlib.crc32(text.encode(), check):08x}"
+
+
+def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Whether there is a simulation that the mesh or the settings have left behind; not asked in edit mode."""
+    block = notes.read(obj.data).get("equilibrium")
+    if block is None or obj.data.is_editmode:
+        return False
+    return block.get(MADE_FROM) != fingerprint(obj, scene)

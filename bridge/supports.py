@@ -1,0 +1,74 @@
+"""What holds a piece and what pulls at it, from the vertex groups that the user chose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+from ..engine.params import LoadParams
+
+if TYPE_CHECKING:
+    from .mesh import Surface
+
+CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
+
+
+def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
+    """(k,) int: the quads that are held; ``None`` where the user holds nothing.
+
+    Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
+    """
+    return _quads(obj, surface, params.supports, "Supports") if params.supports else None
+
+
+def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
+    """(F, 3) newtons in world axes on every quad, the force shared evenly by its group; ``None`` without a force.
+
+    Raises ``FlexMapsError`` where the group is missing, not on the object, or holds no quad.
+    """
+    total = np.array(params.force)
+    if not total.any():
+        return None
+    if not params.pulled:
+        raise FlexMapsError("There is a force, but nothing that it pulls at; choose a vertex group under Pulled")
+    quads = _quads(obj, surface, params.pulled, "Pulled")
+    shared = np.zeros((len(surface.polygons.sizes), 3))
+    shared[quads] = total / len(quads)
+    return shared
+
+
+def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> np.ndarray:
+    """(k,) int: the quads with enough corners in a vertex group; ``place`` is where the user chose it."""
+    group = obj.vertex_groups.get(name)
+    if group is None:
+        raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
+    inside = _members(obj, group.index)
+    if not inside.any():
+        raise FlexMapsError(
+            f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
+        )
+    sizes = surface.polygons.sizes
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    found = np.flatnonzero(np.bincount(face, weights=inside[surface.polygons.corners], minlength=len(sizes)) >= CORNERS)
+    if not len(found):
+        raise FlexMapsError(
+            f"No quad has {CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
+        )
+    return found
+
+
+def _members(obj: bpy.types.Object, index: int) -> np.ndarray:
+    """(V,) bool: the vertices with any weight in a vertex group, edit mode included."""
+    if obj.data.is_editmode:
+        import bmesh
+
+        bm = bmesh.from_edit_mesh(obj.data)
+        layer = bm.verts.layers.deform.active
+        if layer is None:
+            return np.zeros(len(bm.verts), bool)
+        return np.array([v[layer].get(index, 0.0) > 0.0 for v in bm.verts])
+    vertices = obj.data.vertices
+    return np.array([any(g.group == index and g.weight > 0.0 for g in v.groups) for v in vertices])

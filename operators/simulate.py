@@ -1,0 +1,62 @@
+"""The shape that the assembled piece takes by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.errors import FlexMapsError
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .stage import Stage, Work
+
+if TYPE_CHECKING:
+    from ..engine.simulate import Simulation
+
+
+class Simulate(Stage, bpy.types.Operator):
+    """Find the shape that the assembled panels take. The mesh gets it as a shape key, to slide to from the target"""
+
+    bl_idname = "flexmaps.simulate"
+    bl_label = "Simulate"
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        from ..bridge import live, mesh, supports
+        from ..bridge.objects import find
+
+        obj = find(surface.uid)
+        held = supports.supported(obj, surface, settings.loads)
+        force = supports.force(obj, surface, settings.loads)
+        material = settings.material.chosen
+
+        def work(progress: Progress) -> Simulation:
+            from ..engine import check, simulate
+
+            progress(0.0, "Reading the spirals")
+            quads = check.as_quad_mesh(surface.polygons)
+            design = mesh.design_of(surface, mesh.current_flat(surface, quads), settings.spiral)
+            if design is None:
+                raise FlexMapsError("There are no spirals yet; press Spirals first")
+            moving = progress.showing(lambda vertices: live.Moving(vertices, quads.quads))
+            return simulate.simulate(
+                design, quads, material, settings.simulate, supports=held, force=force, progress=moving
+            )
+
+        return work
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Simulation) -> str:
+        from ..bridge import equilibrium
+
+        equilibrium.write(obj, context.scene, surface, result)
+        block = result.report()
+        self.level = "INFO" if equilibrium.sound(block) else "WARNING"
+        return f"{block['status']} Distance to the target: RMS {block['rms_mm']:.2f} mm"
+
+
+CLASSES = (Simulate,)
