@@ -72,13 +72,18 @@ def solve(
     params: SimulateParams,
     progress: Progress = SILENT,
     system: NewtonSystem | None = None,
+    iterations: int | None = None,
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
+
+    ``iterations`` bounds those of the settings further.
 
     Raises FlexMapsError if forces would carry an unsupported piece away. Not converging is told by the result.
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
+    if iterations is not None:
+        params = replace(params, iterations=min(iterations, params.iterations))
     return _Search(model, loads, params, system, progress).run(model.start(start))
 
 

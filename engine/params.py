@@ -245,9 +245,7 @@ class MaterialParams(Params):
             ("custom", "Custom", "The four values below"),
         ),
     )
-    youngs: float = setting(
-        2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa"
-    )
+    youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa")
     poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
     density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
     strain_limit: float = setting(
@@ -298,6 +296,38 @@ class SimulateParams(Params):
 
 
 @dataclass(frozen=True)
+class OptimiseParams(Params):
+    """Finding the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
+
+    method: str = setting(
+        "gauss_newton",
+        "Method",
+        "How the best spirals are sought",
+        choices=(
+            ("gauss_newton", "Gauss-Newton", "Few large steps; fast"),
+            ("lbfgs", "L-BFGS-B", "Many small steps, as published; kept for comparison"),
+        ),
+    )
+    laplacian: bool = setting(
+        True, "Match curvature", "Compare how the surface bends rather than where it lies: keeps small features"
+    )
+    smoothness: float = setting(
+        0.0,
+        "Smoothness",
+        "How much neighbouring spirals should be alike; 0 lets each be as it likes",
+        low=0.0,
+        high=1.0,
+    )
+    iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
+    cg_iterations: int = setting(
+        30, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
+    )
+    stop: float = setting(
+        1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
+    )
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings of the main job together."""
 
@@ -306,6 +336,7 @@ class Settings:
     spiral: SpiralParams = field(default_factory=SpiralParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
+    optimise: OptimiseParams = field(default_factory=OptimiseParams)
     sheet: SheetParams = field(default_factory=SheetParams)
 
 

@@ -34,6 +34,10 @@ class Progress:
         span = self.hi - self.lo
         return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
 
+    def quiet(self) -> Progress:
+        """For work within a step: it can be stopped, but does not report."""
+        return Progress(stopped=self.stopped)
+
     def showing(self, made: Callable[[Any], Any]) -> Progress:
         """The same progress for work that shows something else, from which ``made`` makes what is to be shown."""
         if self.shown is None:
