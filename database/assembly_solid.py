@@ -202,7 +202,9 @@ class Welded:
             mixed = self._extrapolated(state, step)
             x = x + step
             energy = self.energy(x)
-            progress(k / ITERATIONS, f"iteration {k}: energy {energy:.8g}, work {work:.2e}, stable {stable}")
+            progress(
+                k / ITERATIONS, f"iteration {k}, work of the step over the energy {work / max(energy, 1e-300):.1e}"
+            )
             if not np.isfinite(energy):
                 break
             if work <= TOLERANCE * max(energy, 1e-12) and stable:

@@ -1,4 +1,4 @@
-"""The command line of the database: build, fit, report, and the worker that build starts."""
+"""The command line of the database: build, fit, report, validate, and the worker that build starts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def say(text: str) -> None:
 
 def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
-        prog="tools/dev.py database", description="The fine level of FlexMaps: sample, fit, report."
+        prog="tools/dev.py database", description="The fine level of FlexMaps: sample, fit, report, validate."
     )
     commands = top.add_subparsers(dest="command", required=True)
 
@@ -48,6 +48,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--table", action="store_true", help="also compute the nodes of the stiffness table (long)")
     p = common("report", "Held-out errors of the fits, as JSON and as scatter plots.")
     p.add_argument("--out", type=Path, default=ROOT / "out" / "database", help="folder of the report")
+    text = "Solve whole assemblies as solids where results are missing, and compare the coarse models with them."
+    p = commands.add_parser("validate", help=text, description=text)
+    p.add_argument("--dir", type=Path, default=ROOT / "database" / "validation", help="folder of the results")
+    p.add_argument("--only", default=None, metavar="TEXT", help="solve only cases with this text in their name")
+    p.add_argument("--compare", action="store_true", help="solve nothing, only compare")
     return top
 
 
@@ -131,4 +136,14 @@ def run_report(options: argparse.Namespace) -> int:
     return 0
 
 
-COMMANDS = {"build": run_build, "work": run_work, "fit": run_fit, "report": run_report}
+def run_validate(options: argparse.Namespace) -> int:
+    from . import validation
+
+    if not options.compare:
+        validation.run(options.dir, options.only, Progress(lambda f, text: say(f"{100 * f:5.1f} %  {text}")))
+    for row in validation.compare(folder=options.dir):
+        say(validation.line(row))
+    return 0
+
+
+COMMANDS = {"build": run_build, "work": run_work, "fit": run_fit, "report": run_report, "validate": run_validate}

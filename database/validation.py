@@ -24,7 +24,7 @@ from ..engine.params import SimulateParams
 from ..engine.progress import SILENT, Progress
 from ..engine.simulate import build_model
 from . import chunks
-from .assembly_cases import POISSON, SCALE, THICKNESS, YOUNGS, Case, Loading, cases
+from .assembly_cases import POISSON, THICKNESS, YOUNGS, Case, Loading, cases
 from .assembly_solid import Balance, Welded
 from .elastic import Elements
 from .solid import make_solid
@@ -216,3 +216,12 @@ def _distance(reference: Reference, k: int, name: str) -> dict[str, Any]:
         "converged": found.converged,
         "iterations": found.iterations,
     }
+
+
+def line(row: dict[str, Any]) -> str:
+    """One row of ``compare`` for people."""
+    return (
+        f"{row['case']:13s} {row['state']:10s} {row['model']:4s} {row['spirals']:3d} spirals, strain "
+        f"{row['strain_percent']:.2f} %: rms {row['rms_percent']:6.3f} %, max {row['max_percent']:6.3f} %, energy "
+        f"{row['energy_ratio']:.3f}{'' if row['converged'] else ', not converged'}"
+    )
