@@ -56,6 +56,11 @@ class Curve:
         cos, sin = np.cos(rotation), np.sin(rotation)
         return Curve(self.points @ np.array([[cos, sin], [-sin, cos]]) + shift, self.bulge, self.closed)
 
+    def reversed(self) -> Curve:
+        """The same curve walked the other way."""
+        bulge = -self.bulge[::-1]
+        return Curve(self.points[::-1], np.roll(bulge, -1), self.closed)
+
     def sampled(self, tolerance: float = 1e-5) -> np.ndarray:
         """(M, 2) metres: points on the curve whose chords stray from the arcs by at most ``tolerance``."""
         a, b, bulge = self._segments()

@@ -17,7 +17,7 @@ from .errors import FlexMapsError
 from .layout import PatchLayout
 from .mesh import QuadMesh
 from .slots import PARALLEL, clockwise, slot_widths
-from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates
+from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates, widening
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +118,33 @@ class Outline:
     holes: tuple[Curve, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Tips:
+    """Arms that end in something else than a plain cut; arm 4 f + k is arm k of quad f.
+
+    extra : (2, F, 4) metres, how much further out their left and their right edges are at their tips
+    full, over : (F, 4) t up to which they are that much wider, and from which they are as wide as ever
+    begin : (F, 4) t where their edges begin
+    across : of every such arm the curve from its right to its left edge, in its patch's frame
+    """
+
+    extra: np.ndarray
+    full: np.ndarray
+    over: np.ndarray
+    begin: np.ndarray
+    across: dict[int, Curve]
+
+    def wider(self, which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What to add to the width at t (N, M) for the edges ``which`` (N,): left ones first, then right ones."""
+        arm = which % self.full.size
+        return widening(
+            2.0 * self.extra.ravel()[which][:, None],
+            self.full.ravel()[arm][:, None],
+            self.over.ravel()[arm][:, None],
+            t,
+        )
+
+
 def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
     """(F, 4) t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
 
@@ -148,8 +175,10 @@ def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
 
 
-def outlines(layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance: float) -> list[Outline]:
-    """One outline per patch, as arcs within ``tolerance`` metres of the true curves.
+def outlines(
+    layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance: float, tips: Tips | None = None
+) -> list[Outline]:
+    """One outline per patch, as arcs within ``tolerance`` metres of the true curves; ``tips`` at the cuts, or plain ends.
 
     ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
     ``FlexMapsError`` with the faces where a spiral has no room in its quad.
@@ -161,9 +190,10 @@ def outlines(layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance
             f"{len(tight)} of {len(mesh.quads)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
             faces=tight,
         )
-    begin = ends(layout, arms, slot)
+    begin = ends(layout, arms, slot) if tips is None else tips.begin
     chains = _chains(mesh, joined)
-    pieces = _pieces(arms, root, begin, _edges(arms, root, begin, tolerance), joined)
+    across = {} if tips is None else tips.across
+    pieces = _pieces(arms, root, begin, _edges(arms, root, begin, tolerance, tips), joined, across)
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
     for chain in chains:
@@ -183,7 +213,7 @@ def outlines(layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance
     return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
 
 
-def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float) -> Fitted:
+def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Tips | None) -> Fitted:
     """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
     count = arms.radius.size
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
@@ -192,18 +222,20 @@ def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float) -> Fitte
     side = np.repeat([LEFT, RIGHT], count)[:, None, None]
 
     def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        point, tangent = edge(each.of(which), t[:, None], side[which])
+        added = None if tips is None else tips.wider(which, t)
+        wider = None if added is None else (added[0][:, None], added[1][:, None])
+        point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
         return point[:, 0], tangent[:, 0]
 
     return fit(evaluate, np.concatenate([left, right]), tolerance)
 
 
 def _pieces(
-    arms: Arms, root: Hubs, begin: np.ndarray, fitted: Fitted, joined: np.ndarray
+    arms: Arms, root: Hubs, begin: np.ndarray, fitted: Fitted, joined: np.ndarray, across: dict[int, Curve]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
 
-    With the arm's blunt end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
+    With the arm's end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
     """
     t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
     p_left, d_left = (x[:, :, 0] for x in edge(arms, t_left, LEFT))
@@ -226,7 +258,10 @@ def _pieces(
                 bulges.append(bulge[f, k : k + 1])
             points.append(fitted.points[right])
             bulges.append(fitted.bulge[right])
-            if not joined[f, j]:
+            if 4 * f + j in across:
+                points.append(across[4 * f + j].points[:-1])
+                bulges.append(across[4 * f + j].bulge[:-1])
+            elif not joined[f, j]:
                 points.append(end[f, j][None])
                 bulges.append(np.zeros(1))
             pieces.append((np.concatenate(points), np.concatenate(bulges)))

@@ -24,6 +24,8 @@ _CROSSING_MIN = 0.1
 _INNER_RADIUS_MIN = 0.6
 _BLEND_MAX = 0.7
 
+Floats = float | np.ndarray
+
 
 @dataclass(frozen=True, eq=False)
 class Arms:
@@ -209,15 +211,34 @@ def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return arms.width[:, None, None] + change * g, change * g1
 
 
-def edge(arms: Arms, t: np.ndarray, side: float | np.ndarray, away: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a tip is wider at t: ``extra`` metres up to t = ``full``, nothing from ``over`` on; and its derivative.
+
+    Smooth to the second derivative. All arguments broadcast.
+    """
+    span = np.maximum(np.asarray(over) - full, 1e-9)
+    u = np.clip((t - full) / span, 0.0, 1.0)
+    rest = u * (1.0 - u)
+    return extra * (1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))), -30.0 * extra * rest * rest / span
+
+
+def edge(
+    arms: Arms,
+    t: np.ndarray,
+    side: float | np.ndarray,
+    away: float = 0.0,
+    wider: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
 
     ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t.
     ``away`` shifts the points, in metres, at right angles away from the arm: where a cutter or a fillet of that radius
-    has its centre while it touches the edge.
+    has its centre while it touches the edge. ``wider`` is added to the width of the arms and to its derivative by t.
     """
     p, d1, d2 = centre_line(arms, t)
     width, slope = width_at(arms, t)
+    if wider is not None:
+        width, slope = width + wider[0], slope + wider[1]
     side = np.asarray(side, dtype=float)
     speed = np.hypot(d1[..., 0], d1[..., 1])
     normal = np.empty_like(d1)

@@ -1,0 +1,216 @@
+"""Where connectors sit, and whether there is room for them: the joints at all cuts, and what is near every joint.
+
+Room is judged with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat panel, and
+from those of the panel on the other side once both lie side by side. Where the arms beside a joint are near, as in
+strongly wound spirals, there is more room a little way along the arm and to one side: the parting line moves there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .connector_path import Attempt, Half, Through, Tip, Widening, complexes, make_tip, pairs
+from .connector_shape import Size, size
+from .contours import Tips
+from .design import SpiralDesign
+from .params import ConnectorParams
+from .slots import slot_needed
+from .spiral import LEFT, RIGHT, edge
+
+SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
+BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
+_SHIFTS = 8  # steps to either side
+_STEP = 0.55  # of a shift, in necks
+_TRIES = 4  # shifts that are tried for every size
+_VIEW = 5e-3  # metres; how far to look beside an arm
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """All places where two arms meet across a cut; m of them, seam by seam along the seams.
+
+    edge, seam, place : (m,) int, the edge of the mesh, its seam, and its place along that
+    quad, side : (m, 2) int, both arms; the panel with the lower number first
+    inside : (m,) bool, whether both arms belong to one panel
+    """
+
+    edge: np.ndarray
+    seam: np.ndarray
+    place: np.ndarray
+    quad: np.ndarray
+    side: np.ndarray
+    inside: np.ndarray
+
+
+def joints(design: SpiralDesign) -> Joints:
+    """The joints of a design."""
+    layout = design.flat.layout
+    none = [np.empty(0, dtype=np.int64)]
+    edges = np.concatenate([*layout.seams, *none])
+    seam = np.repeat(np.arange(len(layout.seams)), [len(s) for s in layout.seams])
+    place = np.concatenate([*(np.arange(len(s)) for s in layout.seams), *none])
+    quad, side = layout.mesh.edge_quads[edges], layout.mesh.edge_sides[edges]
+    patch = layout.patch_of[quad]
+    swap = patch[:, 0] > patch[:, 1]
+    quad[swap], side[swap] = quad[swap][:, ::-1], side[swap][:, ::-1]
+    return Joints(edges, seam, place, quad, side, patch[:, 0] == patch[:, 1])
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Room at one place of the arm through a joint: how much further its left and its right edge may be, in metres."""
+
+    shift: float
+    left: float
+    right: float
+    width: float
+
+    def aside(self, s: Size) -> float | None:
+        """How far to the left a connector of this size has to sit, at the least; ``None`` where it has no room."""
+        extra = max(s.pad - self.width, 0.0)
+        low, high = 0.5 * extra - self.right, self.left - 0.5 * extra
+        if low > high:
+            return None
+        best = min(max(0.0, low), high)
+        # the neck must not leave the arm, nor the pad
+        return best if abs(best) <= min(0.5 * self.width, 0.5 * extra) + 1e-9 else None
+
+
+class Room:
+    """What is known of a design before any connector is made."""
+
+    def __init__(self, design: SpiralDesign, params: ConnectorParams):
+        self.design, self.params = design, params
+        self.joints = joints(design)
+        self.slot = slot_needed(design.params)
+        self._listed: dict[int, list[Attempt]] = {}
+
+    def through(self, joint: int) -> Through:
+        """The arm through a joint, seen from its first half."""
+        j = self.joints
+        halves = (Half.of(self.design, int(q), int(k)) for q, k in zip(j.quad[joint], j.side[joint], strict=True))
+        return Through(*halves)
+
+    def sizes(self, through: Through) -> list[Size]:
+        """The sizes that connectors of this arm may have, the largest first."""
+        width = float(through.own.arms.joint_width[0, 0])
+        return list(dict.fromkeys(size(width, self.params, scale) for scale in SCALES))
+
+    def attempts(self, joint: int, through: Through, near: Any) -> list[Attempt]:
+        """What to try at a joint, the best first."""
+        if joint not in self._listed:
+            self._listed[joint] = list(self._attempts(joint, through, near))
+        return self._listed[joint]
+
+    def _attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
+        sizes = self.sizes(through)
+        steps = sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))
+        openings = [o for o in (self._opening(through, n * _STEP * sizes[0].neck, sizes[0], near) for n in steps) if o]
+        # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
+        first = int(self.joints.place[joint]) % 2
+        # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
+        for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
+            for back in (0.0,) if kind == "dovetail" else BACKS:
+                for s in sizes:
+                    fitting = [(o.shift, e) for o in openings if (e := o.aside(s)) is not None][:_TRIES]
+                    for shift, aside in fitting:
+                        for male in (first, 1 - first) if kind == "dovetail" else (first,):
+                            yield Attempt(kind, s, male, shift, aside, back)
+
+    def tips(self, through: Through, a: Attempt) -> tuple[Tip, Tip] | None:
+        """Both tips of a joint; ``None`` where an arm is too short for them."""
+        one = make_tip(through, a.roles()[0], a, a.shift, a.aside)
+        two = make_tip(through.turned, a.roles()[1], a, -a.shift, -a.aside) if one else None
+        return None if one is None or two is None else (one, two)
+
+    # -- what is near --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def bodies(self) -> list[tuple[Any, np.ndarray]]:
+        """Of every patch a tree of the polygons of its arms and hubs, and which arm each is, -1 for hubs."""
+        import shapely
+
+        arms, roots = self.design.arms, self.design.roots
+        patch_of = self.design.flat.layout.patch_of
+        count = len(arms.centre)
+        even = np.linspace(0.0, 1.0, 33)
+        left = edge(arms, even * roots.left[..., None], LEFT)[0]
+        right = edge(arms, even[::-1] * np.roll(roots.right, 1, axis=1)[..., None], RIGHT)[0]
+        shapes = shapely.polygons(np.concatenate([left, right], axis=2).reshape(4 * count, -1, 2))
+        hub = np.stack([right[:, :, 0], left[:, :, -1]], axis=2).reshape(count, 8, 2)
+        every = np.concatenate([shapes, shapely.polygons(hub)])
+        which = np.concatenate([np.arange(4 * count), np.full(count, -1)])
+        owner = np.concatenate([np.repeat(patch_of, 4), patch_of])
+        patches = [np.flatnonzero(owner == p) for p in range(len(self.design.flat.layout.patches))]
+        return [(shapely.STRtree(every[rows]), which[rows]) for rows in patches]
+
+    def near(self, through: Through) -> Any:
+        """Polygons of all arms and hubs near a joint but its own two, in the frame of its first half, both panels side by side."""
+        import shapely
+
+        found = []
+        reach = 4.0 * self.sizes(through)[0].pad
+        for half, sign in ((through.own, 1.0), (through.other, -1.0)):
+            tree, which = self.bodies[half.patch]
+            rows = tree.query(shapely.Point(half.origin.real, half.origin.imag).buffer(reach))
+            rows = rows[which[rows] != half.arm]
+            found.append(shapely.transform(tree.geometries[rows], _into(half, sign)))
+        return np.concatenate(found)
+
+    def _opening(self, through: Through, shift: float, s: Size, near: Any) -> Opening | None:
+        """How much room is beside the arm where the parting line would be shifted to."""
+        import shapely
+
+        reach = s.length + s.clearance + 0.4 * s.wall
+        ends = through.tau(-shift + reach), through.tau(-shift - reach)
+        if ends[0] > through.own.end or -ends[1] * through.scale > through.other.end:
+            return None
+        tau = np.linspace(*ends, 9)
+        plain = Widening(0.0, 0.0, 0.0, 0.0)
+        free = []
+        for side in (LEFT, RIGHT):
+            points, way = through.edge(tau, side, plain)
+            beside = points + side * 1j * way * _VIEW
+            region = shapely.Polygon(pairs(np.concatenate([points, beside[::-1]])))
+            if not region.is_valid:
+                region = region.buffer(0.0)
+            hits = near[shapely.intersects(near, region)]
+            apart = shapely.distance(shapely.LineString(pairs(points)), shapely.intersection(hits, region))
+            free.append(float(np.nanmin(apart, initial=_VIEW)) - 1.02 * self.slot)
+        return Opening(shift, max(free[0], 0.0), max(free[1], 0.0), through.centre(through.tau(-shift))[2])
+
+    def free(self, joint: int, tips: tuple[Tip, Tip], near: Any) -> bool:
+        """Whether both tips keep the smallest slot from all that is near, side by side and, in one panel, flat."""
+        import shapely
+
+        for tip, sign in zip(tips, (1.0, -1.0), strict=True):
+            own = tip.through.own
+            if shapely.dwithin(near, shapely.transform(tip.polygon, _into(own, sign)), 0.999 * self.slot).any():
+                return False
+            tree, which = self.bodies[tip.patch]
+            flat = which[tree.query(tip.polygon, predicate="dwithin", distance=0.999 * self.slot)]
+            if self.joints.inside[joint] and (flat != own.arm).any():
+                return False
+        return True
+
+    def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
+        """All tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
+        blank = np.zeros(plain.shape)
+        made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
+        for tip in tips:
+            at = divmod(tip.arm, 4)
+            made.extra[:, at[0], at[1]] = tip.wide.left, tip.wide.right
+            made.full[at], made.over[at] = tip.wide.full, tip.wide.over
+            made.begin[at] = max(tip.begin, 0.0)
+            made.across[tip.arm] = tip.end(tolerance)
+        return made
+
+
+def _into(half: Half, sign: float) -> Any:
+    """A function for shapely from a patch's frame to that of a joint's first half."""
+    return lambda points: pairs(sign * half.local(complexes(points)))

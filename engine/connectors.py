@@ -1,0 +1,176 @@
+"""Connectors wherever two arms meet across a cut: dovetails, loose keys or tabs for glue (FlexMaps section 8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .connector_path import Attempt, Tip
+from .connector_room import Room
+from .connector_shape import key
+from .contours import Outline, ends
+from .design import SpiralDesign
+from .labels import seam_labels
+from .params import ConnectorParams
+from .progress import SILENT, Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Connector:
+    """One connector that holds two arms together.
+
+    name : the joint's label, seam letter and number; seam, place : index of the seam and of the joint along it
+    made : its kind and size, which arm has the head, and where it sits
+    faces, sides : the quads of both arms, the lower panel's first, and which of their sides
+    shrunk, swapped : whether it is smaller, or has its head on the other arm, for want of room
+    """
+
+    name: str
+    seam: int
+    place: int
+    made: Attempt
+    faces: tuple[int, ...]
+    sides: tuple[int, ...]
+    shrunk: bool
+    swapped: bool
+
+    @property
+    def kind(self) -> str:
+        """dovetail, key or tab."""
+        return self.made.kind
+
+    @property
+    def roles(self) -> tuple[str, str]:
+        """What the two arms have: head, socket or face."""
+        return self.made.roles()
+
+
+@dataclass(frozen=True, eq=False)
+class Connections:
+    """The outlines of all panels with connectors, the connectors, and the loose keys that belong to them.
+
+    unsolved : (name, quad, quad) of the joints that have no room for any connector: they keep their plain ends
+    clearance : metres
+    """
+
+    outlines: tuple[Outline, ...]
+    connectors: tuple[Connector, ...]
+    unsolved: tuple[tuple[str, int, int], ...]
+    clearance: float
+
+    @property
+    def keys(self) -> tuple[Outline, ...]:
+        """The loose keys, one of every connector of that kind, each round the origin."""
+        return tuple(Outline(key(c.made.size, c.made.back), ()) for c in self.connectors if c.kind == "key")
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The figures of report.json."""
+        made = self.connectors
+        count = {k: sum(c.kind == k for c in made) for k in ("dovetail", "key", "tab")}
+        if not made and not self.unsolved:
+            return {"connectors": 0}
+        necks = {"connector_neck_min_mm": round(min(c.made.size.neck for c in made) * 1e3, 4)} if made else {}
+        return {
+            "connectors": len(made),
+            "connector_kinds": {k: n for k, n in count.items() if n},
+            "connector_clearance_mm": round(self.clearance * 1e3, 4),
+            **necks,
+            "shrunk": sum(c.shrunk for c in made),
+            "swapped": sum(c.swapped for c in made),
+            "shifted": sum(c.made.shift != 0.0 for c in made),
+            "unsolved": [{"joint": name, "faces": list(faces)} for name, *faces in self.unsolved],
+        }
+
+
+def connect(
+    design: SpiralDesign, params: ConnectorParams, tolerance: float = 1e-5, progress: Progress = SILENT
+) -> Connections:
+    """Give every joint its connector, as large as there is room, and draw the panels with them.
+
+    ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told.
+    """
+    if params.kind == "none":
+        return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance)
+    room = Room(design, params)
+    chosen = _chosen(room, progress.part(0.0, 0.8))
+    labels = seam_labels(design.flat.layout)
+    made, unsolved, tips = [], [], []
+    for joint, choice in enumerate(chosen):
+        quad, side = room.joints.quad[joint].tolist(), room.joints.side[joint].tolist()
+        name = labels[quad[0], side[0]]
+        if choice is None:
+            unsolved.append((name, quad[0], quad[1]))
+            continue
+        attempt = choice.attempt
+        seam, place = int(room.joints.seam[joint]), int(room.joints.place[joint])
+        largest = room.sizes(choice.tips[0].through)[0]
+        swapped = attempt.kind == "dovetail" and attempt.male != place % 2
+        made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
+        tips.extend(choice.tips)
+    progress(0.8, "outlines with connectors")
+    gathered = room.gathered(tips, ends(design.flat.layout, design.arms, room.slot), tolerance)
+    drawn = design.outlines(tolerance, gathered)
+    return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """What is made of a joint: which attempt, and its tips."""
+
+    attempts: list[Attempt]
+    number: int
+    tips: tuple[Tip, Tip]
+
+    @property
+    def attempt(self) -> Attempt:
+        return self.attempts[self.number]
+
+
+def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
+    """For every joint the first attempt with room; ``None`` where none has."""
+    count = len(room.joints.edge)
+    chosen: list[_Choice | None] = []
+    for joint in range(count):
+        if joint % 8 == 0:
+            progress(0.95 * joint / count, "connectors")
+        chosen.append(_next(room, joint, 0))
+    # tips that are too near to each other: the larger one of two gives way, as long as anything changes
+    for _ in range(50):
+        giving = _crowded(room, chosen)
+        if not giving:
+            break
+        for joint in giving:
+            chosen[joint] = _next(room, joint, chosen[joint].number + 1)
+    return chosen
+
+
+def _next(room: Room, joint: int, start: int) -> _Choice | None:
+    """The first attempt from ``start`` on that has room."""
+    through = room.through(joint)
+    near = room.near(through)
+    attempts = room.attempts(joint, through, near)
+    for number in range(start, len(attempts)):
+        tips = room.tips(through, attempts[number])
+        if tips is not None and room.free(joint, tips, near):
+            return _Choice(attempts, number, tips)
+    return None
+
+
+def _crowded(room: Room, chosen: list[_Choice | None]) -> set[int]:
+    """Joints that have to give way because two tips of one panel are nearer than the smallest slot."""
+    import shapely
+
+    owners = [joint for joint, c in enumerate(chosen) if c is not None for _ in range(2)]
+    tips = [tip for c in chosen if c is not None for tip in c.tips]
+    if not tips:
+        return set()
+    polygons = np.array([t.polygon for t in tips])
+    one, two = shapely.STRtree(polygons).query(polygons, predicate="dwithin", distance=0.999 * room.slot)
+    giving = set()
+    for a, b in zip(one.tolist(), two.tolist()):
+        if a < b and tips[a].patch == tips[b].patch:
+            giving.add(owners[a] if polygons[a].area > polygons[b].area else owners[b])
+    return giving
