@@ -158,10 +158,10 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
 
 
 def cross(v: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) with cross(v) x = v x x."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
+    """(..., 3, 3) with cross(v) x = v x x."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
     return out
 
 
@@ -170,7 +170,7 @@ def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, :, None] * b[:, None, :]
+    return a[..., :, None] * b[..., None, :]
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

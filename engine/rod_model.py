@@ -16,33 +16,11 @@ import numpy as np
 from . import rod_strains
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
+from .joint_motion import outer
 from .materials import Material
+from .rod_motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
+from .rod_sensitivity import gradient_by_design
 from .stiffness_rods import rod_parameters
-
-
-@dataclass(frozen=True, eq=False)
-class RodState:
-    """A pose, and what the edges make of it.
-
-    length : (m,) metres; tangent : (m, 3) from the first hub to the second
-    frames : (m, 2, 3, 3) columns: the edge's rest direction as the hub of either end carries it along, to its left, normal
-    bend : (m, 2, 2) the curvature binormal along that normal and along that left
-    twist : (m,) rad of the second hub against the first about the edge, with whole turns
-    roll : (m,) rad of the edge against the first hub
-    """
-
-    pose: Pose
-    length: np.ndarray
-    tangent: np.ndarray
-    frames: np.ndarray
-    bend: np.ndarray
-    twist: np.ndarray
-    roll: np.ndarray
-
-    @property
-    def angles(self) -> np.ndarray:
-        """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
-        return np.stack([self.roll, self.roll - self.twist], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +32,7 @@ class RodModel:
     stretch : (m,) J: k_s times the half length, both ends together
     rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
     length : (m,) metres, at rest
+    by_design : (n, 4, 2) k_s, k_b0, k_b1, k_t of every spiral by its width (per metre) and its twist (per radian)
     """
 
     assembly: Assembly
@@ -61,6 +40,7 @@ class RodModel:
     stretch: np.ndarray
     rest: np.ndarray
     length: np.ndarray
+    by_design: np.ndarray
     name: str = "rod"
 
     @classmethod
@@ -75,14 +55,17 @@ class RodModel:
             thickness=assembly.thickness,
             youngs=material.youngs,
         )
-        return cls.with_parameters(assembly, found.values)
+        return cls.with_parameters(assembly, found.values, np.stack([found.by_width, found.by_twist], axis=2))
 
     @classmethod
-    def with_parameters(cls, assembly: Assembly, parameters: np.ndarray) -> RodModel:
-        """The model of spirals with k_s (N), k_b0, k_b1, k_t (N m^2), in the columns of (n, 4).
+    def with_parameters(
+        cls, assembly: Assembly, parameters: np.ndarray, by_design: np.ndarray | None = None
+    ) -> RodModel:
+        """The model of spirals with k_s (N), k_b0, k_b1, k_t (N m^2), in the columns of (n, 4); by default of fixed ones.
 
         An edge is at rest where both arms of its joint are: straight from centre to centre in the plane of either hub.
         """
+        change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
         half, stiffness = assembly.radius, parameters[assembly.pairs]
         across = assembly.axes[:, 0] @ np.swapaxes(assembly.axes[:, 1], 1, 2)
         span = assembly.lever[:, 0] - np.einsum("mij,mj->mi", across, assembly.lever[:, 1])
@@ -92,7 +75,7 @@ class RodModel:
         normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
         rest = np.stack([along, np.cross(normal, along), normal], axis=3)
         springs = stiffness[..., 1:] / half[..., None]
-        return cls(assembly, springs, (stiffness[..., 0] * half).sum(axis=1), rest, length)
+        return cls(assembly, springs, (stiffness[..., 0] * half).sum(axis=1), rest, length, change)
 
     @property
     def pairs(self) -> np.ndarray:
@@ -109,6 +92,9 @@ class RodModel:
 
     def energy(self, state: RodState) -> float:
         return float(self._stretched(state)[0].sum() + self._ends(state).sum())
+
+    def gradient_by_design(self, state: RodState) -> np.ndarray:
+        return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
 
     def _ends(self, state: RodState) -> np.ndarray:
         """(m, 2) joules of bending and twist."""
@@ -143,25 +129,21 @@ class RodModel:
         return RodState(pose, length, tangent, frames, bend, twist, roll)
 
     def expand(self, state: RodState) -> Expansion:
-        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement.
-
-        With d the shift of the second hub against the first and w the turn of an end's hub, an end sees its edge's
-        tangent move by u = Pd/l + t x w + ..., and the hub's frame on the edge roll by w.t - (binormal . u)/2 + ...
-        (P projects at right angles to the tangent t, l is the length).
-        """
+        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement."""
         joules, tension = self._stretched(state)
         ends = rod_strains.expand(self.springs, state.bend, state.angles)
-        # by the roll of the hub's frame instead of the edge's roll against it
-        slope = ends.gradient * _FLIP
-        jacobian, curved = _kinematics(state, slope)
+        slope = ends.gradient * FLIP
+        motion = first_order(state)
+        jacobian = motion.jacobian
         gradient = np.einsum("mki,mkij->mkj", slope, jacobian)
         gradient[:, 0, :3] += tension[:, None] * state.tangent
         per_joint = joules + ends.energy.sum(axis=1)
-        along = _outer(state.tangent, state.tangent)
+        along = outer(state.tangent, state.tangent)
         steep = (self.stretch / self.length**2)[:, None, None] * along
         lateral = (tension / state.length)[:, None, None] * (np.eye(3) - along)
-        flip = np.outer(_FLIP, _FLIP)
-        blocks = gradient[:, 0] @ _SPLIT[0] + gradient[:, 1] @ _SPLIT[1]
+        flip = np.outer(FLIP, FLIP)
+        curved = second_order(state, motion, slope)
+        blocks = gradient[:, 0] @ SPLIT[0] + gradient[:, 1] @ SPLIT[1]
         return Expansion(
             float(per_joint.sum()),
             per_joint,
@@ -171,65 +153,14 @@ class RodModel:
         )
 
 
-_FLIP = np.array([1.0, 1.0, -1.0])
-
-# increments (d, w) of either end from those of both hubs: first shift, first turn, second shift, second turn
-_SPLIT = np.zeros((2, 6, 12))
-_SPLIT[:, :3, :3], _SPLIT[:, :3, 6:9], _SPLIT[0, 3:, 3:6], _SPLIT[1, 3:, 9:] = (
-    -np.eye(3),
-    np.eye(3),
-    np.eye(3),
-    np.eye(3),
-)
-
-# v @ _CROSS is the matrix that x is multiplied by in v x x
-_CROSS = np.zeros((3, 3, 3))
-_CROSS[[2, 0, 1], [0, 1, 2], [1, 2, 0]], _CROSS[[1, 2, 0], [0, 1, 2], [2, 0, 1]] = -1.0, 1.0
-
-
-def _kinematics(state: RodState, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives of x, y and the frame's roll by (d, w): first ones (m, 2, 3, 6), and second ones weighted by ``slope`` (m, 2, 3), (m, 2, 6, 6)."""
-    tangent, length = state.tangent, state.length[:, None, None]
-    rest, left, normal = np.moveaxis(state.frames, 3, 0)
-    near = (1.0 + np.einsum("mki,mi->mk", rest, tangent))[..., None]
-    x, y = state.bend[..., :1], state.bend[..., 1:]
-    # how x, y and the roll change with the tangent that the hub sees, and with that tangent's part along the hub's own
-    by_tangent = np.stack(
-        [(2.0 * left - x * rest) / near, -(2.0 * normal + y * rest) / near, -0.5 * (x * normal + y * left), rest],
-        axis=2,
-    )
-    on_axis = by_tangent @ tangent[:, None, :, None]
-    spun = by_tangent @ np.swapaxes(_cross(tangent), 1, 2)[:, None] * -1.0
-    pulled = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length[..., None], spun], axis=3)
-    jacobian = pulled[:, :, :3].copy()
-    jacobian[:, :, 2, 3:] += tangent[:, None]
-    eye, along = np.eye(3), _outer(tangent, tangent)[:, None]
-    force = np.einsum("mki,mkij->mkj", slope, by_tangent[:, :, :3])
-    axial = np.einsum("mki,mi->mk", force, tangent)[..., None, None]
-    both = _outer(force, np.broadcast_to(tangent[:, None], force.shape))
-    both = both + np.swapaxes(both, 2, 3)
-    roll = 0.5 * slope[..., 2, None, None]
-    sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], pulled[:, :, :3])
-    twice = _outer(sideways / -near, pulled[:, :, 3])
-    curved = twice + np.swapaxes(twice, 2, 3)
-    square = state.length[:, None, None, None] ** 2
-    curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / square
-    mixed = (_cross(force) @ (eye - along) + roll * (eye - along)) / length[..., None]
-    curved[..., 3:, :3] += mixed
-    curved[..., :3, 3:] += np.swapaxes(mixed, 2, 3)
-    curved[..., 3:, 3:] += 0.5 * both - axial * eye
-    return jacobian, curved
-
-
 def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curved: np.ndarray | None) -> np.ndarray:
     """(m, 12, 12) by the hubs' increments, without the roll.
 
     ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
     d and curved : (m, 2, 6, 6) by (d, w) to be added
     """
-    coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
-    row = coupled[:, 0] @ _SPLIT[0] + coupled[:, 1] @ _SPLIT[1]
-    out = _outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
+    row = roll_row(ends, jacobian)
+    out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
     own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
     if curved is not None:
         own += curved
@@ -242,12 +173,3 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
             out[:, shifted, turn] += sign * own[:, k, :3, 3:]
             out[:, turn, shifted] += sign * own[:, k, 3:, :3]
     return out
-
-
-def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., :, None] * b[..., None, :]
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with _cross(v) x = v x x."""
-    return np.tensordot(v, _CROSS, axes=1)

@@ -48,18 +48,16 @@ def energy(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> np.ndarr
     return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * twist**2)
 
 
+def slope(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    """(..., 3): first derivatives of ``energy`` by x, y and twist; arguments as there."""
+    strains, slopes = _slopes(bend, twist)
+    return np.einsum("...i,...ij->...j", springs * strains, slopes)
+
+
 def expand(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> EndEnergy:
     """``energy`` with its first and second derivatives; arguments as there."""
-    first, second, squared, half_sine, half_cosine = _strains(bend, twist)
-    x, y = bend[..., 0], bend[..., 1]
-    # rows: the three strains; columns: by x, y, twist
-    slopes = np.zeros((*twist.shape, 3, 3))
-    slopes[..., 0, 0] = slopes[..., 1, 1] = squared
-    slopes[..., 0, 1], slopes[..., 1, 0] = -half_sine, half_sine
-    slopes[..., 0, 2] = -half_sine * x - half_cosine * y
-    slopes[..., 1, 2] = -half_sine * y + half_cosine * x
-    slopes[..., 2, 2] = 1.0
-    strains = np.stack([first, second, twist], axis=-1)
+    strains, slopes = _slopes(bend, twist)
+    half_sine, half_cosine, x, y = 0.5 * np.sin(twist), 0.5 * np.cos(twist), bend[..., 0], bend[..., 1]
     stress = springs * strains
     gradient = np.einsum("...i,...ij->...j", stress, slopes)
     convex = np.swapaxes(slopes, -1, -2) @ (springs[..., None] * slopes)
@@ -72,6 +70,19 @@ def expand(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> EndEnerg
     hessian[..., 2, 1] += by_y
     hessian[..., 2, 2] += m1 * (half_sine * y - half_cosine * x) - m2 * (half_cosine * y + half_sine * x)
     return EndEnergy(0.5 * (stress * strains).sum(axis=-1), gradient, hessian, convex)
+
+
+def _slopes(bend: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The three strains (..., 3), and their derivatives by x, y and twist in the columns of (..., 3, 3)."""
+    first, second, squared, half_sine, half_cosine = _strains(bend, twist)
+    x, y = bend[..., 0], bend[..., 1]
+    slopes = np.zeros((*twist.shape, 3, 3))
+    slopes[..., 0, 0] = slopes[..., 1, 1] = squared
+    slopes[..., 0, 1], slopes[..., 1, 0] = -half_sine, half_sine
+    slopes[..., 0, 2] = -half_sine * x - half_cosine * y
+    slopes[..., 1, 2] = -half_sine * y + half_cosine * x
+    slopes[..., 2, 2] = 1.0
+    return np.stack([first, second, twist], axis=-1), slopes
 
 
 def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess: np.ndarray) -> np.ndarray:

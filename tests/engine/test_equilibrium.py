@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.arm_model import ArmModel, arm_compliances
 from flexmaps.engine.assembly import Assembly, Pose, nearest_rotation
+from flexmaps.engine.elastic import summed
 from flexmaps.engine.equilibrium import other_minima, solve
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.linalg import Pattern, negative_eigenvalues
@@ -76,6 +77,48 @@ def test_derivatives_are_those_of_the_energy(twist: float, turn: float) -> None:
     assert here.per_joint.sum() == pytest.approx(here.energy)
 
 
+def mixed(count: int, clockwise: bool, rng: np.random.Generator) -> Assembly:
+    """A row of unequal spirals with unequal arms, every one in a plane of its own and joined at an angle."""
+    one = row(count, clockwise=clockwise)
+    axes = Rotation.from_rotvec(np.outer(rng.uniform(-3.0, 3.0, one.pairs.size), [0.0, 0.0, 1.0])).as_matrix()
+    axes = axes.reshape(*one.pairs.shape, 3, 3)
+    kink = Rotation.from_rotvec(np.outer(rng.uniform(-0.4, 0.4, one.pairs.size), [0.0, 0.0, 1.0])).as_matrix()
+    lever = kink.reshape(axes.shape) @ one.lever[..., None] * rng.uniform(0.9, 1.2, (*one.pairs.shape, 1, 1))
+    bent = dataclasses.replace(one, axes=axes, lever=(axes @ lever)[..., 0])
+    return bent.redesigned(WIDTH * rng.uniform(0.5, 1.0, count), rng.uniform(0.5, 2.5, count))
+
+
+def unrolled(chain: Assembly) -> Pose:
+    """All joints closed and not strained."""
+    pose = Pose(np.zeros((chain.size, 3)), np.tile(np.eye(3), (chain.size, 1, 1)))
+    for (i, j), lever, axes in zip(chain.pairs, chain.lever, chain.axes, strict=True):
+        pose.rotations[j] = pose.rotations[i] @ axes[0] @ axes[1].T
+        pose.centres[j] = pose.centres[i] + pose.rotations[i] @ lever[0] - pose.rotations[j] @ lever[1]
+    return pose
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("turn", [1e-4, 0.3, 1.0])
+def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: bool) -> None:
+    rng = np.random.default_rng(6)
+    chain = mixed(9, clockwise, rng)
+    pose = shaken(unrolled(chain), 0.01 * turn, 0.4 * turn, seed=7)
+    design = np.stack([chain.width, chain.twist], axis=1)
+
+    def forces(design: np.ndarray) -> np.ndarray:
+        model = ArmModel.of(chain.redesigned(*design.T), VERO)
+        return model.expand(model.start(pose)).gradient
+
+    here = ArmModel.of(chain, VERO)
+    blocks = here.gradient_by_design(here.start(pose))
+    for scale in ([1e-3, 0.0], [0.0, 1.0]):
+        way, step = rng.normal(size=design.shape) * scale, 2e-4
+        line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
+        expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
+        found = summed(np.einsum("miks,mks->mi", blocks, way[chain.pairs]), chain.pairs, chain.size)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
 def test_rigid_motion_and_rest_cost_nothing() -> None:
     model = ArmModel.of(row(4, twist=3.0), VERO)
     assert model.energy(model.start(straight(4))) == pytest.approx(0.0, abs=1e-25)
@@ -113,7 +156,9 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
         motion = compliance[joint] @ np.concatenate([pull, np.cross(reach, pull)])
         moved += motion[:3] + np.cross(motion[3:], reach)
     assert found.converged
-    assert found.pose.centres[-1] - straight(count).centres[-1] == pytest.approx(moved, rel=1e-3, abs=1e-3 * np.abs(moved).max())
+    assert found.pose.centres[-1] - straight(count).centres[-1] == pytest.approx(
+        moved, rel=1e-3, abs=1e-3 * np.abs(moved).max()
+    )
 
 
 def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:

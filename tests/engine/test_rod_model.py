@@ -109,6 +109,32 @@ def test_derivatives_agree_with_finite_differences(net, shape, amount):
     assert (values[:, 0] > -1e-12 * values[:, -1]).all()
 
 
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("amount", [1e-4, 0.3, 1.0])
+def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwise):
+    """Everything the forces depend on but the pose: parameters of both spirals, and the roll that follows them."""
+    rng = np.random.default_rng(4)
+    one, pose = net
+    one, pose = replace(one, clockwise=clockwise), _shaken(pose, amount, rng)
+    design = np.stack([rng.uniform(0.0012, 0.0018, one.size), rng.uniform(0.5, 1.5, one.size)], axis=1)
+
+    def model(design: np.ndarray) -> RodModel:
+        return RodModel.of(one.redesigned(*design.T), material("vero"))
+
+    def forces(design: np.ndarray) -> np.ndarray:
+        varied = model(design)
+        return varied.expand(varied.start(pose)).gradient
+
+    here = model(design)
+    blocks = here.gradient_by_design(here.start(pose))
+    for scale in ([1e-3, 0.0], [0.0, 1.0]):
+        way, step = rng.normal(size=(one.size, 2)) * scale, 1e-3
+        line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
+        expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
+        found = summed(np.einsum("miks,mks->mi", blocks, way[one.pairs]), one.pairs, one.size)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
 def test_energy_and_state_go_along_with_rigid_motion(net):
     rng = np.random.default_rng(8)
     one, pose = net

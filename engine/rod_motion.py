@@ -1,0 +1,117 @@
+"""How the ends of the rod model's edges have bent and rolled, and how that changes with the hubs' poses, to second order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .assembly import Pose
+from .joint_motion import cross, outer
+
+
+@dataclass(frozen=True, eq=False)
+class RodState:
+    """A pose, and what the edges make of it.
+
+    length : (m,) metres; tangent : (m, 3) from the first hub to the second
+    frames : (m, 2, 3, 3) columns: the edge's rest direction as the hub of either end carries it along, to its left, normal
+    bend : (m, 2, 2) the curvature binormal along that normal and along that left
+    twist : (m,) rad of the second hub against the first about the edge, with whole turns
+    roll : (m,) rad of the edge against the first hub
+    """
+
+    pose: Pose
+    length: np.ndarray
+    tangent: np.ndarray
+    frames: np.ndarray
+    bend: np.ndarray
+    twist: np.ndarray
+    roll: np.ndarray
+
+    @property
+    def angles(self) -> np.ndarray:
+        """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
+        return np.stack([self.roll, self.roll - self.twist], axis=1)
+
+
+FLIP = np.array([1.0, 1.0, -1.0])
+"""Makes a derivative by x, y and the edge's roll against a hub one by x, y and the roll of the hub's frame."""
+
+# increments (d, w) of either end from those of both hubs: first shift, first turn, second shift, second turn
+SPLIT = np.zeros((2, 6, 12))
+SPLIT[:, :3, :3], SPLIT[:, :3, 6:9], SPLIT[0, 3:, 3:6], SPLIT[1, 3:, 9:] = (
+    -np.eye(3),
+    np.eye(3),
+    np.eye(3),
+    np.eye(3),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class EndMotion:
+    """First derivatives of the bends and rolls of both ends of m edges.
+
+    jacobian : (m, 2, 3, 6) of x, y and the roll of the hub's frame on the edge, by (d, w)
+    by_tangent : (m, 2, 4, 3) of x, y, that roll and the tangent's part along the hub's rest direction, by the tangent
+    pulled : (m, 2, 4, 6) of the same four by (d, w), but for the roll that goes along with w
+    """
+
+    jacobian: np.ndarray
+    by_tangent: np.ndarray
+    pulled: np.ndarray
+
+
+def first_order(state: RodState) -> EndMotion:
+    """With d the shift of the second hub against the first and w the turn of an end's hub, an end sees its edge's tangent
+    move by u = Pd/l + t x w + ..., and the hub's frame on the edge roll by w.t - (binormal . u)/2 + ...
+    (P projects at right angles to the tangent t, l is the length).
+    """
+    tangent, length = state.tangent, state.length[:, None, None, None]
+    rest, left, normal = np.moveaxis(state.frames, 3, 0)
+    near = _near(state)[..., None]
+    x, y = state.bend[..., :1], state.bend[..., 1:]
+    by_tangent = np.stack(
+        [(2.0 * left - x * rest) / near, -(2.0 * normal + y * rest) / near, -0.5 * (x * normal + y * left), rest],
+        axis=2,
+    )
+    on_axis = by_tangent @ tangent[:, None, :, None]
+    spun = by_tangent @ cross(tangent)[:, None]
+    pulled = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length, spun], axis=3)
+    jacobian = pulled[:, :, :3].copy()
+    jacobian[:, :, 2, 3:] += tangent[:, None]
+    return EndMotion(jacobian, by_tangent, pulled)
+
+
+def second_order(state: RodState, motion: EndMotion, slope: np.ndarray) -> np.ndarray:
+    """(m, 2, 6, 6): second derivatives by (d, w) of x, y and the frame's roll, weighted by ``slope`` (m, 2, 3)."""
+    tangent, length = state.tangent, state.length[:, None, None, None]
+    eye, along = np.eye(3), outer(tangent, tangent)[:, None]
+    force = np.einsum("mki,mkij->mkj", slope, motion.by_tangent[:, :, :3])
+    axial = np.einsum("mki,mi->mk", force, tangent)[..., None, None]
+    both = outer(force, np.broadcast_to(tangent[:, None], force.shape))
+    both = both + np.swapaxes(both, 2, 3)
+    roll = 0.5 * slope[..., 2, None, None]
+    sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], motion.pulled[:, :, :3])
+    twice = outer(sideways / -_near(state)[..., None], motion.pulled[:, :, 3])
+    curved = twice + np.swapaxes(twice, 2, 3)
+    curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / length**2
+    mixed = (cross(force) @ (eye - along) + roll * (eye - along)) / length
+    curved[..., 3:, :3] += mixed
+    curved[..., :3, 3:] += np.swapaxes(mixed, 2, 3)
+    curved[..., 3:, 3:] += 0.5 * both - axial * eye
+    return curved
+
+
+def roll_row(ends: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+    """(m, 12): mixed derivatives by the hubs' increments and by a roll of both hubs' frames against the edge.
+
+    ends : (m, 2, 3, 3) second derivatives by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w)
+    """
+    coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
+    return coupled[:, 0] @ SPLIT[0] + coupled[:, 1] @ SPLIT[1]
+
+
+def _near(state: RodState) -> np.ndarray:
+    """(m, 2): one and the cosine of each end's bend."""
+    return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)

@@ -1,0 +1,39 @@
+"""How the forces of the rod model change with the widths and twists of the spirals, at a fixed pose.
+
+The energy is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so a changed parameter has the forces of an
+edge with nothing else. The rolls follow: with the least energy over a roll r, the gradient g by the pose changes by
+
+    dg/dp = E_qp - E_qr E_rp / E_rr.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from . import rod_strains
+from .assembly import Assembly
+from .rod_motion import FLIP, SPLIT, RodState, first_order, roll_row
+
+
+def gradient_by_design(
+    assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
+) -> np.ndarray:
+    """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
+
+    Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist. Arguments as in ``RodModel``.
+    """
+    half = assembly.radius
+    change = by_design[assembly.pairs]
+    jacobian = first_order(state).jacobian
+    ends = rod_strains.expand(springs, state.bend, state.angles).hessian * np.outer(FLIP, FLIP)
+    row, stiffness = roll_row(ends, jacobian), ends[..., 2, 2].sum(axis=1)
+    out = np.empty((len(half), 12, 2, 2))
+    tension = (state.length / length - 1.0) / length
+    for side in (0, 1):
+        for k in (0, 1):
+            ks, bends = change[:, side, 0, k] * half[:, side], change[:, side, 1:, k] / half[:, side, None]
+            slope = rod_strains.slope(bends, state.bend[:, side], state.angles[:, side]) * FLIP
+            gradient = np.einsum("mi,mij->mj", slope, jacobian[:, side])
+            gradient[:, :3] += (ks * tension)[:, None] * state.tangent
+            out[:, :, side, k] = gradient @ SPLIT[side] - row * (slope[:, 2] / stiffness)[:, None]
+    return out
