@@ -6,17 +6,19 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from . import dxf, svg
+from . import dxf, pdf, solid_files, svg
 from .errors import FlexMapsError
 from .files import replacing_many
 from .sheets import CutSheets
 
-# what ends the file names; R12 is the DXF that every program reads, R2010 the one that knows its units
-FORMATS = ("svg", "dxf", "dxf-r12")
+# R12 is the DXF that every program reads, R2010 the one that knows its units; the solids are large
+FLAT = ("svg", "dxf", "dxf-r12", "pdf")
+SOLID = ("stl", "3mf")
+FORMATS = FLAT + SOLID
 NewFile = Callable[[str | os.PathLike[str]], Path]
 
 
-def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FORMATS, new: NewFile | None = None) -> list[Path]:
+def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: NewFile | None = None) -> list[Path]:
     """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-01.dxf, out/sheet-r12-01.dxf, ...
 
     Files of an earlier run with more sheets go. ``new`` comes from ``files.replacing_many`` where the files shall appear
@@ -35,6 +37,11 @@ def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FORMATS, new
     for key, version in (("dxf", "R2010"), ("dxf-r12", "R12")):
         if key in formats:
             written += dxf.write(sheets, _named(base, key), version, new)
+    if "pdf" in formats:
+        written += pdf.write(sheets, _named(base, "pdf"), new)
+    for key in SOLID:
+        if key in formats:
+            written += solid_files.write(sheets, _named(base, key), new)
     return written
 
 

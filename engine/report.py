@@ -16,6 +16,7 @@ import numpy as np
 
 from . import PROGRAM, VERSION
 from .design import design_report
+from .estimates import estimates_report
 from .flatten import layout_report
 from .job import Result
 from .mesh import QuadMesh
@@ -36,8 +37,12 @@ def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[st
         report["layout"] = layout_report(result.flat)
     if result.design is not None:
         report["spirals"] = design_report(result.design)
+    if result.simulation is not None:
+        report["equilibrium"] = result.simulation.report()
     if result.sheets is not None:
         report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
+        if result.estimates is not None:
+            report["sheets"] |= estimates_report(result.estimates)
     report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
     peak = peak_memory()
     if peak is not None:

@@ -13,7 +13,7 @@ from .design import SpiralDesign, nearest_quads
 from .errors import FlexMapsError
 from .labels import Labels, make_labels
 from .nesting import nest
-from .packing import Packing, least_box, turn_that_fits
+from .packing import Packing, least_box, turn_that_fits, used_length
 from .params import SheetParams
 from .progress import SILENT, Progress
 
@@ -53,6 +53,7 @@ class CutSheets:
     warnings : sentences for the user
     labels_placed, labels_left_out : how many labels are engraved, how many had no room
     slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
+    thickness : metres
     """
 
     panels: tuple[Panel, ...]
@@ -63,6 +64,7 @@ class CutSheets:
     labels_left_out: int
     slot_min: float
     bridge_min: float
+    thickness: float
 
     @property
     def count(self) -> int:
@@ -118,7 +120,9 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
     shapes = [p.outline.sampled(2e-5) for p in panels]
     packing = nest(shapes, params, progress.part(0.65, 1.0))
     slot, bridge = design.narrowest
-    return CutSheets(panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge)
+    return CutSheets(
+        panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge, design.params.thickness
+    )
 
 
 def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:
@@ -160,11 +164,13 @@ def _tight(design: SpiralDesign) -> list[str]:
 def sheets_report(sheets: CutSheets) -> dict[str, Any]:
     """The ``sheets`` block of report.json, but for the names of the files."""
     silhouettes = sum(p.outline.area for p in sheets.panels)
+    shapes = [p.outline.sampled(1e-4) for p in sheets.panels]
     length = sheets.cut_length
     return {
         "panels": len(sheets.panels),
         "sheets": sheets.count,
         "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
+        "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
         "fill": round(silhouettes / float(sheets.packing.sizes.prod(axis=1).sum()), 4),
         "area_m2": round(sum(p.area for p in sheets.panels), 6),
         "cut_length_m": round(length, 3),

@@ -1,0 +1,76 @@
+"""PDF: true size and true places, judged by PDFium, which draws the pages."""
+
+import numpy as np
+import pytest
+from flexmaps.engine import design, pdf, sheets
+from flexmaps.engine.arcs import Curve
+from flexmaps.engine.params import SheetParams, SpiralParams
+
+pdfium = pytest.importorskip("pypdfium2")
+MM = 25.4 / 72.0
+
+
+def _drawn(data, dots_per_mm=10.0):
+    """The first page as grey values (rows, columns), row 0 at the top."""
+    page = pdfium.PdfDocument(data)[0]
+    return np.asarray(page.render(scale=dots_per_mm * MM).to_pil().convert("L"))
+
+
+def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
+    made = design.uniform(flat_grid(3, 3, 0.03, cut=lambda x, y: x == 1), SpiralParams())
+    cut = sheets.make_sheets(made, SheetParams(sheet_width=0.2, sheet_height=0.11, nesting="FAST"))
+    (path,) = pdf.write(cut, tmp_path / "sheet.pdf")
+    assert path.name == "sheet-01.pdf"
+    document = pdfium.PdfDocument(path)
+    np.testing.assert_allclose(np.array(document[0].get_size()) * MM, [200.0, 110.0], atol=1e-4)
+    # every panel lies where the sheet has it: the ink's extent is that of the outlines
+    ink = np.nonzero(_drawn(path) < 200)
+    corners = np.concatenate([p.outline.sampled(1e-5) for p in cut.on_sheet(0)]) * 1e3
+    assert ink[1].min() / 10 == pytest.approx(corners[:, 0].min(), abs=0.15)
+    assert ink[1].max() / 10 == pytest.approx(corners[:, 0].max(), abs=0.15)
+    assert 110 - ink[0].max() / 10 == pytest.approx(corners[:, 1].min(), abs=0.15)
+    assert 110 - ink[0].min() / 10 == pytest.approx(corners[:, 1].max(), abs=0.15)
+
+
+@pytest.mark.parametrize("bulge", [0.05, 0.4, 1.0, 3.0, -0.7])
+def test_arcs_are_round(bulge):
+    # both halves of a lens or of a circle of another size
+    curve = Curve(np.array([[0.01, 0.02], [0.03, 0.02]]), np.array([bulge, bulge]))
+    numbers = np.array([p for p in pdf.path(curve, 1e-3).replace("m", "").split("c")[:-1]])
+    values = [np.array(n.split(), dtype=float) for n in numbers]
+    start = complex(*values[0][:2])
+    values[0] = values[0][2:]
+    radius, half = 20 * (1 + bulge**2) / (4 * abs(bulge)), (1 - bulge**2) / (4 * abs(bulge)) * 20
+    for value in values:
+        one, two, end = (complex(*value[i : i + 2]) for i in (0, 2, 4))
+        t = np.linspace(0, 1, 30)
+        points = (1 - t) ** 3 * start + 3 * t * (1 - t) ** 2 * one + 3 * t**2 * (1 - t) * two + t**3 * end
+        centres = [20 + 1j * (20 + s * half) for s in (-1, 1)]
+        assert min(np.abs(np.abs(points - c) - radius).max() for c in centres) < 1e-5 * radius
+        start = end
+
+
+def test_text_stands_where_it_should():
+    page = pdf.Page(0.1, 0.05)
+    page.text("HHHH (1) \\", (0.05, 0.02), 0.01, middle=True)
+    ink = np.nonzero(_drawn(pdf.document([page], "a (title)")) < 128)
+    assert ink[1].min() / 10 + ink[1].max() / 10 == pytest.approx(100.0, abs=4.0)
+    assert (ink[1].max() - ink[1].min()) / 10 == pytest.approx(1e3 * pdf.text_width("HHHH (1) \\", 0.01), abs=3.0)
+
+
+def test_a_page_larger_than_the_format_allows_gets_another_unit():
+    page = pdf.Page(8.0, 6.0)
+    page.stroke(Curve(np.array([[1.0, 1.0], [2.0, 1.0]]), np.zeros(2), closed=False))
+    size = np.array(pdfium.PdfDocument(pdf.document([page], "large"))[0].get_size())
+    assert size.max() <= 14400
+    assert b"/UserUnit 2" in pdf.document([page], "large")
+
+
+def test_areas_and_layers():
+    page = pdf.Page(0.1, 0.1)
+    page.begin_layer("cut inner")
+    page.fill(np.array([[0.02, 0.02], [0.06, 0.02], [0.06, 0.06], [0.02, 0.06]]), "#000000")
+    page.end_layer()
+    data = pdf.document([page], "areas")
+    assert (_drawn(data) < 128).sum() == pytest.approx(400 * 400, rel=0.01)
+    assert b"/Type/OCG/Name(cut inner)" in data

@@ -1,0 +1,75 @@
+"""Solids: watertight, outward and of the right volume, as trimesh finds them in the files."""
+
+import xml.etree.ElementTree as ET
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+from flexmaps.engine import design, export, sheets, solid_files
+from flexmaps.engine.arcs import Curve
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import SheetParams, SpiralParams
+from flexmaps.engine.sheets import Panel
+
+
+@pytest.fixture
+def made(flat_grid):
+    flat = flat_grid(5, 3, cut=lambda x, y: x == 2)
+    return sheets.make_sheets(design.uniform(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
+
+
+def test_stl_reads_back_as_closed_solids(made, tmp_path):
+    (path,) = solid_files.write(made, tmp_path / "sheet.stl")
+    mesh = trimesh.load_mesh(path)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.body_count == 2
+    assert mesh.volume == pytest.approx(1.5 * sum(p.area for p in made.panels) * 1e6, rel=1e-3)
+    low, high = mesh.bounds
+    outlines = np.concatenate([p.outline.sampled(1e-5) for p in made.on_sheet(0)]) * 1e3
+    np.testing.assert_allclose(low, [*outlines.min(axis=0), 0.0], atol=0.02)
+    np.testing.assert_allclose(high, [*outlines.max(axis=0), 1.5], atol=0.02)
+
+
+def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
+    (path,) = solid_files.write(made, tmp_path / "sheet.3mf")
+    space = {"m": "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"}
+    with zipfile.ZipFile(path) as package:
+        assert package.testzip() is None
+        assert {"[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"} == set(package.namelist())
+        root = ET.fromstring(package.read("3D/3dmodel.model"))
+    assert root.get("unit") == "millimeter"
+    objects = root.findall(".//m:object", space)
+    assert [o.get("name") for o in objects] == ["panel 1", "panel 2"]
+    assert [i.get("objectid") for i in root.findall(".//m:item", space)] == ["1", "2"]
+    for found, panel in zip(objects, made.on_sheet(0), strict=True):
+        vertices = np.array([[float(v.get(k)) for k in "xyz"] for v in found.iterfind(".//m:vertex", space)])
+        triangles = np.array(
+            [[int(t.get(k)) for k in ("v1", "v2", "v3")] for t in found.iterfind(".//m:triangle", space)]
+        )
+        mesh = trimesh.Trimesh(vertices, triangles, process=False)
+        assert mesh.is_watertight
+        assert mesh.volume == pytest.approx(1.5 * panel.area * 1e6, rel=1e-3)
+
+
+def test_a_ring_has_exactly_its_volume():
+    square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
+    hole = Curve(np.array([[0.02, 0.02], [0.02, 0.05], [0.05, 0.05], [0.05, 0.02]]), np.zeros(4))
+    solid = solid_files.extruded(Panel(1, 0, square, (hole,), (), 0.0091), 0.002)
+    mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(0.0091 * 0.002)
+    assert mesh.euler_number == 0  # a torus
+
+
+def test_an_outline_that_crosses_itself_is_refused():
+    bow = Curve(np.array([[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]), np.zeros(4))
+    with pytest.raises(FlexMapsError, match="Panel 7"):
+        solid_files.extruded(Panel(7, 6, bow, (), (), 0.0), 0.002)
+
+
+def test_solids_are_written_only_when_asked_for(made, tmp_path):
+    names = {p.name for p in export.write(made, tmp_path / "sheet")}
+    assert names == {"sheet-01.svg", "sheet-01.dxf", "sheet-r12-01.dxf", "sheet-01.pdf"}
+    assert {p.name for p in export.write(made, tmp_path / "sheet", ("stl", "3mf"))} == {"sheet-01.stl", "sheet-01.3mf"}
