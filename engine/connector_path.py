@@ -17,10 +17,14 @@ from .connector_shape import Size, face, head, socket
 from .design import SpiralDesign
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, width_at
 
-_FLARE = 1.3  # length over which a tip narrows to its arm, as a share of what it is wider on both sides together
-_REACH = 0.75  # share of an arm, from its tip to its hub, that a connector may take
+_FLARE = (
+    1.3,
+    0.5,
+)  # length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
+_UNFOLDED = 0.15  # least speed along an edge of a tip, as a share of that along its other edge; at 0 the edge folds
+_REACH = 0.85  # share of an arm, from its tip to its hub, that a connector may take
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
-_SAMPLES = 15
+_SAMPLES = 25
 _TABLE = 41
 
 
@@ -222,13 +226,19 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
     extra = max(s.pad - width, 0.0)
     aside = float(np.clip(aside, -0.5 * extra, 0.5 * extra))
     deep = back + (_BEHIND_HEAD * s.neck if role == "head" else s.length + s.clearance if role == "socket" else s.neck)
-    full, over = through.tau(deep - shift), through.tau(deep + _FLARE * extra - shift)
+    full, least, over = (through.tau(deep + share * extra - shift) for share in (0.0, *_FLARE[::-1]))
+    over = min(over, through.own.end)
     begin = through.tau(back + 0.5 * s.clearance + s.rounding - shift)
-    if over > through.own.end or begin >= full or -begin * through.scale > through.other.end:
+    if over < least or begin >= full or -begin * through.scale > through.other.end:
         return None
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
     tau = np.linspace(begin, over, _SAMPLES)
     (left, left_way), (right, right_way) = (through.edge(tau, side, wide) for side in (LEFT, RIGHT))
+    steps = np.abs(np.diff(left)), np.abs(np.diff(right))
+    if (left_way * right_way.conj()).real.min() <= 0.0 or (
+        np.min(steps, axis=0) < _UNFOLDED * np.max(steps, axis=0)
+    ).any():
+        return None
     curve = head(s) if role == "head" else socket(s, back) if role == "socket" else face(s, back)
 
     def seen(p: np.ndarray) -> complex:
@@ -243,7 +253,8 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
         return None
     across = Curve(pairs(point + way * complexes(across.points)), across.bulge, closed=False)
     ring = np.concatenate([right[:0:-1], complexes(across.sampled(5e-6)), left[1:]])
-    return Tip(through, wide, begin, across, shapely.Polygon(pairs(through.own.placed(ring))))
+    polygon = shapely.Polygon(pairs(through.own.placed(ring)))
+    return Tip(through, wide, begin, across, polygon) if polygon.is_valid else None
 
 
 def _across(curve: Curve, right: tuple[complex, complex], left: tuple[complex, complex]) -> Curve | None:

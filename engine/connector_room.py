@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .spiral import LEFT, RIGHT, edge
 
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
-_SHIFTS = 8  # steps to either side
+_SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
 _TRIES = 4  # shifts that are tried for every size
 _VIEW = 5e-3  # metres; how far to look beside an arm
@@ -70,15 +71,17 @@ class Opening:
     right: float
     width: float
 
-    def aside(self, s: Size) -> float | None:
-        """How far to the left a connector of this size has to sit, at the least; ``None`` where it has no room."""
+    def aside(self, s: Size, beside: bool) -> float | None:
+        """How far to the left a connector of this size has to sit, at the least; ``None`` where it has no room.
+
+        Its neck stays on the arm, unless it may lie ``beside`` it: then it hangs on the widened end only.
+        """
         extra = max(s.pad - self.width, 0.0)
         low, high = 0.5 * extra - self.right, self.left - 0.5 * extra
         if low > high:
             return None
         best = min(max(0.0, low), high)
-        # the neck must not leave the arm, nor the pad
-        return best if abs(best) <= min(0.5 * self.width, 0.5 * extra) + 1e-9 else None
+        return best if abs(best) <= (0.5 * extra if beside else min(0.5 * self.width, 0.5 * extra)) + 1e-9 else None
 
 
 class Room:
@@ -116,8 +119,8 @@ class Room:
         # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
         for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
             for back in (0.0,) if kind == "dovetail" else BACKS:
-                for s in sizes:
-                    fitting = [(o.shift, e) for o in openings if (e := o.aside(s)) is not None][:_TRIES]
+                for beside, s in product((False, True), sizes):
+                    fitting = [(o.shift, e) for o in openings if (e := o.aside(s, beside)) is not None][:_TRIES]
                     for shift, aside in fitting:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
