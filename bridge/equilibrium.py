@@ -136,9 +136,11 @@ def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     for name in ("width", "twist"):
         values = attributes.get(mesh, attributes.PREFIX + name)
         check = zlib.crc32(b"" if values is None else values, check)
-    given = [settings.read(getattr(obj.flexmaps, name), kind) for name, kind in SETTINGS.items()]
     frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
-    if not (obj.flexmaps.simulate.gravity or any(given[-1].force)):
+    given: list[Any] = []
+    if hasattr(obj, "flexmaps"):  # else the extension is not enabled, and there are no settings
+        given = [settings.read(getattr(obj.flexmaps, name), kind) for name, kind in SETTINGS.items()]
+    if not (given and (obj.flexmaps.simulate.gravity or any(given[-1].force))):
         frame = frame.T @ frame  # a turn of the whole changes nothing where nothing pulls
     size = max(float(np.abs(frame).max()), 1e-30)
     text = f"{given} {size:.5g} {(np.round(frame / size, 4) + 0.0).tolist()}"

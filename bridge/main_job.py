@@ -20,7 +20,7 @@ from ..engine.params import SHOWN, RemeshParams, Settings
 from ..engine.progress import Progress
 
 SHAPE = "shape:"
-SHEET, MODEL, REPORT, PICTURES = "sheet", "model.blend", "report.json", ("layout.png", "panels.png")
+SHEET, MODEL, REPORT, PICTURES = "sheet", "model.blend", "report.json", ("layout.png", "panels.png", "shape.png")
 
 
 def main(argv: list[str]) -> int:
@@ -80,9 +80,11 @@ def _write(
     model = scene.show(result, name, settings)
     scene.save(new(out / MODEL))
     if pictures:
-        for share, draw, file in zip((0.4, 0.7), (picture.layout, picture.panels), PICTURES, strict=True):
-            progress(share, f"rendering {file}")
-            if draw is picture.layout or result.flat is not None:
+        made = (True, result.flat is not None, result.simulation is not None)
+        drawn = (picture.layout, picture.panels, picture.shape)
+        for share, wanted, draw, file in zip((0.4, 0.6, 0.8), made, drawn, PICTURES, strict=True):
+            if wanted:
+                progress(share, f"rendering {file}")
                 draw(model, new(out / file))
     progress(1.0, "done")
     return written
@@ -143,25 +145,29 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
     parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
+    taken: set[str] = set()
     for block in fields(Settings):
         group = parser.add_argument_group(f"{block.name} settings")
         for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
-            _add_flag(group, f, get_type_hints(block.default_factory)[f.name])
+            # where two blocks have a setting of the same name, the later one's flag begins with its block
+            name = f"{block.name}_{f.name}" if f.name in taken else f.name
+            taken.add(name)
+            _add_flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
     return parser
 
 
-def _add_flag(group: argparse._ArgumentGroup, f: Field, kind: type) -> None:
-    flag, meta = "--" + f.name.replace("_", "-"), f.metadata
+def _add_flag(group: argparse._ArgumentGroup, name: str, dest: str, f: Field, kind: type) -> None:
+    flag, meta = "--" + name.replace("_", "-"), f.metadata
     factor, symbol = SHOWN[meta["unit"]]
     default: Any = f.default
     help = f"{meta['help']} (default {default * factor:g}{symbol})" if kind in (int, float) else meta["help"]
     if kind is bool:
-        group.add_argument(flag, action=argparse.BooleanOptionalAction, default=f.default, help=help)
+        group.add_argument(flag, dest=dest, action=argparse.BooleanOptionalAction, default=f.default, help=help)
     elif meta["choices"]:
-        group.add_argument(flag, choices=[c[0] for c in meta["choices"]], default=f.default, help=help)
+        group.add_argument(flag, dest=dest, choices=[c[0] for c in meta["choices"]], default=f.default, help=help)
     else:
         metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(symbol, "N")
-        group.add_argument(flag, type=kind, metavar=metavar, help=help)
+        group.add_argument(flag, dest=dest, type=kind, metavar=metavar, help=help)
 
 
 def _settings(args: argparse.Namespace) -> Settings:
@@ -170,7 +176,7 @@ def _settings(args: argparse.Namespace) -> Settings:
         kind: Any = block.default_factory
         given = {}
         for f in fields(kind):
-            value = getattr(args, f.name)
+            value = getattr(args, f"{block.name}.{f.name}")
             if value is not None:
                 given[f.name] = value / SHOWN[f.metadata["unit"]][0] if isinstance(value, float) else value
         blocks[block.name] = kind(**given)
@@ -228,6 +234,9 @@ def _print_summary(described: dict[str, Any], out: Path) -> None:
     if "spirals" in described:
         spirals = described["spirals"]
         print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")
+    if "equilibrium" in described:
+        found = described["equilibrium"]
+        print(f"  {found['status']} Distance to the target: RMS {found['rms_mm']:.2f} mm, {found['rms_percent']:.2f} %")
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")

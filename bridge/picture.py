@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import FlexMapsError
-from . import beside, colours
+from . import beside, colours, equilibrium, overlay
 
 SIZE = (1280, 720)
 SAMPLES = 6  # a pixel; the denoiser does the rest
@@ -19,7 +19,20 @@ MARGIN = 1.1
 
 def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
     """The model from above and one side, in the colours of its patches, quads as thin and seams as dark lines."""
-    with _studio([obj], np.array([0.9, -1.0, 1.15]), size, samples) as scene:
+    _model(obj, path, "PATCH", 0.0, size, samples)
+
+
+def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+    """The shape that the simulation found, coloured by its distance to the target: white at it, dark red furthest away."""
+    _model(obj, path, "DISTANCE", 1.0, size, samples)
+
+
+def _model(
+    obj: bpy.types.Object, path: str | Path, kind: str, share: float, size: tuple[int, int], samples: int
+) -> None:
+    """The model in an overlay's colours, at its target, share = 0, or at its equilibrium, 1."""
+    overlay.store(obj, kind)
+    with equilibrium.shown_at(obj, share), _studio([obj], np.array([0.9, -1.0, 1.15]), size, samples) as scene:
         lines = _lines(obj, scene)
         try:
             _render(scene, path)
@@ -70,9 +83,7 @@ def _corners(shown: Iterable[bpy.types.Object]) -> np.ndarray:
     for obj in shown:
         matrix = np.array(obj.matrix_world)
         if obj.type == "MESH":
-            points = np.empty(3 * len(obj.data.vertices), np.float32)
-            obj.data.vertices.foreach_get("co", points)
-            points = points.reshape(-1, 3).astype(float)
+            points = equilibrium.shown_positions(obj.data).astype(float)
         else:
             points = np.array(obj.bound_box, dtype=float)
         found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
@@ -169,15 +180,14 @@ def _camera(scene: bpy.types.Scene, points: np.ndarray, direction: np.ndarray) -
 def _lines(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """The edges of the model as thin round lines, its seams and borders as thicker, darker ones."""
     data = obj.data
-    points, pairs = np.empty(3 * len(data.vertices), np.float32), np.empty(2 * len(data.edges), np.int32)
+    pairs = np.empty(2 * len(data.edges), np.int32)
     cut, corners = np.empty(len(data.edges), bool), np.empty(len(data.loops), np.int32)
-    data.vertices.foreach_get("co", points)
     data.edges.foreach_get("vertices", pairs)
     data.edges.foreach_get("use_seam", cut)
     data.loops.foreach_get("edge_index", corners)
     border = np.bincount(corners, minlength=len(data.edges)) == 1
     matrix = np.array(obj.matrix_world)
-    world = points.reshape(-1, 3).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    world = equilibrium.shown_positions(data).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     pairs = pairs.reshape(-1, 2)
     edge = float(np.median(np.linalg.norm(world[pairs[:, 0]] - world[pairs[:, 1]], axis=1)))
     bold = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(world, axis=0))))

@@ -17,7 +17,7 @@ from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import Settings
 from ..engine.sheets import sheets_report
 from ..engine.slots import slot_needed
-from . import arrange, beside, mesh, notes, overlay, settings
+from . import arrange, beside, equilibrium, mesh, notes, overlay, settings
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -70,6 +70,9 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
             mesh.write_design(obj, result.design)
             notes.write(obj.data, "spirals", design_report(result.design))
             beside.show_spirals(obj, scene, result.design, _outlines(result), centres)
+    if result.simulation is not None:
+        equilibrium.write(obj, scene, surface, result.simulation)
+        equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     if result.sheets is not None:
         notes.write(obj.data, "sheets", sheets_report(result.sheets))
     return obj

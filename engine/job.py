@@ -10,18 +10,29 @@ from itertools import pairwise
 
 import numpy as np
 
-from . import check, curvature, design, flatten, merge, regularise, sheets, split, trace
+from . import check, curvature, design, estimates, flatten, merge, regularise, sheets, simulate, split, trace
 from .check import Finding
 from .design import SpiralDesign
 from .errors import FlexMapsError
+from .estimates import Estimates
 from .flatten import FlatPatches
 from .mesh import PolygonMesh, QuadMesh
 from .params import Settings
 from .progress import SILENT, Progress
 from .sheets import CutSheets
+from .simulate import Simulation
 
 # every stage with its share of the progress bar
-STAGES = {"check": 0.05, "regularise": 0.15, "trace": 0.05, "merge": 0.4, "split": 0.05, "spirals": 0.1, "sheets": 0.2}
+STAGES = {
+    "check": 0.05,
+    "regularise": 0.15,
+    "trace": 0.05,
+    "merge": 0.35,
+    "split": 0.05,
+    "spirals": 0.1,
+    "simulate": 0.1,
+    "sheets": 0.15,
+}
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,10 @@ class Result:
     findings : what the check found, warnings included
     mesh : the quad mesh, regularised if that stage ran
     flat : the flat patches, of the last layout: traced, merged, and cut to the sheet's size
-    design, sheets : the spirals, and the sheets to cut
+    design : the spirals
+    simulation : the shape that the assembled object takes; also ``None``, with a finding, where its spirals are outside
+        of what the elastic model knows and the job went on to the sheets
+    sheets : the sheets to cut; estimates : what making them takes
     seconds : wall time of every stage that ran
     """
 
@@ -41,7 +55,9 @@ class Result:
     mesh: QuadMesh
     flat: FlatPatches | None = None
     design: SpiralDesign | None = None
+    simulation: Simulation | None = None
     sheets: CutSheets | None = None
+    estimates: Estimates | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -116,8 +132,21 @@ def run(
     result = replace(result, design=spirals)
     if stop_after == "spirals":
         return result
+    with stage("simulate") as part:
+        try:
+            found = simulate.simulate(spirals, mesh, settings.material.chosen, settings.simulate, progress=part)
+            result = replace(result, simulation=found)
+        except FlexMapsError as error:
+            if stop_after == "simulate":
+                raise
+            # the sheets can be cut all the same
+            unknown = Finding("not-simulated", "warning", f"Not simulated: {error}", faces=tuple(error.faces))
+            result = replace(result, findings=[*findings, unknown])
+    if stop_after == "simulate":
+        return result
     with stage("sheets") as part:
-        return replace(result, sheets=sheets.make_sheets(spirals, settings.sheet, part))
+        made = sheets.make_sheets(spirals, settings.sheet, part)
+    return replace(result, sheets=made, estimates=estimates.estimate(made, spirals, settings.material.chosen))
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:

@@ -334,10 +334,10 @@ class Settings:
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
     spiral: SpiralParams = field(default_factory=SpiralParams)
+    sheet: SheetParams = field(default_factory=SheetParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
     optimise: OptimiseParams = field(default_factory=OptimiseParams)
-    sheet: SheetParams = field(default_factory=SheetParams)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
     assert report["layout"]["energy_max"] <= 0.035
     assert report["layout"]["flips"] == 0 and report["layout"]["overlaps"] == 0
     assert report["spirals"]["count"] == report["input"]["quads"]
-    named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "layout.png", "panels.png"}
+    named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "layout.png", "panels.png", "shape.png"}
     assert named == {p.name for p in out.iterdir()}
     assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
