@@ -27,7 +27,7 @@ SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
 _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
-_TRIES = 4  # shifts that are tried for every size
+_TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
 _VIEW = 5e-3  # metres; how far to look beside an arm
 
 
@@ -91,7 +91,6 @@ class Room:
         self.design, self.params = design, params
         self.joints = joints(design)
         self.slot = slot_needed(design.params)
-        self._listed: dict[int, list[Attempt]] = {}
 
     def through(self, joint: int) -> Through:
         """The arm through a joint, seen from its first half."""
@@ -104,24 +103,21 @@ class Room:
         width = float(through.own.arms.joint_width[0, 0])
         return list(dict.fromkeys(size(width, self.params, scale) for scale in SCALES))
 
-    def attempts(self, joint: int, through: Through, near: Any) -> list[Attempt]:
+    def attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
         """What to try at a joint, the best first."""
-        if joint not in self._listed:
-            self._listed[joint] = list(self._attempts(joint, through, near))
-        return self._listed[joint]
-
-    def _attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
         sizes = self.sizes(through)
-        steps = sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))
-        openings = [o for o in (self._opening(through, n * _STEP * sizes[0].neck, sizes[0], near) for n in steps) if o]
+        steps = [sizes[-1].neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
+        openings: dict[Size, list[Opening]] = {}
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
         for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
             for back in (0.0,) if kind == "dovetail" else BACKS:
                 for beside, s in product((False, True), sizes):
-                    fitting = [(o.shift, e) for o in openings if (e := o.aside(s, beside)) is not None][:_TRIES]
-                    for shift, aside in fitting:
+                    if s not in openings:
+                        openings[s] = [o for o in (self._opening(through, x, s, near) for x in steps) if o]
+                    fitting = [(o.shift, e) for o in openings[s] if (e := o.aside(s, beside)) is not None]
+                    for shift, aside in fitting if beside else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 

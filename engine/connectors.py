@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -118,15 +119,11 @@ def connect(
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """What is made of a joint: which attempt, and its tips."""
+    """What is made of a joint: which of its attempts, and its tips."""
 
-    attempts: list[Attempt]
     number: int
+    attempt: Attempt
     tips: tuple[Tip, Tip]
-
-    @property
-    def attempt(self) -> Attempt:
-        return self.attempts[self.number]
 
 
 def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
@@ -151,11 +148,10 @@ def _next(room: Room, joint: int, start: int) -> _Choice | None:
     """The first attempt from ``start`` on that has room."""
     through = room.through(joint)
     near = room.near(through)
-    attempts = room.attempts(joint, through, near)
-    for number in range(start, len(attempts)):
-        tips = room.tips(through, attempts[number])
+    for number, attempt in islice(enumerate(room.attempts(joint, through, near)), start, None):
+        tips = room.tips(through, attempt)
         if tips is not None and room.free(joint, tips, near):
-            return _Choice(attempts, number, tips)
+            return _Choice(number, attempt, tips)
     return None
 
 
