@@ -46,7 +46,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
     assert report["spirals"]["count"] == report["input"]["quads"]
     named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "layout.png", "panels.png", "shape.png"}
     assert named == {p.name for p in out.iterdir()}
-    assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf"}
+    assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
 
 
