@@ -1,0 +1,373 @@
+"""Measures the elastic models and the search for their equilibrium against what was asked, and against each other.
+
+python3 tools/dev.py bench equilibrium [--meshes DIR] [--json FILE]
+
+Figures are those of the arm model, the program's default; those of the rod model stand beside them. Seconds are the
+processor's, with one BLAS thread, from a pose to the equilibrium, the symbolic factorisation included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_layout import EDGE, surfaces
+from equilibrium_cases import MATERIAL, Subject, of_mesh, of_shape, shaken, straight_row, torus, turned
+from flexmaps.engine import shapes
+from flexmaps.engine.arm_model import arm_compliances
+from flexmaps.engine.assembly import Pose
+from flexmaps.engine.elastic import ElasticModel, summed
+from flexmaps.engine.equilibrium import Equilibrium, solve
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.linalg import Pattern
+from flexmaps.engine.loads import Loads
+from flexmaps.engine.newton_system import NewtonSystem
+from flexmaps.engine.params import SimulateParams
+from flexmaps.engine.report import peak_memory
+from flexmaps.engine.threads import one_thread
+from rows import Table, at_least, at_most, row
+from scipy.optimize import brentq
+from scipy.sparse.linalg import splu
+from scipy.spatial.transform import Rotation
+from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+
+BENIGN = {"cubesphere", "quad_dome", "dome", "torus", "vault", "saddle", "strip"}
+SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}
+SEEDS = 5
+NOISE = 0.05  # of an edge, and radians
+SIZES = (150, 600, 2400, 10_000, 20_000)
+LARGEST = SIZES[-1]
+
+
+def main(arguments: list[str]) -> int:
+    """Measure everything, print the table, write the rows; 0 whatever was measured."""
+    root = Path(__file__).resolve().parent.parent
+    shared = root.parent / "shared" / "meshes"
+    parser = argparse.ArgumentParser(prog="dev.py bench equilibrium")
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args(arguments)
+    if options.peak:
+        peak(options.peak)
+        return 0
+    table = Table(width=44)
+    exactness(table)
+    closed_forms(table)
+    for name, polygons in surfaces(options.meshes):
+        try:
+            found = of_mesh(name, polygons)
+        except FlexMapsError as error:
+            table.add(row(name, "refused", "", str(error)[:60], True))
+            continue
+        on_mesh(table, found)
+    linear_algebra(table)
+    scaling(table)
+    validation(table)
+    table.finish(options.json)
+    return 0
+
+
+def both(found: Subject) -> tuple[tuple[str, ElasticModel], ...]:
+    return (("arm", found.arm), ("rod", found.rod))
+
+
+def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
+    """The least of the processor's seconds that an action takes."""
+    best = np.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        action()
+        best = min(best, time.process_time() - start)
+    return float(best)
+
+
+# -- exactness -------------------------------------------------------------------------------------------------------
+
+
+def exactness(table: Table) -> None:
+    """Derivatives against central differences of the fourth order, and the energy under rigid motion."""
+    found = of_shape("vault", shapes.vault(10))
+    pose = shaken(found.pose, 0.05 * EDGE, 0.2, 1)
+    figures = {name: _derivatives(model, pose) for name, model in both(found)}
+    names = ("gradient against differences", "Hessian against differences", "energy under rigid motion")
+    for k, (name, limit) in enumerate(zip(names, (1e-6, 1e-6, 1e-10), strict=True)):
+        table.add(at_most("100 spirals", name, limit, figures["arm"][k], {"rod": f"{figures['rod'][k]:.1e}"}))
+
+
+def _derivatives(model: ElasticModel, pose: Pose) -> tuple[float, float, float]:
+    state = model.start(pose)
+    here = model.expand(state)
+    rng, step, worst = np.random.default_rng(2), 3e-4, np.zeros(2)
+    for _ in range(10):
+        way = rng.normal(size=here.gradient.shape) * np.repeat([EDGE, 1.0], 3)
+        line = [model.expand(model.moved(state, k * step * way)) for k in (-2, -1, 1, 2)]
+
+        def slope(values: list[Any]) -> Any:
+            return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
+
+        ends = way[model.pairs].reshape(-1, 12)
+        force = summed(np.einsum("mij,mj->mi", here.hessian, ends), model.pairs, len(way))
+        first = float((here.gradient * way).sum())
+        second = float((force * way).sum())
+        worst[0] = max(worst[0], abs(slope([e.energy for e in line]) / first - 1.0))
+        worst[1] = max(worst[1], abs(slope([float((e.gradient * way).sum()) for e in line]) / second - 1.0))
+    there = model.energy(model.start(turned(pose)))
+    return float(worst[0]), float(worst[1]), abs(there / model.energy(state) - 1.0)
+
+
+# -- closed forms ----------------------------------------------------------------------------------------------------
+
+HUBS = 41
+
+
+def closed_forms(table: Table) -> None:
+    """A row bent to a half circle, and a cantilever under a load at its tip, against the inextensible elastica.
+
+    Both within the plane: across it a spiral's arms twist a little as they bend, which the elastica does not.
+    """
+    found = straight_row(HUBS)
+    bending = {
+        "arm": float(arm_compliances(found.assembly, MATERIAL).values[0].sum(axis=0)[5, 5]),
+        "rod": float((1.0 / found.rod.springs[0, :, 0]).sum()),
+    }
+    length = EDGE * (HUBS - 1)
+    arches = {name: _arch(model, EDGE / bending[name], length) for name, model in both(found)}
+    for k, name in enumerate(("arch: energy against the circle's", "arch: hubs off the circle, of its length")):
+        table.add(at_most("row of 41", name, 1e-3, arches["arm"][k], {"rod": f"{arches['rod'][k]:.1e}"}))
+    tips = {name: _cantilever(model, found.pose, EDGE / bending[name], length) for name, model in both(found)}
+    table.add(
+        at_most(
+            "row of 41",
+            "cantilever: tip off the elastica, of its length",
+            1e-3,
+            tips["arm"],
+            {"rod": f"{tips['rod']:.1e}"},
+        )
+    )
+
+
+def _arch(model: ElasticModel, stiffness: float, length: float) -> tuple[float, float]:
+    """Errors of energy and place: one end clamped, the direction of the other turned by half a turn."""
+    angle = np.linspace(0.0, np.pi, HUBS)
+    radius = length / np.pi
+    circle = radius * np.stack([np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle], axis=1)
+    pose = Pose(circle, Rotation.from_rotvec(np.outer(angle, [0.0, 0.0, 1.0])).as_matrix())
+    loads = Loads.of(HUBS, supports=np.array([0]))
+    loads.fixed[-1, 3:] = True
+    start = shaken(pose, NOISE * EDGE, NOISE, 0)
+    start.centres[0], start.rotations[[0, -1]] = pose.centres[0], pose.rotations[[0, -1]]
+    found = solve(model, start, loads, SimulateParams())
+    off = np.linalg.norm(found.pose.centres - circle, axis=1).max() / length
+    return abs(found.energy * 2.0 * length / (stiffness * np.pi**2) - 1.0), float(off)
+
+
+def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: float, load: float = 2.0) -> float:
+    """Distance of the tip from where Bisshopp and Drucker (1945) say, under a load of P L^2 = ``load`` E I."""
+    force = np.zeros((HUBS, 3))
+    force[-1, 1] = -load * stiffness / length**2
+    found = solve(model, straight, Loads.of(HUBS, supports=np.array([0]), force=force), SimulateParams())
+    tip = (found.pose.centres[-1] - straight.centres[0]) / length
+
+    def modulus(slope: float) -> tuple[float, float]:
+        m = 0.5 * (1.0 + np.sin(slope))
+        return m, float(np.arcsin(np.sqrt(0.5 / m)))
+
+    def excess(slope: float) -> float:
+        m, start = modulus(slope)
+        return float(ellipk(m) - ellipkinc(start, m) - np.sqrt(load))
+
+    slope = brentq(excess, 1e-6, 0.5 * np.pi - 1e-6)
+    m, start = modulus(slope)
+    fall = 1.0 - 2.0 / np.sqrt(load) * (ellipe(m) - ellipeinc(start, m))
+    return float(np.linalg.norm(tip - [np.sqrt(2.0 * np.sin(slope) / load), -fall, 0.0]))
+
+
+# -- meshes ----------------------------------------------------------------------------------------------------------
+
+
+def on_mesh(table: Table, found: Subject) -> None:
+    """From the target, and from the target shaken: iterations, forces left, seconds, and whether it comes to rest."""
+    kind = found.name.removeprefix("made:")
+    loads = Loads.of(found.assembly.size)
+    rest, spent, calm = {}, {}, {}
+    for name, model in both(found):
+        start = time.process_time()
+        rest[name] = solve(model, found.pose, loads, SimulateParams())
+        spent[name] = time.process_time() - start
+        calm[name] = sum(
+            solve(model, shaken(found.pose, NOISE * EDGE, NOISE, seed), loads, SimulateParams()).converged
+            for seed in range(SEEDS)
+        )
+    arm, rod = rest["arm"], rest["rod"]
+    beyond = {"spirals outside the rod model's range": found.outside} if found.outside else {}
+    table.add(
+        row(found.name, "spirals", "", found.assembly.size, None, beyond),
+        row(
+            found.name,
+            "converged from the target",
+            "yes",
+            "yes" if arm.converged else arm.status,
+            arm.converged,
+            _said(rod),
+        ),
+        at_most(found.name, "iterations", 20 if kind in BENIGN else 50, arm.iterations, {"rod": rod.iterations}),
+        at_most(found.name, "relative gradient", 1e-8, arm.residual, {"rod": f"{rod.residual:.1e}"}),
+        at_least(found.name, "seeds of noise that converge", SEEDS, calm["arm"], {"rod": calm["rod"]}),
+        at_most(found.name, "seconds", SECONDS.get(kind), spent["arm"], {"rod": round(spent["rod"], 3)}),
+        row(found.name, "largest twist, rad", "", round(arm.twist_max, 3), None, {"rod": round(rod.twist_max, 3)}),
+        row(
+            found.name, "RMS distance to the target, %", "", _distance(found, arm), None, {"rod": _distance(found, rod)}
+        ),
+        row(found.name, "RMS distance of both models, %", "", _apart(found, arm, rod), None),
+    )
+
+
+def _said(found: Equilibrium) -> dict[str, Any]:
+    return {"rod": "yes" if found.converged else found.status}
+
+
+def _distance(found: Subject, rest: Equilibrium) -> float:
+    apart = rest.pose.aligned(found.pose.centres).centres - found.pose.centres
+    return round(100.0 * float(np.sqrt((apart**2).sum(axis=1).mean())) / found.size, 3)
+
+
+def _apart(found: Subject, one: Equilibrium, other: Equilibrium) -> float:
+    apart = one.pose.aligned(other.pose.centres).centres - other.pose.centres
+    return round(100.0 * float(np.sqrt((apart**2).sum(axis=1).mean())) / found.size, 3)
+
+
+# -- cost ------------------------------------------------------------------------------------------------------------
+
+
+@one_thread
+def linear_algebra(table: Table) -> None:
+    """One Newton iteration, and refactorisation, both on the same matrix of about 2400 spirals."""
+    found = torus(2400)
+    name, pieces = f"torus {found.assembly.size}", {}
+    for kind, model in both(found):
+        rest = solve(model, found.pose, Loads.of(found.assembly.size), SimulateParams())
+        system = NewtonSystem(model.pairs, Loads.of(found.assembly.size).held(model.pairs, rest.pose.centres))
+        state = model.start(rest.pose)
+        here = model.expand(state)
+        values = system.values(here.hessian)
+        system.factor(values)
+        step = system.solve(here.gradient)
+        pieces[kind] = {
+            "expand": seconds(lambda m=model, s=state: m.expand(s), 9),
+            "values": seconds(lambda s=system, h=here: s.values(h.hessian), 9),
+            "factor": seconds(lambda s=system, v=values: s.factor(v), 9),
+            "solve": seconds(lambda s=system, h=here: s.solve(h.gradient), 9),
+            "move": seconds(lambda m=model, s=state, d=step: m.moved(s, d), 9),
+            "energy": seconds(lambda m=model, s=state: m.energy(s), 9),
+        }
+        if kind == "arm":
+            others = superlu(system.pattern, values)
+    ratio = {k: sum(p.values()) / (p["factor"] + p["solve"]) for k, p in pieces.items()}
+    told = {f"{k}, ms": {n: round(1e3 * t, 2) for n, t in p.items()} for k, p in pieces.items()}
+    table.add(
+        at_most(name, "one iteration / (factor + solve)", 2.0, ratio["arm"], {"rod": round(ratio["rod"], 2), **told})
+    )
+    best = min(others.values()) / pieces["arm"]["factor"]
+    table.add(
+        at_least(
+            name,
+            "refactorisation, times faster than SuperLU",
+            5.0,
+            best,
+            {"SuperLU, ms": {k: round(1e3 * t) for k, t in others.items()}},
+        )
+    )
+
+
+def superlu(pattern: Pattern, values: np.ndarray) -> dict[str, float]:
+    """Seconds of SuperLU's factorisation of a matrix by each of its orderings, without pivoting as suits it best."""
+    matrix = pattern.matrix(values)
+    options = {"SymmetricMode": True}
+    return {
+        order: seconds(lambda o=order: splu(matrix, permc_spec=o, diag_pivot_thresh=0.0, options=options), 3)
+        for order in ("MMD_AT_PLUS_A", "COLAMD", "MMD_ATA")
+    }
+
+
+def scaling(table: Table) -> None:
+    """Equilibrium of smooth objects of equal spirals, 150 to 20,000, and the memory of the largest."""
+    for name, mesh in (("vault 2401", shapes.vault(49)), ("dome 2352", shapes.dome(28))):
+        timed(table, of_shape(name, mesh), 0.5)
+    limits = {2400: 0.5, 10_000: 6.0}
+    spent = {count: timed(table, torus(count), limits.get(count)) for count in SIZES}
+    for k, what in enumerate(("cost exponent, equilibrium", "cost exponent, one iteration")):
+        slope = {
+            m: float(np.polyfit(np.log(SIZES), np.log([spent[n][m][k] for n in SIZES]), 1)[0]) for m in ("arm", "rod")
+        }
+        table.add(
+            at_most(f"torus 150-{LARGEST}", what, None if k else 1.4, slope["arm"], {"rod": round(slope["rod"], 3)})
+        )
+    tool = Path(__file__).with_name("dev.py")
+    child = [sys.executable, str(tool), "bench", "equilibrium", "--peak", str(LARGEST)]
+    used = float(subprocess.run(child, check=True, capture_output=True, text=True).stdout.split()[-1])
+    table.add(at_most(f"torus {LARGEST}", "memory of a process of its own, MB", 4000.0, used))
+
+
+def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[float, float]]:
+    """Seconds to the equilibrium, and those of an iteration, of both models."""
+    loads, out, rest = Loads.of(found.assembly.size), {}, {}
+    for name, model in both(found):
+        start = time.process_time()
+        rest[name] = solve(model, found.pose, loads, SimulateParams())
+        spent = time.process_time() - start
+        out[name] = (spent, spent / max(rest[name].iterations, 1))
+    peer = {
+        "arm": {"iterations": rest["arm"].iterations, "converged": rest["arm"].converged},
+        "rod": {
+            "seconds": round(out["rod"][0], 3),
+            "iterations": rest["rod"].iterations,
+            "converged": rest["rod"].converged,
+        },
+    }
+    table.add(at_most(found.name, "seconds", limit, out["arm"][0], peer))
+    return out
+
+
+def peak(count: int) -> None:
+    """Bring one large torus to equilibrium and print the process's peak memory in megabytes."""
+    found = torus(count)
+    solve(found.arm, found.pose, Loads.of(found.assembly.size), SimulateParams())
+    print(round((peak_memory() or np.nan) / 1e6))
+
+
+# -- full solids -----------------------------------------------------------------------------------------------------
+
+
+def validation(table: Table) -> None:
+    """Distance of hub centres from those of full solids of the whole assembly, in percent of its size."""
+    from flexmaps.database.validation import compare
+
+    rows = compare()
+    for arm in (r for r in rows if r["model"] == "arm"):
+        rod = next(r for r in rows if r["model"] == "rod" and (r["case"], r["state"]) == (arm["case"], arm["state"]))
+        for key, limit in (("rms_percent", 0.5), ("max_percent", 2.0)):
+            peer = {"rod": round(rod[key], 3)}
+            if key == "rms_percent":
+                peer |= {"solid": {"unknowns": arm["unknowns"], "strain %": round(arm["strain_percent"], 2)}}
+            measured = arm[key] if arm["converged"] else np.nan
+            table.add(
+                at_most(
+                    arm["case"],
+                    f"{arm['state']}: {key.replace('_percent', '')} off the solid, %",
+                    limit,
+                    measured,
+                    peer,
+                )
+            )
+
+
+__all__ = ["main"]

@@ -1,0 +1,111 @@
+"""Assemblies on which the equilibrium is measured: designs of meshes, objects of any number of spirals, single rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from bench_layout import EDGE
+from flexmaps.engine import design, flatten, job, shapes, trace
+from flexmaps.engine.arm_model import ArmModel
+from flexmaps.engine.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import material
+from flexmaps.engine.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
+from flexmaps.engine.rod_model import RodModel
+from flexmaps.engine.stiffness_rods import rod_parameters
+from scipy.spatial.transform import Rotation
+
+MATERIAL = material("vero")
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """What is brought to equilibrium: spirals and joints, both models of them, the pose in the target.
+
+    outside : number of spirals outside the rod model's parameters; they get the median ones
+    """
+
+    name: str
+    assembly: Assembly
+    arm: ArmModel
+    rod: RodModel
+    outside: int
+    pose: Pose
+
+    @property
+    def size(self) -> float:
+        """Metres, the diagonal of the box around the hubs."""
+        return float(np.linalg.norm(np.ptp(self.pose.centres, axis=0)))
+
+
+def subject(name: str, assembly: Assembly, pose: Pose) -> Subject:
+    rod, outside = rods(assembly)
+    return Subject(name, assembly, ArmModel.of(assembly, MATERIAL), rod, outside, pose)
+
+
+def rods(assembly: Assembly) -> tuple[RodModel, int]:
+    """The rod model, with median parameters for spirals outside its range; and how many these are."""
+    arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
+    scale = 2.0 * np.bincount(assembly.pairs.ravel(), assembly.radius.ravel(), assembly.size) / arms
+    inside = np.arange(assembly.size)
+    while True:
+        try:
+            found = rod_parameters(
+                scale[inside],
+                assembly.width[inside],
+                assembly.twist[inside],
+                thickness=assembly.thickness,
+                youngs=MATERIAL.youngs,
+            )
+            break
+        except FlexMapsError as error:
+            inside = np.delete(inside, error.faces)
+    parameters = np.tile(np.median(found.values, axis=0), (assembly.size, 1))
+    parameters[inside] = found.values
+    return RodModel.with_parameters(assembly, parameters), assembly.size - len(inside)
+
+
+def of_mesh(name: str, polygons: PolygonMesh) -> Subject:
+    """The design that the main job makes of a mesh; raises FlexMapsError where it refuses it."""
+    result = job.run(polygons, Settings(), edge=EDGE, stop_after="spirals")
+    assert result.design is not None
+    return subject(name, of_design(result.design), target_pose(result.mesh, result.design.flat.corners))
+
+
+def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
+    """Equal spirals in the traced patches of a smooth surface, as it is: quick for any number of quads."""
+    mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    spirals = design.uniform(flat, SpiralParams(), twist=twist)
+    return subject(name, of_design(spirals), target_pose(mesh, flat.corners))
+
+
+def torus(count: int) -> Subject:
+    """A torus of about ``count`` spirals."""
+    across = round(np.sqrt(count / 2.5))
+    return of_shape(f"torus {count}", shapes.torus(round(2.5 * across), across))
+
+
+def straight_row(count: int) -> Subject:
+    """Spirals with straight arms side by side along x, their patches' normals up."""
+    pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+    lever = np.zeros((count - 1, 2, 3))
+    lever[:, 0, 0], lever[:, 1, 0] = 0.5 * EDGE, -0.5 * EDGE
+    axes, full = np.broadcast_to(np.eye(3), (count - 1, 2, 3, 3)), np.ones(count)
+    assembly = Assembly(pairs, lever, axes, 0.0015 * full, 0.0 * full, 1e-4 * full, 0.002)
+    centres = np.zeros((count, 3))
+    centres[:, 0] = EDGE * np.arange(count)
+    return subject("row", assembly, Pose(centres, np.tile(np.eye(3), (count, 1, 1))))
+
+
+def shaken(pose: Pose, shift: float, turn: float, seed: int) -> Pose:
+    """Every hub shifted and turned at random: standard deviations in metres and radians per axis."""
+    noise = np.random.default_rng(seed).normal(size=(len(pose.centres), 6))
+    return pose.moved(noise * np.repeat([shift, turn], 3))
+
+
+def turned(pose: Pose) -> Pose:
+    """The whole somewhere else."""
+    return pose.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
