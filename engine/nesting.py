@@ -23,6 +23,7 @@ STRAY = 1e-4  # metres by which shapes may be simplified, outwards only
 ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
 FULLEST = 0.92  # share of a sheet beyond which no set of panels is tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
+LAST = 0.15  # share of the time limit for drawing the panels of the last sheet together
 TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so this is also how long ESC may take to free the core
 
 
@@ -186,7 +187,7 @@ class _Search:
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
         if members & set(self.large):
             return packing
-        found = self._strip(members, 0.0)
+        found = self._strip(members, 0.0, max(TURN, int(LAST * self.params.nesting_seconds)))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -196,9 +197,9 @@ class _Search:
 
     # -- one call of spyrrow -------------------------------------------------------------------------------------------
 
-    def _strip(self, members: frozenset[int], enough: float) -> _Set | None:
+    def _strip(self, members: frozenset[int], enough: float, seconds: int = TURN) -> _Set | None:
         """Panels packed in a strip as high as the sheet, if it is no longer than the sheet; ends once it is ``enough``."""
-        solution = self._solve(members, enough)
+        solution = self._solve(members, enough, seconds)
         if solution is None or solution.width - 2.0 * self.separation * 1e3 > self.free[0] * 1e3:
             return None
         # spyrrow keeps the separation from the border of its strip too
@@ -211,7 +212,7 @@ class _Search:
             float(self.area[list(members)].sum()),
         )
 
-    def _solve(self, members: frozenset[int], enough: float) -> Any:
+    def _solve(self, members: frozenset[int], enough: float, seconds: int) -> Any:
         """spyrrow's shortest feasible strip for some panels, in millimetres; it runs in a thread of its own, for ESC."""
         import spyrrow
 
@@ -222,7 +223,7 @@ class _Search:
         high = float(self.free[1] + 2.0 * self.separation) * 1e3
         task = spyrrow.StripPackingInstance("", high, items)
         config = spyrrow.StripPackingConfig(
-            total_computation_time=TURN,
+            total_computation_time=seconds,
             min_items_separation=self.separation * 1e3,
             num_workers=1,
             seed=self.params.seed,

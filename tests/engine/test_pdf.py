@@ -36,7 +36,7 @@ def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
 def test_arcs_are_round(bulge):
     # both halves of a lens or of a circle of another size
     curve = Curve(np.array([[0.01, 0.02], [0.03, 0.02]]), np.array([bulge, bulge]))
-    numbers = np.array([p for p in pdf.path(curve, 1e-3).replace("m", "").split("c")[:-1]])
+    numbers = pdf.path(curve, 1e-3).replace("m", "").split("c")[:-1]
     values = [np.array(n.split(), dtype=float) for n in numbers]
     start = complex(*values[0][:2])
     values[0] = values[0][2:]

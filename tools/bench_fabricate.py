@@ -1,0 +1,312 @@
+"""Measures the way from a mesh to files for the cutter, read back by programs that had no part in writing them.
+
+python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME ...] [--nesting SECONDS]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from bench_layout import EDGE, Row, _at_most, _print, _row, surfaces
+from flexmaps.engine import (
+    check,
+    curvature,
+    design,
+    dxf,
+    merge,
+    nesting,
+    packing,
+    pdf,
+    regularise,
+    sheets,
+    solid_files,
+    split,
+    svg,
+    trace,
+)
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.params import LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from flexmaps.engine.sheets import CutSheets
+
+SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
+SECONDS = {"bunny": 30.0}
+MEGABYTES = {"bunny": 15.0}
+COLOURS = {"#000000": "engrave", "#0000ff": "inner", "#ff0000": "outer"}
+
+
+def main(arguments: list[str]) -> int:
+    """Measure every mesh, print the table, write the rows; 0 whatever was measured."""
+    root = Path(__file__).resolve().parent.parent
+    parser = argparse.ArgumentParser(prog="dev.py bench fabricate")
+    shared = root.parent / "shared" / "meshes"
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--only", nargs="*", help="only meshes of these names")
+    parser.add_argument("--nesting", type=float, default=20.0, help="seconds of the search for fewer sheets")
+    options = parser.parse_args(arguments)
+    rows: list[Row] = []
+    print(f"{'mesh':<18}{'row':<24}{'asked':>12}{'measured':>14}  ok   peers")
+    for name, polygons in surfaces(options.meshes):
+        if options.only and name not in options.only:
+            continue
+        try:
+            found = measure(name, polygons, options.nesting)
+        except FlexMapsError as error:
+            found = [_row(name, "refused", "", str(error)[:90], True)]
+        for row in found:
+            _print(row)
+        rows += found
+        if options.json is not None:
+            options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    missed = [r for r in rows if r["ok"] is False]
+    print(f"{len(rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))
+    return 0
+
+
+def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Row]:
+    """All rows of one mesh, at quads of 20 mm and a sheet of 600 x 400 x 2 mm."""
+    params, layout_params = SheetParams(nesting_seconds=nesting_seconds), LayoutParams()
+    started = time.process_time()
+    mesh = regularise.regularise(check.as_quad_mesh(check.scaled(polygons, edge=EDGE)), RegulariseParams())
+    mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
+    merged = merge.merge(trace.trace(mesh, layout_params), layout_params)
+    flat = split.split(merged, layout_params, params)
+    spirals = design.from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
+    quick = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
+    seconds = time.process_time() - started
+    shapes = [p.outline.sampled(2e-5) for p in quick.panels]
+    started = time.monotonic()
+    made = CutSheets(**{**quick.__dict__, "packing": nesting.nest(shapes, params), "params": params})
+    nested = time.monotonic() - started
+    too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
+    report = sheets.sheets_report(made)
+    rows = [
+        _row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
+        _at_most(name, "panels too large", 0, too_large),
+        _at_most(name, "mesh to sheets, seconds", SECONDS.get(name), round(seconds, 1)),
+        _at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
+        _row(name, "nodes per metre", "", report["nodes_per_m"], None),
+        _row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
+        _row(name, "narrowest bridge, mm", ">= 0.99", report["bridge_min_mm"], report["bridge_min_mm"] >= 0.99),
+    ]
+    rows += fill_rows(name, made, quick, nested, flat)
+    with tempfile.TemporaryDirectory() as folder:
+        rows += file_rows(name, made, Path(folder) / "sheet")
+    return rows
+
+
+# -- nesting ---------------------------------------------------------------------------------------------------------
+
+
+def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat: Any) -> list[Row]:
+    """How full the sheets are; and one long strip of the sheet's height, where the size of the panels matters less."""
+    shapes = [p.outline.sampled(2e-5) for p in made.panels]
+    area = sum(p.outline.area for p in made.panels)
+    strip = SheetParams(sheet_width=10.0, nesting_seconds=made.params.nesting_seconds)
+
+    def filled(found: packing.Packing) -> float:
+        return round(area / (0.4 * packing.used_length(found, shapes, 0)), 3)
+
+    in_strip = filled(nesting.nest(shapes, strip))
+    peers = {
+        "quick": filled(packing.pack(shapes, (10.0, 0.4), strip.margin, strip.spacing)),
+        "boxes": round(area / (0.4 * box_strip(shapes, 0.39, strip.spacing)), 3),
+        "xatlas": xatlas_fill(flat, strip.spacing),
+    }
+    asked = ">= 0.6" if len(shapes) >= 8 else ""
+    counts = {"quick": quick.count, "least by area": int(np.ceil(area / (0.59 * 0.39)))}
+    return [
+        _row(name, "fill of a strip", asked, in_strip, in_strip >= 0.6 if asked else None, peers),
+        _row(name, "sheets", "<= quick", made.count, made.count <= quick.count, counts),
+        _row(name, "fill of the sheets", "", sheets.sheets_report(made)["fill"], None,
+             {"quick": sheets.sheets_report(quick)["fill"]}),
+        _row(name, "nesting, wall seconds", "", round(seconds, 1), None),
+    ]  # fmt: skip
+
+
+def box_strip(shapes: list[np.ndarray], height: float, spacing: float) -> float:
+    """Length of a strip of boxes in columns, the widest first (first fit decreasing)."""
+    boxes = []
+    for shape in shapes:
+        long, short = packing.least_box(shape)[1] + spacing
+        boxes.append((short, long) if long <= height + spacing else (long, short))
+    columns: list[tuple[float, float]] = []
+    for wide, high in sorted(boxes, reverse=True):
+        for k, (width, taken) in enumerate(columns):
+            if taken + high <= height + spacing:
+                columns[k] = (width, taken + high)
+                break
+        else:
+            columns.append((wide, high))
+    return sum(c[0] for c in columns)
+
+
+def xatlas_fill(flat: Any, spacing: float) -> float:
+    """Share of xatlas's page that the patches cover; its page has no given height, a texel is a millimetre."""
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    for quads in flat.layout.patches:
+        corners = np.unique(flat.layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+        points = np.zeros((corners.max() + 1, 2))
+        points[corners] = flat.corners[quads]
+        faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+        atlas.add_uv_mesh((points - points.min(axis=0)).astype(np.float32), faces.astype(np.uint32))
+    options = xatlas.PackOptions()
+    options.texels_per_unit, options.padding, options.bruteForce = 1e3, round(spacing * 1e3), True
+    atlas.generate(pack_options=options)
+    area = sum(0.5 * abs(_twice_area(flat.points[loop])) for loop in flat.outlines)
+    return round(float(area * 1e6 / (atlas.width * atlas.height * max(atlas.atlas_count, 1))), 3)
+
+
+def _twice_area(points: np.ndarray) -> float:
+    after = np.roll(points, -1, axis=0)
+    return float((points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]).sum())
+
+
+# -- files, read back ------------------------------------------------------------------------------------------------
+
+
+def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
+    """What other programs find in the files."""
+    rows = []
+    paths = svg.write(made, base.with_suffix(".svg"))
+    size = sum(os.path.getsize(p) for p in paths) / 1e6
+    rows.append(_at_most(name, "SVG, megabytes", MEGABYTES.get(name), round(size, 2)))
+    rows += shape_rows(name, "SVG by svgelements", [svg_polygons(p) for p in paths], made, close=True)
+    for version in ("R2010", "R12"):
+        paths = dxf.write(made, base.with_name(f"sheet-{version}.dxf"), version)
+        rows += shape_rows(name, f"DXF {version} by ezdxf", [dxf_polygons(p) for p in paths], made)
+    rows.append(_at_most(name, "PDF by PDFium, mm off", 0.001, pdf_error(made, base.with_suffix(".pdf"))))
+    return rows + solid_rows(name, made, base)
+
+
+def shape_rows(
+    name: str, kind: str, found: list[list[shapely.Polygon]], made: CutSheets, close: bool = False
+) -> list[Row]:
+    """Panels of every sheet as polygons in mm: whole, apart, of the design's area; ``close`` looks at slots and bridges."""
+    panels = [p for s in found for p in s]
+    wanted = [p.area * 1e6 for k in range(made.count) for p in made.on_sheet(k)]
+    off = max(abs(a.area / b - 1.0) for a, b in zip(panels, wanted, strict=True))
+    near, overlaps = np.inf, 0
+    for sheet, size in zip(found, made.packing.sizes * 1e3, strict=True):
+        frame = shapely.box(0, 0, *size).buffer(-made.params.margin * 1e3 + 0.02, join_style="mitre")
+        overlaps += sum(not frame.contains(p) for p in sheet)
+        for i, one in enumerate(sheet):
+            for two in sheet[:i]:
+                near = min(near, shapely.Polygon(one.exterior).distance(shapely.Polygon(two.exterior)))
+                overlaps += one.intersects(two)
+    rows = [
+        _row(name, f"{kind}: whole", "all", f"{sum(p.is_valid for p in panels)}/{len(wanted)}", all(p.is_valid for p in panels)),
+        _at_most(name, f"{kind}: overlaps", 0, overlaps),
+        _at_most(name, f"{kind}: area off", 1e-3, off),
+    ]  # fmt: skip
+    if np.isfinite(near):
+        least = made.params.spacing * 1e3
+        rows.append(_row(name, f"{kind}: apart, mm", f">= {least:g}", round(near, 3), near >= least - 0.05))
+    if close:
+        # both sides of a slot may stray by the tolerance of the curves, and a little by being read in chords
+        slot, bridge = (0.5e3 * x - 1.5e3 * made.params.tolerance for x in (made.slot_min, made.bridge_min))
+        broken = sum(not isinstance(p.buffer(-bridge, quad_segs=2), shapely.Polygon) for p in panels)
+        holes = np.array([shapely.Polygon(r) for p in panels for r in p.interiors])
+        narrow = shapely.buffer(holes, -slot, quad_segs=2)
+        rows.append(_at_most(name, "bridges below", 0, broken))
+        rows.append(_at_most(name, "slots below", 0, int((shapely.get_num_geometries(narrow) > 1).sum())))
+    return rows
+
+
+def svg_polygons(path: Path) -> list[shapely.Polygon]:
+    """The panels of one file in mm, y upwards, by svgelements."""
+    import svgelements
+
+    document = svgelements.SVG.parse(str(path), ppi=25.4)
+    height = float(document.height)
+    rings: dict[str, list[np.ndarray]] = {kind: [] for kind in COLOURS.values()}
+    for element in document.elements():
+        if not isinstance(element, svgelements.Path):
+            continue
+        points: list[tuple[float, float]] = []
+        for segment in element:
+            if isinstance(segment, svgelements.Arc):
+                steps = 2 + int(abs(segment.sweep) / 0.05)
+                points += [(p.x, p.y) for p in (segment.point(t) for t in np.linspace(0, 1, steps)[1:])]
+            elif isinstance(segment, svgelements.Move | svgelements.Line):
+                points.append((segment.end.x, segment.end.y))
+        rings[COLOURS[element.stroke.hex]].append(np.array(points) * [1, -1] + [0, height])
+    return _panels(rings["outer"], rings["inner"])
+
+
+def dxf_polygons(path: Path) -> list[shapely.Polygon]:
+    """The panels of one file in mm, by ezdxf."""
+    import ezdxf
+    import ezdxf.path
+
+    document = ezdxf.readfile(path)
+    assert not document.audit().errors
+    rings: dict[str, list[np.ndarray]] = {"CUT_OUTER": [], "CUT_INNER": [], "ENGRAVE": []}
+    for entity in document.modelspace():
+        if entity.dxf.layer != "ENGRAVE":
+            points = [(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)]
+            rings[entity.dxf.layer].append(np.array(points))
+    return _panels(rings["CUT_OUTER"], rings["CUT_INNER"])
+
+
+def _panels(outer: list[np.ndarray], inner: list[np.ndarray]) -> list[shapely.Polygon]:
+    """Every hole in the outline that holds it."""
+    outlines = [shapely.Polygon(ring) for ring in outer]
+    holes: list[list[np.ndarray]] = [[] for _ in outlines]
+    tree = shapely.STRtree(outlines)
+    which, where = tree.query(shapely.points([ring[0] for ring in inner]), predicate="within") if inner else ((), ())
+    for hole, outline in zip(which, where):
+        holes[outline].append(inner[hole])
+    assert sum(map(len, holes)) == len(inner), "every hole lies in exactly one panel"
+    return [shapely.Polygon(ring, inside) for ring, inside in zip(outer, holes)]
+
+
+def pdf_error(made: CutSheets, target: Path) -> float:
+    """Millimetres by which the pages' sizes stray from the sheets'."""
+    import pypdfium2
+
+    found = [np.array(pypdfium2.PdfDocument(path)[0].get_size()) * 25.4 / 72.0 for path in pdf.write(made, target)]
+    return round(float(np.abs(np.array(found) - made.packing.sizes * 1e3).max()), 6)
+
+
+def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
+    """Solids of the panels that are not too large, as trimesh sees them; the first one through a file too."""
+    import trimesh
+
+    chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO / 4]
+    if not chosen:
+        return []
+    tight, off = 0, 0.0
+    started = time.process_time()
+    for panel in chosen:
+        solid = solid_files.extruded(panel, made.thickness)
+        mesh = trimesh.Trimesh(solid.vertices * 1e3, solid.triangles, process=False)
+        tight += bool(mesh.is_watertight and mesh.is_winding_consistent)
+        off = max(off, abs(mesh.volume / (panel.area * made.thickness * 1e9) - 1.0))
+    seconds = time.process_time() - started
+    solid_files.write_stl([solid], base.with_suffix(".stl"))
+    solid_files.write_3mf([solid], base.with_suffix(".3mf"))
+    again = trimesh.load_mesh(base.with_suffix(".stl"))
+    whole = bool(again.is_watertight) and zipfile.ZipFile(base.with_suffix(".3mf")).testzip() is None
+    return [
+        _row(name, "solids watertight", "all", f"{tight}/{len(chosen)}", tight == len(chosen), {"seconds": round(seconds, 1)}),
+        _at_most(name, "solids: volume off", 1e-3, off),
+        _row(name, "STL and 3MF read back", "whole", "whole" if whole else "broken", whole),
+    ]  # fmt: skip
+
+
+__all__ = ["main"]
