@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from ..engine import colours
 from ..engine.flatten import FlatPatches
-from . import colours, solids
+from . import solids
 
 if TYPE_CHECKING:
     from ..engine.arcs import Curve

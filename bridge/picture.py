@@ -9,8 +9,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..engine import colours
 from ..engine.errors import FlexMapsError
-from . import beside, colours, equilibrium, overlay
+from . import beside, equilibrium, overlay
 
 SIZE = (1280, 720)
 SAMPLES = 6  # a pixel; the denoiser does the rest
