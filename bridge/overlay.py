@@ -12,7 +12,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from . import attributes, colours, equilibrium, live
+from ..engine import colours
+from . import attributes, equilibrium, live
 
 # kind -> (attribute, label, unit)
 KINDS: dict[str, tuple[str, str, str]] = {
