@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from .arcs import Curve
+from .contours import Outline
 from .errors import FlexMapsError
 
 SMOOTH = 2e-3  # radians; a smaller change of direction from one segment to the next is taken for none
@@ -136,3 +137,8 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
         foot, d = centre + x * (other - centre) / apart, 1j * (other - centre) / apart
     rest = radius**2 - abs(foot - centre) ** 2
     return [foot + d * s * rest**0.5 for s in (-1.0, 1.0)] if rest >= 0.0 else []
+
+
+def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
+    """Paths for a cutter that takes away ``outer`` metres along the outline and ``holes`` metres in the holes."""
+    return Outline(offset(outline.outer, 0.5 * outer), tuple(offset(h, 0.5 * holes) for h in outline.holes))
