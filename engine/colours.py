@@ -1,4 +1,4 @@
-"""Colours: one per patch that sit well beside each other, and scales for numbers. Linear RGB, as Blender wants it."""
+"""Colours: one per patch that sit well beside each other, and scales for numbers. Linear RGB, as Blender wants it; sRGB in files."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ def linear(srgb: np.ndarray) -> np.ndarray:
     """Linear from sRGB, any shape, values in [0, 1]."""
     srgb = np.asarray(srgb, dtype=float)
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+
+
+def hexadecimal(rows: np.ndarray) -> list[str]:
+    """Linear RGB (N, 3) as "#rrggbb", which is sRGB."""
+    srgb = np.where(rows <= 0.0031308, 12.92 * rows, 1.055 * np.maximum(rows, 0.0) ** (1 / 2.4) - 0.055)
+    return ["#" + "".join(f"{round(255 * min(max(x, 0.0), 1.0)):02x}" for x in row) for row in srgb.tolist()]
 
 
 def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndarray:
