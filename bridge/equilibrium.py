@@ -3,6 +3,7 @@
 What is written:
 
     FlexMaps equilibrium     shape key   where the assembled piece comes to rest; the basis stays the target
+    FlexMaps other shape 1   shape key   where it can rest as well, if that was looked for; the next one is 2, ...
     flexmaps_distance        face        how far the hub is from the target, millimetres
     flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from ..engine.simulate import Simulation
     from .mesh import Surface
 
-KEY = "FlexMaps equilibrium"
+KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 NAMES = ("distance", "strain_energy", "strain")
 SETTINGS = {"spiral": SpiralParams, "material": MaterialParams, "simulate": SimulateParams, "loads": LoadParams}
 MADE_FROM = "made_from"  # in the block of the notes: fingerprint of what was simulated
@@ -35,51 +36,65 @@ MADE_FROM = "made_from"  # in the block of the notes: fingerprint of what was si
 
 
 def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
-    """Our shape key, if it is there."""
+    """The shape key of the equilibrium, if it is there."""
     keys = mesh.shape_keys
     return None if keys is None else keys.key_blocks.get(KEY)
+
+
+def keys_of(mesh: bpy.types.Mesh) -> list[bpy.types.ShapeKey]:
+    """The shape keys that a simulation wrote: the equilibrium, then other shapes."""
+    keys = mesh.shape_keys
+    return [] if keys is None else [k for k in keys.key_blocks if k.name == KEY or k.name.startswith(OTHER)]
 
 
 def foreign_keys(mesh: bpy.types.Mesh) -> bool:
     """Whether the user has shape keys beside the basis and ours."""
     keys = mesh.shape_keys
-    return keys is not None and any(k != keys.reference_key and k.name != KEY for k in keys.key_blocks)
+    return keys is not None and len(keys.key_blocks) - len(keys_of(mesh)) > 1
 
 
 def forget(obj: bpy.types.Object) -> None:
     """Remove everything that a simulation wrote: an earlier stage made it out of date."""
     for name in NAMES:
         attributes.remove(obj, attributes.PREFIX + name)
-    mesh, key = obj.data, key_of(obj.data)
-    if key is None:
+    _remove(obj, keys_of(obj.data))
+
+
+def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
+    """Remove shape keys, and a basis that they leave by itself."""
+    mesh = obj.data
+    if not keys:
         return
-    if mesh.is_editmode:  # the BMesh would bring the key back; a basis by itself does no harm there
+    if mesh.is_editmode:  # the BMesh would bring the keys back; a basis by itself does no harm there
         import bmesh
 
         shapes = bmesh.from_edit_mesh(mesh).verts.layers.shape
-        if KEY in shapes:
-            shapes.remove(shapes[KEY])
-        obj.shape_key_remove(key)
+        for name in [key.name for key in keys]:
+            if name in shapes:
+                shapes.remove(shapes[name])
+            obj.shape_key_remove(mesh.shape_keys.key_blocks[name])
         bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
         return
-    obj.shape_key_remove(key)
+    for name in [key.name for key in keys]:
+        obj.shape_key_remove(mesh.shape_keys.key_blocks[name])
     if len(mesh.shape_keys.key_blocks) == 1:
         obj.shape_key_clear()
 
 
 def write(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation) -> None:
-    """Shape key, face attributes and note of a simulation. Edit mode is left: shape keys are seen outside it."""
+    """Shape keys, face attributes and note of a simulation. Edit mode is left: shape keys are seen outside it."""
+    from ..engine.simulate import carried
+
     if obj.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")
-    inverse = np.linalg.inv(surface.to_metres)
-    positions = surface.positions.astype(float).copy()
-    corners = surface.polygons.corners
-    positions[corners] = simulation.vertices[corners] @ inverse[:3, :3].T + inverse[:3, 3]
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
-    key = key_of(obj.data) or obj.shape_key_add(name=KEY, from_mix=False)
-    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
-    key.slider_min, key.slider_max, key.value, key.mute = 0.0, 1.0, 1.0, False
+    others = [carried(simulation.design, other.pose, simulation.target) for other in simulation.others]
+    names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
+    for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
+        _put_key(obj, surface, name, vertices).value = float(name == KEY)
+    for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
+        obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
     found = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
     for name, values in zip(NAMES, found, strict=True):
@@ -91,31 +106,42 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simul
     notes.write(obj.data, "equilibrium", simulation.report() | {MADE_FROM: fingerprint(obj, scene)})
 
 
+def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
+    """The shape key of that name at vertices (V, 3) metres in world axes; vertices of no quad stay."""
+    inverse = np.linalg.inv(surface.to_metres)
+    positions = surface.positions.astype(float).copy()
+    corners = surface.polygons.corners
+    positions[corners] = vertices[corners] @ inverse[:3, :3].T + inverse[:3, 3]
+    key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
+    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
+    return key
+
+
 def shown_positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(V, 3) float32: the vertices as far as our shape key has moved them, in the object's own frame."""
-    positions = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    key = key_of(mesh)
-    if key is not None and not key.mute and key.value and len(key.data) == len(mesh.vertices):
-        moved = np.empty_like(positions)
-        key.data.foreach_get("co", moved)
-        positions += np.float32(key.value) * (moved - positions)
+    """(V, 3) float32: the vertices as far as our shape keys have moved them, in the object's own frame."""
+    basis = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", basis)
+    positions, moved = basis.copy(), np.empty_like(basis)
+    for key in keys_of(mesh):
+        if not key.mute and key.value and len(key.data) == len(mesh.vertices):
+            key.data.foreach_get("co", moved)
+            positions += np.float32(key.value) * (moved - basis)
     return positions.reshape(-1, 3)
 
 
 @contextmanager
 def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
     """The object for a while at the target, 0, or at its equilibrium, 1."""
-    key = key_of(obj.data)
-    if key is None:
-        yield
-        return
-    before = key.value, key.mute
-    key.value, key.mute = share, False
+    before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
+    for key in keys_of(obj.data):
+        key.value, key.mute = (share if key.name == KEY else 0.0), False
     try:
         yield
     finally:
-        key.value, key.mute = before
+        for name, value, mute in before:
+            key = obj.data.shape_keys.key_blocks[name]
+            key.value, key.mute = value, mute
 
 
 # -- whether it is good, and still true ------------------------------------------------------------------------------------------

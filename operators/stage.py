@@ -202,11 +202,11 @@ def reveal(
 
 
 def show_progress(context: bpy.types.Context, running: job.Job) -> None:
-    """The status bar, the cursor and the sidebar say how far the job is; the 3D views need not be drawn for that."""
+    """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    ESC: stop")
-    redraw(context, "UI")
+    redraw(context, "UI" if running.shown is None else "")
 
 
 def progress_line(running: job.Job) -> str:

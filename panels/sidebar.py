@@ -176,9 +176,10 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
 
 def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object, block: dict[str, Any]) -> None:
     """What the last simulation found, and the slider between target and result."""
-    key = equilibrium.key_of(obj.data)
-    if key is not None:
-        layout.prop(key, "value", text="Target to equilibrium", slider=True)
+    column = layout.column(align=True)
+    for key in equilibrium.keys_of(obj.data):
+        name = "equilibrium" if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
+        column.prop(key, "value", text=f"Target to {name}", slider=True)
     if not equilibrium.sound(block):
         wrapped(layout.box(), context, block["status"], icon="ERROR")
     grid = numbers(layout)
@@ -189,8 +190,11 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
     strain = block.get("strain_share_max")
     if strain is not None:
         number(grid, "Largest strain", f"{100 * strain:.0f} % of limit", alert=strain > 1.0)
-    if block.get("other_energies"):
-        number(grid, "Other shapes", str(len(block["other_energies"])))
+    others = block.get("other_energies", ())
+    if others:
+        number(grid, "Energy", f"{1e3 * block['energy']:.4g} mJ")
+    for k, energy in enumerate(others):
+        number(grid, f"Energy, other shape {k + 1}", f"{1e3 * energy:.4g} mJ")
     choice_row(
         layout,
         context.window_manager,

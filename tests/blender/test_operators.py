@@ -467,6 +467,21 @@ def test_the_sidebar_shows_the_numbers_of_every_stage(dome: Any, tmp_path: Path,
     assert "-" not in lines and "None" not in " ".join(lines)
 
 
+def test_the_sidebar_tells_a_simulation_as_it_is(dome: Any, sides: Any) -> None:
+    for button in ("flatten", "spirals", "simulate"):
+        press(button)
+    lines = sides()
+    assert {"RMS distance", "Largest distance", "Largest strain"} <= set(lines)
+    dome.flexmaps.simulate.iterations = 1
+    assert "RMS distance" not in sides() and "press Simulate again" in " ".join(sides())
+    press("simulate")
+    status = report(dome)["equilibrium"]["status"]
+    assert "No equilibrium" in status and status[:20] in " ".join(sides())
+    assert "! Iterations" in sides()  # in red
+    dome.flexmaps.material.material = "custom"
+    sides()
+
+
 def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> None:
     from flexmaps.bridge import job
 

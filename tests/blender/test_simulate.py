@@ -53,14 +53,14 @@ def group(obj: Any, name: str, vertices: Any) -> None:
 
 
 def ends(obj: Any) -> np.ndarray:
-    """Vertices of the quads at both ends."""
+    """Vertices of the border at both ends: two corners of every quad there."""
     low = np.array([v.co.z for v in obj.data.vertices])
-    return np.flatnonzero(low < np.unique(low.round(6))[1] + 1e-5)
+    return np.flatnonzero(low < low.min() + 1e-5)
 
 
-def key_of(obj: Any) -> np.ndarray:
-    """(V, 3) the shape key, in the object's frame."""
-    block = obj.data.shape_keys.key_blocks[equilibrium.KEY]
+def key_of(obj: Any, name: str = equilibrium.KEY) -> np.ndarray:
+    """(V, 3) a shape key, in the object's frame."""
+    block = obj.data.shape_keys.key_blocks[name]
     found = np.empty(3 * len(block.data), np.float32)
     block.data.foreach_get("co", found)
     return found.reshape(-1, 3).astype(float)
@@ -127,7 +127,7 @@ def test_supports_stay_where_they_are(piece: Any, attribute: Any) -> None:
     group(piece, "ends", ends(piece))
     piece.flexmaps.loads.supports = "ends"
     press("simulate")
-    held = [p.index for p in piece.data.polygons if set(p.vertices) <= set(ends(piece).tolist())]
+    held = [p.index for p in piece.data.polygons if set(p.vertices) & set(ends(piece).tolist())]
     assert len(held) == 2 * WIDTH
     distance = attribute(piece, "flexmaps_distance")
     assert distance[held] == pytest.approx(np.zeros(len(held)), abs=1e-4)
@@ -195,6 +195,29 @@ def test_the_target_is_what_is_read(piece: Any, tmp_path: Path) -> None:
         bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
     assert scene.read_blend(tmp_path / "piece.blend").vertices == pytest.approx(target, abs=1e-7)
+
+
+def test_another_shape_gets_its_own_key(piece: Any) -> None:
+    """Between hinged ends that are closer than it is long, the arch rests above and, snapped through, as well below."""
+    group(piece, "ends", ends(piece))
+    piece.flexmaps.loads.supports, piece.flexmaps.simulate.clamped = "ends", False
+    piece.flexmaps.simulate.restarts = 2
+    press("simulate")
+    block = notes.read(piece.data)["equilibrium"]
+    assert block["other_energies"][0] == pytest.approx(block["energy"], rel=1e-6)
+    top, height = np.argmax(basis(piece)[:, 2]), basis(piece)[ends(piece), 2].mean()
+    assert key_of(piece)[top, 2] > height + EDGE
+    assert key_of(piece, f"{equilibrium.OTHER} 1")[top, 2] < height - 0.5 * EDGE
+    keys = equilibrium.keys_of(piece.data)
+    assert [k.name for k in keys] == [equilibrium.KEY, *(f"{equilibrium.OTHER} {i + 1}" for i in range(len(keys) - 1))]
+    assert len(keys) == 1 + len(block["other_energies"]) and [k.value for k in keys] == [1.0] + [0.0] * (len(keys) - 1)
+    piece.flexmaps.simulate.restarts = 0
+    press("simulate")
+    assert [k.name for k in equilibrium.keys_of(piece.data)] == [equilibrium.KEY]
+    piece.flexmaps.simulate.restarts = 2
+    press("simulate")
+    press("spirals")
+    assert piece.data.shape_keys is None
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
@@ -438,7 +461,7 @@ def test_a_mistake_is_named_and_nothing_changes(
 
 def test_a_quad_joined_to_nothing_is_shown(add: Any) -> None:
     whole = arch()
-    lonely = np.array([[0, 0, 0], [EDGE, 0, 0], [EDGE, EDGE, 0], [0, EDGE, 0]]) + [0, 0, 0.2]
+    lonely = np.array([[0, 0, 0], [EDGE, 0, 0], [EDGE, EDGE, 0], [0, EDGE, 0]]) + np.array([0, 0, 0.2])
     obj = add((np.concatenate([whole.vertices, lonely]), [*whole.quads.tolist(), [36, 37, 38, 39]]))
     press("flatten")
     press("spirals")
@@ -503,18 +526,8 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
 
 
 def test_main_job_goes_on_where_the_model_knows_nothing(tmp_path: Path) -> None:
-    arguments = (
-        "shape:saddle",
-        "--edge",
-        20,
-        "--thickness",
-        0.2,
-        "--out",
-        tmp_path,
-        "--no-pictures",
-        "--nesting",
-        "FAST",
-    )
+    size = ("--edge", 20, "--thickness", 0.2)
+    arguments = ("shape:saddle", *size, "--out", tmp_path, "--no-pictures", "--nesting", "FAST")
     assert run(*arguments) == 0
     report = json.loads((tmp_path / "report.json").read_text())
     assert "equilibrium" not in report and report["sheets"]["sheets"] >= 1
