@@ -21,7 +21,6 @@ import numpy as np
 
 from .assembly import Assembly
 from .beams import torsion_constant
-from .joint_motion import cross
 from .materials import Material
 
 POINTS = 16
@@ -40,9 +39,17 @@ def _running() -> np.ndarray:
     return integrals @ np.linalg.inv(legendre.legvander(_X, POINTS - 1))
 
 
+def _skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) that takes x to v x x."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
 _RUNNING = _running()
 _EYE = np.eye(3)
-_LEVI = np.stack([cross(one[None])[0] for one in _EYE], axis=1)  # [i, j, k] of a x b = LEVI a b
+_LEVI = np.stack([_skew(one[None])[0] for one in _EYE], axis=1)  # [i, j, k] of a x b = LEVI a b
 
 
 def second_order_strains(
@@ -56,7 +63,7 @@ def second_order_strains(
     held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
     # the shift between the centres, and from it the one between the levers' ends, which adds turn x (sum of levers) / 2 ...
     from_centres = np.broadcast_to(np.eye(6), stiffness.shape).copy()
-    from_centres[:, :3, 3:] = -0.5 * cross(held[:, 0] + held[:, 1])
+    from_centres[:, :3, 3:] = -0.5 * _skew(held[:, 0] + held[:, 1])
     of_centres = _of_centres(assembly, material, np.swapaxes(from_centres, 1, 2) @ stiffness @ from_centres)
     back = np.linalg.inv(from_centres)
     found = (from_centres @ of_centres.reshape(-1, 6, 36)).reshape(-1, 6, 6, 6)
@@ -76,7 +83,7 @@ def _of_centres(assembly: Assembly, material: Material, stiffness: np.ndarray) -
     middle = 0.5 * (lever[:, 0] + lever[:, 1])
     centre = middle[:, None] - lever
     arm = -(centre[:, :, None] + x)
-    moment = np.concatenate([cross(arm), np.broadcast_to(_EYE, (*arm.shape[:-1], 3, 3))], axis=-1)
+    moment = np.concatenate([_skew(arm), np.broadcast_to(_EYE, (*arm.shape[:-1], 3, 3))], axis=-1)
     half_turn = np.concatenate([np.zeros((3, 3)), 0.5 * _EYE], axis=1)
     curve = bend @ moment @ stiffness[:, None, None]
     # the solid's own stiffness differs a little from the beam's: what is left of the turn is spread along the arms
