@@ -16,7 +16,7 @@ from .arm_sensitivity import gradient_by_design
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
 from .errors import FlexMapsError
-from .joint_motion import SPLIT, JointMotion, cross, first_order, gap_curvature, joint_motion, second_order, times
+from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
 from .materials import Material
 from .stiffness import ArmCompliance, tip_compliance
 
@@ -107,27 +107,19 @@ class ArmModel:
 
 
 def _expanded(motion: JointMotion, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
-
-    With a, b the turns of both hubs and d the shift of the second against the first, all to second order:
-    turn' = log(e^(turn/2) e^delta e^(turn/2)) with delta = b - a - a x b / 2, and the half-way frame turns by
-    m = (a + b)/2 - q x (b - a)/2 + ..., q = tan(|turn|/4) turn/|turn| (from the sum of both sides' quaternions).
-    """
-    base, first, second = motion.middle, motion.first, motion.second
+    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space."""
+    base = motion.middle
     wrench = times(stiffness, motion.vector)
     per_joint = 0.5 * np.einsum("mi,mi->m", wrench, motion.vector)
-    gap, turn, force, moment = (times(base, v) for v in (motion.gap, motion.turn, wrench[:, :3], wrench[:, 3:]))
-    angle = np.linalg.norm(turn, axis=1)
-    jacobian, frame, shift = first_order(angle, turn, gap, first, second)
-    split = jacobian @ SPLIT
-    gradient = times(np.swapaxes(split, 1, 2), np.concatenate([force, moment], axis=1))
+    force, moment = times(base, wrench[:, :3]), times(base, wrench[:, 3:])
+    at = SpatialMotion.of(motion)
+    jacobian = first_order(at)
+    back = np.swapaxes(jacobian, 1, 2)
+    gradient = times(back, np.concatenate([force, moment], axis=1))
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = base
-    convex = np.swapaxes(split, 1, 2) @ (spread @ stiffness @ np.swapaxes(spread, 1, 2)) @ split
-    curved = np.swapaxes(frame, 1, 2) @ (cross(force) @ shift + 0.5 * gap_curvature(force, gap) @ frame)
-    curved[:, 3:, 3:] += second_order(angle, turn, gap, force, moment, first, second)
-    curved = SPLIT.T @ curved @ SPLIT
-    return per_joint, gradient, convex + curved + np.swapaxes(curved, 1, 2), convex
+    convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
+    return per_joint, gradient, convex + second_order(at, force, moment), convex
 
 
 BATCH = 1024

@@ -14,7 +14,7 @@ import numpy as np
 
 from .arm_bend import bend_point
 from .assembly import Assembly
-from .joint_motion import SPLIT, JointMotion, cross, first_order, times
+from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
 from .stiffness import ArmCompliance
 
 WIDTH, TWIST = 0, 1
@@ -35,7 +35,7 @@ def gradient_by_design(
     force = wrench[:, :3]
     out = np.zeros((len(turn), 12, 2, 2))
     # derivatives of the joint's motion by the pose, in the axes of the half-way frame
-    by_pose = first_order(angle, times(base, turn), times(base, motion.gap), motion.first, motion.second)[0] @ SPLIT
+    by_pose = first_order(SpatialMotion.of(motion))
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
     by_pose = spread @ by_pose

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from .assembly import Pose
+from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +37,6 @@ class JointMotion:
         return np.concatenate([self.shift, self.turn], axis=1)
 
 
-# increments (d, a, b) from those of both hubs: first shift, first turn, second shift, second turn
-SPLIT = np.zeros((9, 12))
-SPLIT[:3, :3], SPLIT[:3, 6:9], SPLIT[3:6, 3:6], SPLIT[6:, 9:] = -np.eye(3), np.eye(3), np.eye(3), np.eye(3)
-
-
 def joint_motion(pose: Pose, pairs: np.ndarray, lever: np.ndarray, axes: np.ndarray, rest: np.ndarray) -> JointMotion:
     """The motion of m joints in a pose; pairs (m, 2), lever (m, 2, 3), axes (m, 2, 3, 3) and rest (m, 3) as in ``ArmModel``."""
     a, b = pairs.T
@@ -52,66 +48,86 @@ def joint_motion(pose: Pose, pairs: np.ndarray, lever: np.ndarray, axes: np.ndar
     return JointMotion(middle, turn, gap, gap - rest, first, second)
 
 
-def first_order(
-    angle: np.ndarray, turn: np.ndarray, gap: np.ndarray, first: np.ndarray, second: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives by (d, a, b): of gap and turn (m, 6, 9), of the half-way frame's turn (m, 3, 9), of the gap seen from a fixed frame (m, 3, 9)."""
-    m, eye = len(angle), np.eye(3)
-    quarter = cross(turn * (_tan_quarter(angle))[:, None])
-    frame, shift, jacobian = np.zeros((m, 3, 9)), np.zeros((m, 3, 9)), np.zeros((m, 6, 9))
-    frame[:, :, 3:6], frame[:, :, 6:] = 0.5 * (eye + quarter), 0.5 * (eye - quarter)
-    shift[:, :, :3], shift[:, :, 3:6], shift[:, :, 6:] = eye, cross(first), -cross(second)
-    jacobian[:, :3] = shift + cross(gap) @ frame
-    across = _across(angle)
-    spin = across[:, None, None] * eye + ((1.0 - across) / np.maximum(angle, 1e-12) ** 2)[:, None, None] * outer(
-        turn, turn
+@dataclass(frozen=True, eq=False)
+class SpatialMotion:
+    """What the derivatives of gap and turn need, in the axes of space and with the joints as the last axis.
+
+    gap, turn : (3, m); first, second : (3, m) from the centres to the bend points; angle : (m,) length of the turn
+    quarter : (3, m) along the turn, as long as the tangent of a quarter of its angle
+    across : (m,) how fast the rotation vector changes at right angles to itself
+    """
+
+    gap: np.ndarray
+    turn: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    angle: np.ndarray
+    quarter: np.ndarray
+    across: np.ndarray
+
+    @classmethod
+    def of(cls, motion: JointMotion) -> SpatialMotion:
+        gap, turn = (joints_last(times(motion.middle, v)) for v in (motion.gap, motion.turn))
+        angle = np.sqrt(dot(turn, turn))
+        # (angle / 2) / sin(angle / 2)
+        across = 1.0 / np.sinc(angle / (2.0 * np.pi))
+        first, second = joints_last(motion.first), joints_last(motion.second)
+        return cls(gap, turn, first, second, angle, _tan_quarter(angle) * turn, across)
+
+
+def first_order(at: SpatialMotion) -> np.ndarray:
+    """(m, 6, 12): derivatives of gap and turn by both hubs' increments.
+
+    With a, b the turns of both hubs, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., q = ``quarter`` (from the
+    sum of both sides' quaternions).
+    """
+    out = np.zeros((6, 12, len(at.angle)))
+    carried = skew(0.5 * at.gap)
+    aside = 0.5 * (outer(at.quarter, at.gap) - dot(at.quarter, at.gap) * EYE)
+    out[:3, :3], out[:3, 6:9] = -EYE, EYE
+    out[:3, 3:6] = carried + aside + skew(at.first)
+    out[:3, 9:] = carried - aside - skew(at.second)
+    spin = at.across * EYE + outer((1.0 - at.across) / np.maximum(at.angle, 1e-12) ** 2 * at.turn, at.turn)
+    out[3:, 3:6], out[3:, 9:] = -spin, spin
+    return joints_first(out)
+
+
+def second_order(at: SpatialMotion, force: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """(m, 12, 12): second derivatives of gap and turn by both hubs' increments, weighted by force and moment (m, 3)."""
+    force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
+    out = np.zeros((12, 12, len(at.angle)))  # half of them: the transpose is added in the end
+    # force . e^(-m) gap as the half-way frame turns by m and the gap changes
+    level = 0.5 * dot(force, at.gap)
+    bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE
+    aside = 0.25 * (outer(force, product(at.gap, quarter)) + outer(at.gap, product(force, quarter))) - level * skew(
+        quarter
     )
-    jacobian[:, 3:, 3:6], jacobian[:, 3:, 6:] = -spin, spin
-    return jacobian, frame, shift
-
-
-def second_order(
-    angle: np.ndarray,
-    turn: np.ndarray,
-    gap: np.ndarray,
-    force: np.ndarray,
-    moment: np.ndarray,
-    first: np.ndarray,
-    second: np.ndarray,
-) -> np.ndarray:
-    """(m, 6, 6) X by (a, b), so that X + X^T is what the second derivatives of levers, half-way frame and turn add."""
-    eye = np.eye(3)
-    x = np.zeros((len(angle), 6, 6))
+    by_shift = skew(force)
+    by_first = outer(at.first, force) - dot(force, at.first) * EYE
+    by_second = outer(at.second, force) - dot(force, at.second) * EYE
+    both = np.concatenate(
+        [-by_shift, by_first + 0.5 * (bend + aside), by_shift, 0.5 * (bend - aside) - by_second], axis=1
+    )
+    around = product(quarter, both)
+    out[3:6], out[9:] = 0.5 * (both - around), 0.5 * (both + around)
     # levers: b x (b x l) / 2
-    x[:, :3, :3] = -0.5 * (outer(force, first) - dot(force, first) * eye)
-    x[:, 3:, 3:] = 0.5 * (outer(force, second) - dot(force, second) * eye)
+    out[3:6, 3:6] -= 0.5 * by_first
+    out[9:, 9:] += 0.5 * by_second
     # half-way frame: with sum s = (a + b)/2 and difference e = b - a, its second order is
     # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8
-    q, v = turn * _tan_quarter(angle)[:, None], np.cross(force, gap)
-    mixed = 0.25 * (outer(v, q) - dot(q, v) * eye)
-    own = 0.125 * outer(q, np.cross(q, v))
+    torque = product(force, at.gap)
+    mixed = 0.125 * (outer(torque, quarter) - dot(quarter, torque) * EYE)
     # turn: alpha |e_across|^2 n + beta (n.e) e_across, its logarithm's second order
-    along, cross_axis = _turn_coefficients(angle)
-    length2 = np.maximum(angle, 1e-12) ** 2
-    on_axis = np.einsum("mi,mi->m", moment, turn)
-    aside = moment - (on_axis / length2)[:, None] * turn
-    across = eye - outer(turn, turn) / length2[:, None, None]
-    own += (along * on_axis)[:, None, None] * across + cross_axis[:, None, None] * outer(turn, aside)
-    x[:, :3, :3] += 0.5 * (own + np.swapaxes(own, 1, 2)) - 0.5 * mixed
-    x[:, 3:, 3:] += 0.5 * (own + np.swapaxes(own, 1, 2)) + 0.5 * mixed
-    x[:, :3, 3:] += 0.5 * mixed - 0.5 * (own + np.swapaxes(own, 1, 2))
-    x[:, 3:, :3] += -0.5 * mixed - 0.5 * (own + np.swapaxes(own, 1, 2))
+    alpha, beta = _turn_coefficients(at.angle)
+    share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
+    way = (0.125 * _tan_quarter(at.angle)) * product(quarter, torque) - share * (alpha + beta) * turn + beta * moment
+    own = outer(turn, way) + (share * alpha * at.angle**2) * EYE
+    out[3:6, 3:6] += own - mixed
+    out[9:, 9:] += own + mixed
     # order of the two turns: delta = b - a - a x b / 2
-    size = _across(angle)
-    carried = size[:, None] * moment + ((1.0 - size) * on_axis / length2)[:, None] * turn
-    x[:, :3, 3:] += 0.5 * cross(carried)
-    return x
-
-
-def gap_curvature(force: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """(m, 3, 3): second derivatives of force . e^(-m) gap by m."""
-    both = outer(force, gap)
-    return 0.5 * (both + np.swapaxes(both, 1, 2)) - dot(force, gap) * np.eye(3)
+    carried = at.across * moment + (1.0 - at.across) * share * turn
+    out[3:6, 9:] -= own + np.swapaxes(own, 0, 1) - skew(0.5 * carried - 0.125 * product(torque, quarter))
+    return joints_first(out + np.swapaxes(out, 0, 1))
 
 
 def _tan_quarter(angle: np.ndarray) -> np.ndarray:
@@ -119,11 +135,6 @@ def _tan_quarter(angle: np.ndarray) -> np.ndarray:
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)
     return np.where(small, 0.25 + angle**2 / 192.0, np.tan(0.25 * safe) / safe)
-
-
-def _across(angle: np.ndarray) -> np.ndarray:
-    """(angle/2) / sin(angle/2): how fast the rotation vector changes at right angles to itself."""
-    return 1.0 / np.sinc(angle / (2.0 * np.pi))
 
 
 def _turn_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,21 +168,14 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     return out
 
 
+def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(m, i) products of matrices (m, i, j) and vectors (m, j)."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
 def cross(v: np.ndarray) -> np.ndarray:
     """(..., 3, 3) with cross(v) x = v x x."""
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
     return out
-
-
-def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    return (matrix @ vector[..., None])[..., 0]
-
-
-def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., :, None] * b[..., None, :]
-
-
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.einsum("mi,mi->m", a, b)[:, None, None]

@@ -16,9 +16,8 @@ import numpy as np
 from . import rod_strains
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
-from .joint_motion import outer
 from .materials import Material
-from .rod_motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
+from .rod_motion import FLIP, SPLIT, RodState, first_order, outer, roll_row, second_order
 from .rod_sensitivity import gradient_by_design
 from .stiffness_rods import rod_parameters
 

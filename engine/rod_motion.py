@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .assembly import Pose
-from .joint_motion import cross, outer
+from .joint_motion import cross
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,3 +115,8 @@ def roll_row(ends: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
 def _near(state: RodState) -> np.ndarray:
     """(m, 2): one and the cosine of each end's bend."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)
+
+
+def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) products of vectors (..., 3)."""
+    return a[..., :, None] * b[..., None, :]

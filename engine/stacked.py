@@ -1,0 +1,41 @@
+"""Small vectors and matrices of many joints with the joints as the last axis: contiguous, and so several times faster.
+
+Vectors are (3, m), matrices (3, k, m).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+EYE = np.eye(3)[:, :, None]
+
+
+def joints_last(values: np.ndarray) -> np.ndarray:
+    """(..., m) of an array (m, ...)."""
+    return np.ascontiguousarray(np.moveaxis(values, 0, -1))
+
+
+def joints_first(values: np.ndarray) -> np.ndarray:
+    """(m, ...) of an array (..., m)."""
+    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+
+
+def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[:, None] * b
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b; b may be a matrix, of whose columns each is multiplied."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(3, 3, m) with skew(v) x = v x x."""
+    out = np.zeros((3, *v.shape))
+    out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
+    out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
+    return out
