@@ -23,9 +23,10 @@ from .stiffness import ArmCompliance, tip_compliance
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """The state of the arm model: the pose alone."""
+    """A pose, and how the joints have moved there."""
 
     pose: Pose
+    motion: JointMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,30 +68,30 @@ class ArmModel:
         return self.assembly.pairs
 
     def start(self, pose: Pose) -> ArmState:
-        return ArmState(pose)
+        return ArmState(pose, self.motion(pose))
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
-        return ArmState(state.pose.moved(step))
+        return self.start(state.pose.moved(step))
 
     def energy(self, state: ArmState) -> float:
-        e = self.motion(state.pose).vector
+        e = state.motion.vector
         return 0.5 * float((times(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> np.ndarray:
         """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
-        wrench = times(self.stiffness, self.motion(state.pose).vector)
+        wrench = times(self.stiffness, state.motion.vector)
         wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
         return wrench
 
     def twist(self, state: ArmState) -> np.ndarray:
-        return self.motion(state.pose).turn[:, 0]
+        return state.motion.turn[:, 0]
 
-    def motion(self, pose: Pose, joints: slice = slice(None)) -> JointMotion:
+    def motion(self, pose: Pose) -> JointMotion:
         """How the joints have moved."""
-        return joint_motion(pose, self.pairs[joints], self.lever[joints], self.assembly.axes[joints], self.rest[joints])
+        return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
-        return gradient_by_design(self.assembly, self.compliance, self.offset, self.motion(state.pose))
+        return gradient_by_design(self.assembly, self.compliance, self.offset, state.motion)
 
     def expand(self, state: ArmState) -> Expansion:
         m = len(self.pairs)
@@ -99,7 +100,7 @@ class ArmModel:
         # a few hundred joints at a time stay in the processor's cache
         for start in range(0, m, BATCH):
             part = slice(start, start + BATCH)
-            motion = self.motion(state.pose, part)
+            motion = state.motion.part(part)
             per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(motion, self.stiffness[part])
         return Expansion(
             float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex

@@ -6,7 +6,7 @@ measured in the frame half way between both (corotational).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -35,6 +35,10 @@ class JointMotion:
     def vector(self) -> np.ndarray:
         """(m, 6): shift and turn."""
         return np.concatenate([self.shift, self.turn], axis=1)
+
+    def part(self, joints: slice) -> JointMotion:
+        """The motion of some of the joints."""
+        return JointMotion(*(getattr(self, one.name)[joints] for one in fields(self)))
 
 
 def joint_motion(pose: Pose, pairs: np.ndarray, lever: np.ndarray, axes: np.ndarray, rest: np.ndarray) -> JointMotion:
