@@ -258,8 +258,10 @@ def dxf_polygons(path: Path) -> list[shapely.Polygon]:
     rings: dict[str, list[np.ndarray]] = {"CUT_OUTER": [], "CUT_INNER": [], "ENGRAVE": []}
     for entity in document.modelspace():
         if entity.dxf.layer != "ENGRAVE":
-            points = [(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)]
-            rings[entity.dxf.layer].append(np.array(points))
+            points = np.array([(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)])
+            # ezdxf closes a curve of arcs to within rounding, which is a crossing for shapely
+            same = np.abs(points[-1] - points[0]).max() < 1e-6
+            rings[entity.dxf.layer].append(points[:-1] if same else points)
     return _panels(rings["CUT_OUTER"], rings["CUT_INNER"])
 
 

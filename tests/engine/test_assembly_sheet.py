@@ -1,0 +1,92 @@
+"""The order of assembly, and the sheet that shows it as PDFium reads it."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from flexmaps.engine import assembly_sheet, design, estimates, flatten, merge, shapes, sheets, trace
+from flexmaps.engine.assembly_order import steps
+from flexmaps.engine.labels import seam_name
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
+
+pdfium = pytest.importorskip("pypdfium2")
+
+
+def test_every_step_adds_one_panel_that_touches_what_is_there(flat_grid):
+    layout = flat_grid(9, 6, cut=lambda x, y: x in (3, 6) or y == 3).layout  # 3 by 2 panels
+    found = steps(layout)
+    assert sorted(s.panel for s in found) == list(range(6))
+    assert found[0].joins == ()
+    for before, step in pairwise(found):
+        assert set(step.there) == {*before.there, step.panel}
+        assert step.joins
+        assert all(j.panel == step.panel and j.other in before.there for j in step.joins)
+    # every joint is made once
+    assert sum(j.joints for s in found for j in s.joins) == layout.cut.sum()
+    assert sorted(j.seam for s in found for j in s.joins) == list(range(len(layout.seams)))
+
+
+def test_breadth_first_from_the_largest(flat_grid):
+    # a row of panels 2, 2, 6, 2 and 2 quads long: out from the middle one, by turns
+    layout = flat_grid(14, 2, cut=lambda x, y: x in (2, 4, 10, 12)).layout
+    order = [s.panel for s in steps(layout)]
+    middles = [layout.mesh.centroids[layout.patches[p], 0].mean() for p in order]
+    away = np.abs(np.array(middles) - 0.14)
+    assert away[0] == pytest.approx(0)
+    assert (np.diff(away) >= -1e-9).all()
+
+
+def test_bodies_begin_anew_and_inner_cuts_are_closed():
+    layout = trace.trace(shapes.make("two_bodies"), LayoutParams())
+    found = steps(layout)
+    body = layout.mesh.body_of
+    bodies = [int(body[layout.patches[s.panel][0]]) for s in found]
+    assert sum(not s.joins for s in found) == 2
+    assert len(set(bodies[: bodies.count(bodies[0])])) == 1
+    sphere = merge.merge(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    alone = [s for s in steps(sphere.layout) if any(j.other == j.panel for j in s.joins)]
+    inner = [
+        e for e in sphere.layout.seams if len(set(sphere.layout.patch_of[sphere.layout.mesh.edge_quads[e[0]]])) == 1
+    ]
+    assert sum(j.other == j.panel for s in alone for j in s.joins) == len(inner)
+
+
+def test_the_sheet_says_what_to_do(tmp_path):
+    mesh = shapes.make("saddle")
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    cut = flat.layout.cut.copy()
+    cut[trace.middle_line(flat.layout, 0)] = True
+    flat = flatten.flatten(type(flat.layout)(mesh, cut), LayoutParams())
+    made = design.uniform(flat, SpiralParams())
+    on_sheets = sheets.make_sheets(made, SheetParams(nesting="FAST"))
+    figures = estimates.estimate(on_sheets, made, MATERIALS["acrylic"])
+    path = assembly_sheet.write(made, on_sheets, figures, tmp_path / "assembly.pdf", "A saddle (large)")
+    document = pdfium.PdfDocument(path)
+    np.testing.assert_allclose(np.array(document[0].get_size()) * 25.4 / 72, [210, 297], atol=0.01)
+    text = [page.get_textpage().get_text_range() for page in document]
+    assert "A saddle (large)" in text[0]
+    assert f"{figures.mass * 1e3:.0f} g" in text[0]
+    assert "1 of 2" in text[0]
+    joined = "\n".join(text)
+    order = steps(flat.layout)
+    assert joined.count("Add panel") == len(order) - 1
+    for step in order:
+        for join in step.joins:
+            assert f"{seam_name(join.seam)}: {join.joints} joint" in joined
+            # the numbers that are engraved on the first and the last arm
+            assert f"{seam_name(join.seam)}1" in joined
+            assert f"{seam_name(join.seam)}{join.joints}" in joined
+
+
+def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
+    flat = flat_grid(4, 4)
+    mesh = flat.layout.mesh
+    view = assembly_sheet._camera(np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(view) == pytest.approx(1.0)
+    assert assembly_sheet._seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
+    # a second sheet above hides the first one, seen from above
+    places = np.concatenate([mesh.vertices, mesh.vertices + np.array([0.0, 0.0, 0.1])])
+    quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
+    assert not assembly_sheet._seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
