@@ -74,7 +74,7 @@ def _joint(
     if a.kind == "key":
         whole = _blank(cut_paths(Outline(key(a.size, a.back), ()), kerf, kerf)).buffer(-0.5 * kerf, quad_segs=64)
         # the first arm's socket holds the half of the key at x < 0
-        return [_gap(shapely.affinity.rotate(whole, 180, (0, 0)), _turned(p), a) for p in (_turned(parts[0]), parts[1])]
+        return [_gap(whole, part, a) for part in (_turned(parts[0]), parts[1])]
     if a.kind == "tab":
         near = shapely.box(-a.size.pad, -a.size.pad, a.size.pad, a.size.pad)
         one, two = (shapely.intersection(p, near) for p in parts)
@@ -94,7 +94,7 @@ def _gap(one: Any, two: Any, a: Any) -> tuple[float, float, float]:
     import shapely
 
     s = a.size
-    box = shapely.box(a.back + 0.5 * s.length, -s.head, a.back + s.length + 2.0 * s.rounding, s.head)
+    box = shapely.box(a.back + 0.5 * s.length, -0.6 * s.head, a.back + s.length + 2.0 * s.rounding, 0.6 * s.head)
     # the window's own borders are no part of the material's edge
     edge = shapely.intersection(shapely.boundary(one), box)
     at = shapely.points(shapely.get_coordinates(shapely.segmentize(edge, 2e-5)))
