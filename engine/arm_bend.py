@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-POINTS = 48
+POINTS = 24
+_X, _W = np.polynomial.legendre.leggauss(POINTS)
 
 
 def bend_point(twist: np.ndarray, share: np.ndarray | float = 0.5) -> tuple[np.ndarray, np.ndarray]:
@@ -23,8 +24,7 @@ def bend_point(twist: np.ndarray, share: np.ndarray | float = 0.5) -> tuple[np.n
     twist : (n,) rad, share : (n,) in [0, 1]. Axes: along the radius to the tip, and to the left of it; arms that wind
     clockwise have the second sign changed.
     """
-    x, w = np.polynomial.legendre.leggauss(POINTS)
-    u, w = 0.5 * (x + 1.0), 0.5 * w
+    u, w = 0.5 * (_X + 1.0), 0.5 * _W
     phi = np.atleast_1d(np.asarray(twist, dtype=float))[:, None]
     reach = 2.0 * np.broadcast_to(np.atleast_1d(share), phi[:, 0].shape)[:, None]
     length, by_phi = _arc(phi, u)

@@ -34,7 +34,8 @@ class ArmModel:
     """The elastic model of an assembly with one 6 x 6 stiffness a joint.
 
     assembly : spirals and joints at rest
-    compliance : of both arms of every joint, in the joint's axes, (m, 2, 6, 6) each
+    compliance : of both arms of every joint, in the arms' own axes, (m, 2, 6, 6) each
+    at_joint : (m, 6, 6) SI, stiffness of the way between the hubs' ideas of where the joint is, in the joint's axes
     lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
     stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
@@ -43,6 +44,7 @@ class ArmModel:
 
     assembly: Assembly
     compliance: ArmCompliance
+    at_joint: np.ndarray
     lever: np.ndarray
     rest: np.ndarray
     stiffness: np.ndarray
@@ -52,8 +54,8 @@ class ArmModel:
     @classmethod
     def of(cls, assembly: Assembly, material: Material) -> ArmModel:
         """The model of an assembly of one material; raises FlexMapsError with the faces outside the stiffness table."""
-        compliance = arm_compliances(assembly, material)
-        at_joint = np.linalg.inv(compliance.values.sum(axis=1))
+        compliance, axes = arm_compliances(assembly, material), assembly.arm_axes
+        at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
         # a turn about the middle between the bend points leaves the joint aside
@@ -61,7 +63,7 @@ class ArmModel:
         transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
         transfer[:, :3, 3:] = cross(offset)
         stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
-        return cls(assembly, compliance, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset)
+        return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset)
 
     @property
     def pairs(self) -> np.ndarray:
@@ -91,7 +93,7 @@ class ArmModel:
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
-        return gradient_by_design(self.assembly, self.compliance, self.offset, state.motion)
+        return gradient_by_design(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
 
     def expand(self, state: ArmState) -> Expansion:
         m = len(self.pairs)
@@ -134,7 +136,7 @@ def _bend_levers(assembly: Assembly) -> np.ndarray:
 
 
 def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
-    """Tip compliances of both arms of every joint and their derivatives, each (m, 2, 6, 6) SI, in the joint's axes.
+    """Tip compliances of both arms of every joint and their derivatives, each (m, 2, 6, 6) SI, in the arms' own axes.
 
     Raises FlexMapsError with the spirals outside the stiffness table.
     """
@@ -150,10 +152,5 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
         )
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
-    turned = np.zeros((len(spiral), 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = assembly.radial.reshape(-1, 3, 3)
-    if assembly.clockwise:
-        turned = turned * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    back, shape = np.swapaxes(turned, 1, 2), (*assembly.pairs.shape, 6, 6)
-    parts = (found.values, found.by_scale, found.by_width, found.by_twist)
-    return ArmCompliance(*((turned @ part @ back).reshape(shape) for part in parts))
+    shape = (*assembly.pairs.shape, 6, 6)
+    return ArmCompliance(*(v.reshape(shape) for v in (found.values, found.by_scale, found.by_width, found.by_twist)))

@@ -21,7 +21,7 @@ WIDTH, TWIST = 0, 1
 
 
 def gradient_by_design(
-    assembly: Assembly, compliance: ArmCompliance, offset: np.ndarray, motion: JointMotion
+    assembly: Assembly, compliance: ArmCompliance, at_joint: np.ndarray, offset: np.ndarray, motion: JointMotion
 ) -> np.ndarray:
     """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
 
@@ -30,7 +30,6 @@ def gradient_by_design(
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
     shift = motion.shift + np.cross(offset, turn)
-    at_joint = np.linalg.inv(compliance.values.sum(axis=1))
     wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
     force = wrench[:, :3]
     out = np.zeros((len(turn), 12, 2, 2))
@@ -41,13 +40,16 @@ def gradient_by_design(
     by_pose = spread @ by_pose
     by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
     back = np.swapaxes(by_pose, 1, 2)
+    stiff = back @ at_joint
+    axes = assembly.arm_axes
     for side in (0, 1):
+        own = times(np.swapaxes(axes[:, side], 1, 2), wrench)
         for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
-            out[:, :, side, k] = -times(back, times(at_joint, times(change[:, side], wrench)))
+            out[:, :, side, k] = -times(stiff, times(axes[:, side], times(change[:, side], own)))
         way = _way_by_twist(assembly, side)
         sign = 1.0 if side == 0 else -1.0
         moved, turned = _second_bend(-sign * turn, angle, way, force)
-        out[:, :, side, TWIST] += times(back @ at_joint[:, :, :3], sign * moved)
+        out[:, :, side, TWIST] += times(stiff[:, :, :3], sign * moved)
         out[:, :, side, TWIST] += times(back[:, :, 3:], -turned)
     return out
 

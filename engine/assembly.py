@@ -91,6 +91,16 @@ class Assembly:
         normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
         return np.stack([out, np.cross(normal, out), normal], axis=3)
 
+    @property
+    def arm_axes(self) -> np.ndarray:
+        """(m, 2, 6, 6): takes shifts and turns, or forces and moments, from every arm's own axes to the joint's.
+
+        Arms that wind clockwise have their second axis to the right: the mirror image of the others.
+        """
+        out = np.zeros((*self.pairs.shape, 6, 6))
+        out[..., :3, :3] = out[..., 3:, 3:] = self.radial
+        return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
+
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
         """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
         return replace(self, width=width, twist=twist)

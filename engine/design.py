@@ -127,15 +127,18 @@ def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarra
     return fitted(flat, params, width, twist)
 
 
-def fitted(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> SpiralDesign:
+def fitted(
+    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, *, prove: bool = True
+) -> SpiralDesign:
     """The design nearest to widths (F,) metres and twists (F,) radians that can be cut, joints and neighbours included.
 
+    Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = np.minimum(width, width_range(flat, params)[1])
     twist = np.minimum(twist, twist_bound(flat, params, width))
-    width, twist = _relieved(flat, params, width, twist)
-    return _proved(SpiralDesign(flat, params, width, twist))
+    design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist))
+    return _proved(design) if prove else design
 
 
 def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np.ndarray]:

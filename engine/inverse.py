@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -34,32 +33,41 @@ class Problem:
     build: Callable[[Assembly], ElasticModel]
     simulate: SimulateParams
     smoothness: float = 0.0
-    systems: dict[str, NewtonSystem] = field(default_factory=dict)
+    systems: list[NewtonSystem] = field(default_factory=list)
 
-    def system(self, start: Pose) -> NewtonSystem:
-        """The linear systems of all equilibria; analysed once."""
-        if "one" not in self.systems:
+    def system(self, start: Pose, keep: Point | None) -> NewtonSystem:
+        """The linear system for one more equilibrium, but not the one whose factor ``keep`` still needs."""
+        if not self.systems:
             pairs = self.assembly.pairs
-            self.systems["one"] = NewtonSystem(pairs, self.loads.held(pairs, start.centres))
-        return self.systems["one"]
+            held = self.loads.held(pairs, start.centres)
+            self.systems.extend(NewtonSystem(pairs, held) for _ in range(2))
+        return self.systems[1 if keep is not None and keep.system is self.systems[0] else 0]
 
-    def at(self, x: np.ndarray, start: Pose, progress: Progress = SILENT, iterations: int | None = None) -> Point:
-        """The point with coordinates (n, 2), its equilibrium sought from a pose."""
-        assembly = self.assembly.redesigned(*self.space.design(x))
-        model = self.build(assembly)
-        found = solve(model, start, self.loads, self.simulate, progress, self.system(start), iterations)
-        return Point(self, x, model, found, self.target.compare(found.pose.centres))
+    def at(
+        self,
+        x: np.ndarray,
+        start: Pose,
+        progress: Progress = SILENT,
+        iterations: int | None = None,
+        keep: Point | None = None,
+    ) -> Point:
+        """The point with coordinates (n, 2), its equilibrium sought from a pose; ``keep`` stays usable, other points do not."""
+        model = self.build(self.assembly.redesigned(*self.space.design(x)))
+        system = self.system(start, keep)
+        found = solve(model, start, self.loads, self.simulate, progress, system, iterations)
+        return Point(self, x, model, found, self.target.compare(found.pose.centres), system)
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One design with its equilibrium. The derivatives belong to converged equilibria."""
+    """One design with its equilibrium. The derivatives belong to converged equilibria, whose factor ``system`` holds."""
 
     problem: Problem
     x: np.ndarray
     model: ElasticModel
     equilibrium: Equilibrium
     mismatch: Mismatch
+    system: NewtonSystem
 
     @cached_property
     def value(self) -> float:
@@ -85,31 +93,20 @@ class Point:
     @cached_property
     def _forces(self) -> np.ndarray:
         """(m, 12, 4) change of the joints' gradients with both spirals' coordinates."""
-        by_design = self.model.gradient_by_design(self._state)
+        by_design = self.model.gradient_by_design(self.model.start(self.equilibrium.pose))
         slopes = self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
         return (np.swapaxes(by_design, 1, 2) @ slopes).transpose(0, 2, 1, 3).reshape(-1, 12, 4)
-
-    @cached_property
-    def _state(self) -> Any:
-        return self.model.start(self.equilibrium.pose)
-
-    @cached_property
-    def _solver(self) -> NewtonSystem:
-        """The system, factored at this point."""
-        system = self.problem.system(self.equilibrium.pose)
-        system.factor(system.values(self.model.expand(self._state).hessian))
-        return system
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
         pairs = self.problem.assembly.pairs
         force = (self._forces @ change[pairs].reshape(-1, 4, 1))[..., 0]
-        return -self._solver.solve(summed(force, pairs, len(self.x)))
+        return -self.system.solve(summed(force, pairs, len(self.x)))
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
         """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
         pairs = self.problem.assembly.pairs
-        answer = self._solver.solve(pull)[pairs].reshape(-1, 1, 12)
+        answer = self.system.solve(pull)[pairs].reshape(-1, 1, 12)
         share = (answer @ self._forces)[:, 0].reshape(-1, 2, 2)
         out = np.empty_like(self.x)
         for k in (0, 1):
@@ -121,10 +118,15 @@ class Point:
         """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
         return self.adjoint(_shifts(self.mismatch.gradient)) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray) -> np.ndarray:
-        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve."""
-        residual = self.mismatch.forward(self.moves(change)[:, :3])
-        return self.adjoint(_shifts(self.mismatch.backward(residual))) + self.rough(change)
+    def gauss_newton(self, change: np.ndarray, turning: float = 0.0) -> np.ndarray:
+        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
+
+        ``turning`` adds half of it times the hubs' squared turns to the quadratic model.
+        """
+        moves = self.moves(change)
+        pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
+        pull[:, 3:] = turning * moves[:, 3:]
+        return self.adjoint(pull) + self.rough(change)
 
 
 def _shifts(pull: np.ndarray) -> np.ndarray:

@@ -76,7 +76,7 @@ def gauss_newton(
                 continue
             ratio = (here.value - trial.value) / max(gain, 1e-300)
             if ratio > 0.7:
-                damping *= 0.2
+                damping *= 0.3
             elif ratio < 0.25:
                 damping *= 4.0
             if ratio > 1e-3:
@@ -105,7 +105,7 @@ def _predicted(
         trace.unstable += 1
         return None
     start = here.equilibrium.pose.moved(moves * min(1.0, TURN_MOST / max(turn, 1e-300)))
-    trial = problem.at(np.clip(here.x + step, 0.0, 1.0), start, progress.quiet(), INNER_ITERATIONS)
+    trial = problem.at(np.clip(here.x + step, 0.0, 1.0), start, progress.quiet(), INNER_ITERATIONS, here)
     if not trial.equilibrium.converged:
         trace.unstable += 1
         return None

@@ -322,8 +322,13 @@ class OptimiseParams(Params):
     cg_iterations: int = setting(
         30, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
     )
+    restart: bool = setting(
+        True,
+        "Try other starts",
+        "Start from the present spirals, curvature-adjusted or uniform ones, whichever is nearest to the target; else only from the present ones",
+    )
     stop: float = setting(
-        1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
+        2e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
     )
 
 
@@ -370,6 +375,19 @@ class ExportParams(Params):
             ("BOTH", "Both", "R2010 and R12"),
         ),
     )
+    pdf: bool = setting(True, "PDF", "Write the sheets as PDF at true size, a page per sheet")
+    solids: str = setting(
+        "NONE",
+        "Solids",
+        "Write the panels as solids for 3D printing, as thick as the sheet",
+        choices=(
+            ("NONE", "None", "No solids"),
+            ("3MF", "3MF", "Knows its units and keeps the panels apart"),
+            ("STL", "STL", "For old programs"),
+            ("BOTH", "Both", "3MF and STL"),
+        ),
+    )
+    guide: bool = setting(True, "Assembly sheet", "Write a PDF that shows how to put the panels together, step by step")
 
 
 @dataclass(frozen=True)

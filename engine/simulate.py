@@ -21,6 +21,7 @@ from .params import SimulateParams
 from .progress import SILENT, Progress
 from .rod_model import RodModel
 from .stiffness import SCALE_RANGE, peak_strain
+from .threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +107,7 @@ def build_model(assembly: Assembly, material: Material, name: str) -> ElasticMod
     return (RodModel if name == "rod" else ArmModel).of(assembly, material)
 
 
+@one_thread
 def simulate(
     design: SpiralDesign,
     target: QuadMesh,
@@ -114,9 +116,10 @@ def simulate(
     *,
     supports: np.ndarray | None = None,
     force: np.ndarray | None = None,
+    start: Pose | None = None,
     progress: Progress = SILENT,
 ) -> Simulation:
-    """The shape that a design takes when it is assembled, sought from the target's shape.
+    """The shape that a design takes when it is assembled, sought from a pose, else from the target's shape.
 
     supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the spirals.
     Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where a spiral is outside the
@@ -126,13 +129,13 @@ def simulate(
     model = build_model(assembly, material, params.model)
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
-    start = target_pose(target, design.flat.corners)
+    aim = target_pose(target, design.flat.corners)
     free = not loads.fixed.any()
-    watched = progress.showing(lambda pose: carried(design, _laid(pose, start, free), target))
+    watched = progress.showing(lambda pose: carried(design, _laid(pose, aim, free), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    found = solve(model, start, loads, params, main)
+    found = solve(model, aim if start is None else start, loads, params, main)
     others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
-    found, *others = (e.placed(_laid(e.pose, start, free)) for e in (found, *others))
+    found, *others = (e.placed(_laid(e.pose, aim, free)) for e in (found, *others))
     return Simulation(design, target, material, model, assembly, found, others)
 
 

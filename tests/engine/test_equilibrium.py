@@ -32,6 +32,12 @@ def row(count: int, *, twist: float = 0.0, closed: bool = False, clockwise: bool
     return Assembly(pairs, lever, axes, WIDTH * full, twist * full, 1e-4 * full, THICKNESS, clockwise)
 
 
+def at_joints(assembly: Assembly) -> np.ndarray:
+    """(m, 6, 6) compliance of both arms of every joint in series, in the joint's axes."""
+    axes = assembly.arm_axes
+    return (axes @ arm_compliances(assembly, VERO).values @ np.swapaxes(axes, 2, 3)).sum(axis=1)
+
+
 def straight(count: int) -> Pose:
     centres = np.zeros((count, 3))
     centres[:, 0] = SPACING * np.arange(count)
@@ -149,7 +155,7 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
         SimulateParams(tolerance=1e-10),
     )
     # small loads: every joint turns and shifts the rest of the row by its own compliance under the force's wrench there
-    compliance = arm_compliances(assembly, VERO).values.sum(axis=1)
+    compliance = at_joints(assembly)
     moved = np.zeros(3)
     for joint in range(count - 1):
         reach = np.array([SPACING * (count - 1 - joint - 0.5), 0.0, 0.0])
@@ -166,7 +172,7 @@ def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:
     assembly = row(count, closed=True)
     found = solve(ArmModel.of(assembly, VERO), shaken(ring(count), 0.001, 0.05), free(count), SimulateParams())
     turn = 2.0 * np.pi / count
-    bending = arm_compliances(assembly, VERO).values[0].sum(axis=0)[4, 4]
+    bending = at_joints(assembly)[0][4, 4]
     assert found.converged and found.negative_eigenvalues == 0
     assert found.energy == pytest.approx(count * turn**2 / (2.0 * bending), rel=1e-3)
     off = found.pose.centres - found.pose.centres.mean(axis=0)
@@ -188,7 +194,7 @@ def test_a_column_under_pressure_leaves_its_saddle() -> None:
     """Pressed beyond its buckling load, a straight row balances but does not rest: the search must bend it."""
     count = 10
     assembly = row(count)
-    bending = arm_compliances(assembly, VERO).values[0].sum(axis=0)[4, 4]
+    bending = at_joints(assembly)[0][4, 4]
     length = SPACING * (count - 1)
     euler = np.pi**2 * SPACING / bending / (4.0 * length**2)
     for load, buckles in ((0.8, False), (1.3, True)):

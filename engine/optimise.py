@@ -1,0 +1,240 @@
+"""Inverse design: the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import curvature
+from .assembly import Pose, of_design, target_pose
+from .design import SpiralDesign, fitted, from_curvature, uniform
+from .design_space import DesignSpace
+from .errors import Cancelled, FlexMapsError
+from .inverse import Point, Problem
+from .loads import Loads
+from .materials import Material
+from .mesh import QuadMesh
+from .objective import Target
+from .optimisers import Trace, gauss_newton, lbfgs
+from .params import OptimiseParams, SimulateParams
+from .progress import SILENT, Progress
+from .simulate import Simulation, build_model, carried, simulate
+from .threads import one_thread
+
+METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
+REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
+REPAIR_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What there is to see after a step: the target's vertices (V, 3) metres as the hubs carry them, and the spirals.
+
+    width : (F,) metres; twist : (F,) radians; rmse : metres, of the coordinates that are matched; step : number of steps
+    """
+
+    vertices: np.ndarray
+    width: np.ndarray
+    twist: np.ndarray
+    rmse: float
+    step: int
+
+
+@dataclass(frozen=True, eq=False)
+class Optimisation:
+    """The best design that was found.
+
+    before, after : the start and the result, simulated
+    trace : seconds, objective and RMSE of every step, rejected and unstable ones counted
+    start : which start was taken: "curvature", "uniform" or "given"
+    at_bound : (F, 2) int, -1 and 1 where width and twist are at their lower or upper bound
+    gradient : (F, 2) of the objective by the design's coordinates: where a bound holds the match back
+    finished : false if it was stopped before its end
+    """
+
+    before: Simulation
+    after: Simulation
+    trace: Trace
+    method: str
+    start: str
+    at_bound: np.ndarray
+    gradient: np.ndarray
+    finished: bool
+
+    @property
+    def design(self) -> SpiralDesign:
+        return self.after.design
+
+    def report(self) -> dict[str, Any]:
+        """The ``optimise`` block of report.json."""
+        before, after = self.before.report(), self.after.report()
+        return {
+            "method": self.method,
+            "start": self.start,
+            "finished": self.finished,
+            "iterations": len(self.trace.rows),
+            "evaluations": self.trace.evaluations,
+            "rejected": self.trace.rejected,
+            "unstable": self.trace.unstable,
+            "laplacian_rmse_mm_before": before["laplacian_rmse_mm"],
+            "laplacian_rmse_mm": after["laplacian_rmse_mm"],
+            "rms_percent_before": before["rms_percent"],
+            "rms_percent": after["rms_percent"],
+            "max_percent": after["max_percent"],
+            "at_bound": float((self.at_bound != 0).mean()),
+        }
+
+
+@one_thread
+def optimise(
+    design: SpiralDesign,
+    target: QuadMesh,
+    material: Material,
+    params: OptimiseParams,
+    physics: SimulateParams,
+    *,
+    supports: np.ndarray | None = None,
+    force: np.ndarray | None = None,
+    progress: Progress = SILENT,
+) -> Optimisation:
+    """Improve a design until its equilibrium matches the target as well as the method finds.
+
+    Arguments as in ``simulate``. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
+    is nearest to the target. Shows a ``Look`` after every step. When it is stopped it returns the best design so far,
+    or raises Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
+    """
+    if len(target.quads) != len(design.width):
+        raise FlexMapsError(
+            f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
+        )
+    problem, pose = _problem(design, target, material, params, physics, supports, force)
+    progress(0.0, "Starting shapes")
+    points = _starts(problem, design, target, pose, params, progress.part(0.0, 0.1))
+    name, start = min(points.items(), key=lambda item: item[1].value)
+    trace, best, finished = Trace(), start, True
+
+    def accepted(point: Point) -> None:
+        nonlocal best
+        best = point
+        vertices = carried(design, _laid(point.equilibrium.pose, problem), target)
+        progress.show(Look(vertices, *problem.space.design(point.x), point.mismatch.rmse, len(trace.rows)))
+
+    accepted(start)
+    try:
+        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.1, 0.8))
+        best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
+    except Cancelled:
+        finished = False
+        result = fitted(design.flat, design.params, *problem.space.design(best.x), prove=False)
+    quiet = SILENT if not finished else progress.part(0.95, 1.0)
+    after = _simulated(result, target, material, physics, supports, force, best.equilibrium.pose, quiet)
+    before = _simulated(
+        design, target, material, physics, supports, force, points.get("given", start).equilibrium.pose, quiet
+    )
+    return Optimisation(before, after, trace, params.method, name, _at_bound(best.x), best.gradient, finished)
+
+
+def _problem(
+    design: SpiralDesign,
+    target: QuadMesh,
+    material: Material,
+    params: OptimiseParams,
+    physics: SimulateParams,
+    supports: np.ndarray | None,
+    force: np.ndarray | None,
+) -> tuple[Problem, Pose]:
+    """The problem, and the pose to start equilibria from."""
+    assembly = of_design(design)
+    mass = design.area * assembly.thickness * material.density if physics.gravity else None
+    loads = Loads.of(assembly.size, supports=supports, clamped=physics.clamped, force=force, mass=mass)
+    aim = Target(assembly.pairs, target.centroids, params.laplacian, free=not loads.fixed.any())
+    space = DesignSpace.of(design, assembly)
+    problem = Problem(
+        assembly, space, aim, loads, lambda a: build_model(a, material, physics.model), physics, params.smoothness
+    )
+    return problem, target_pose(target, design.flat.corners)
+
+
+def _starts(
+    problem: Problem,
+    design: SpiralDesign,
+    target: QuadMesh,
+    pose: Pose,
+    params: OptimiseParams,
+    progress: Progress,
+) -> dict[str, Point]:
+    """The starts that have an equilibrium, by name; only the given design if it is to be improved further."""
+    designs = {"given": design}
+    if params.restart:
+        designs["curvature"] = from_curvature(design.flat, design.params, curvature.rms_curvature(target))
+        designs["uniform"] = uniform(design.flat, design.params)
+    points: dict[str, Point] = {}
+    for k, (name, one) in enumerate(designs.items()):
+        part = progress.part(k / len(designs), (k + 1) / len(designs))
+        x = problem.space.coordinates(one.width, one.twist)
+        best = min(points.values(), key=lambda p: p.value, default=None)
+        point = problem.at(x, pose, part, keep=best)
+        if point.equilibrium.converged:
+            points[name] = point
+    if not points:
+        raise FlexMapsError(
+            "No equilibrium was found to start from: simulate the design first and mend what it reports"
+        )
+    return points
+
+
+def _repaired(
+    problem: Problem,
+    best: Point,
+    design: SpiralDesign,
+    params: OptimiseParams,
+    trace: Trace,
+    accepted: Callable[[Point], None],
+    progress: Progress,
+) -> tuple[Point, SpiralDesign]:
+    """The best point as a design that can be cut; where spirals had to give way to their neighbours, the rest is adapted."""
+    result = design
+    for k in range(REPAIRS + 1):
+        part = progress.part(k / (REPAIRS + 1), (k + 1) / (REPAIRS + 1))
+        wanted = problem.space.design(best.x)
+        result = fitted(design.flat, design.params, *wanted)
+        given_way = result.twist < 0.999 * wanted[1]
+        if not given_way.any() or k == REPAIRS:
+            break
+        share = np.where(given_way, result.twist / np.maximum(wanted[1], 1e-12), 1.0)
+        space = problem.space.capped(problem.space.cap * share)
+        problem = replace(problem, space=space)
+        start = problem.at(space.coordinates(result.width, result.twist), best.equilibrium.pose, part)
+        if not start.equilibrium.converged:
+            break
+        short = replace(params, iterations=min(REPAIR_STEPS, params.iterations))
+        accepted(start)
+        best = METHODS[params.method](problem, start, short, trace, accepted, part)
+    return best, result
+
+
+def _laid(pose: Pose, problem: Problem) -> Pose:
+    return pose.aligned(problem.target.points) if problem.target.free else pose
+
+
+def _at_bound(x: np.ndarray) -> np.ndarray:
+    return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
+
+
+def _simulated(
+    design: SpiralDesign,
+    target: QuadMesh,
+    material: Material,
+    physics: SimulateParams,
+    supports: np.ndarray | None,
+    force: np.ndarray | None,
+    start: Pose,
+    progress: Progress,
+) -> Simulation:
+    quick = replace(physics, restarts=0)
+    return simulate(
+        design, target, material, quick, supports=supports, force=force, start=start, progress=progress.quiet()
+    )
