@@ -12,21 +12,28 @@ energy of a joint is e'.K e' / 2 with the corrected strains e' = e + e.D.e,
     turn'  = turn - integral of phi x phi' ds / 2
 
 where l is the way from x to the middle between the hubs, and phi' = c (moment + l x force) with the compliance c of the
-arm's section. The linear wrench is K e.
+arm's section and the linear wrench K e.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
+from .arm_bend import bend_point
 from .assembly import Assembly
 from .beams import torsion_constant
 from .materials import Material
+from .stiffness import ArmCompliance
 
-POINTS = 16
+POINTS = 10
 HUB = 0.55
 """Where an arm begins to bend, in its widths from the centre of the hub."""
-
+STEP = 1e-5
+"""Of the central differences of the stations, relative to the width and in radians of twist."""
+BATCH = 512
+_EYE = np.eye(3)
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W
 
@@ -39,6 +46,207 @@ def _running() -> np.ndarray:
     return integrals @ np.linalg.inv(legendre.legvander(_X, POINTS - 1))
 
 
+_RUNNING = _running() / _WEIGHTS
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """What the arms of m joints are, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
+
+    radial : (3, 3) columns along the radius outwards, to its left, normal; centre : (3,) m of the hub, seen from the
+    middle between both hubs; all in the joint's axes, as is to_joint (m, 6, 6), from the strains between the centres to
+    those at the joint. thickness (m), youngs (Pa), poisson; side : 1, or -1 for clockwise arms
+    """
+
+    radius: np.ndarray
+    width: np.ndarray
+    twist: np.ndarray
+    compliance: np.ndarray
+    radial: np.ndarray
+    centre: np.ndarray
+    to_joint: np.ndarray
+    thickness: float
+    youngs: float
+    poisson: float
+    side: float
+
+    @classmethod
+    def of(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> Arms:
+        lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
+        middle = 0.5 * (lever[:, 0] + lever[:, 1])
+        to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
+        to_joint[:, :3, 3:] = -_skew(middle)
+        width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
+        side = -1.0 if assembly.clockwise else 1.0
+        radial, centre = assembly.radial, middle[:, None] - lever
+        rest = (assembly.thickness, material.youngs, material.poisson, side)
+        return cls(assembly.radius, width, twist, compliance, radial, centre, to_joint, *rest)
+
+    def part(self, joints: slice) -> Arms:
+        names = ("radius", "width", "twist", "compliance", "radial", "centre", "to_joint")
+        return replace(self, **{name: getattr(self, name)[joints] for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Points along both arms of m joints, the hub's rim first; S = POINTS + 1.
+
+    turn : (m, 2, S, 3, 9) rotation of the section, seen half way, and curve : (m, 2, S, 3, 9) its change over the
+    station, both per wrench about the middle (6) and turn of the joint (3); step : (m, 2, S, 3) m, the way along the arm
+    arm : (m, 2, S, 3) m from the station to the middle. Steps and curves are signed: they go from hub to hub.
+    """
+
+    turn: np.ndarray
+    curve: np.ndarray
+    step: np.ndarray
+    arm: np.ndarray
+
+    @classmethod
+    def of(cls, arms: Arms) -> Stations:
+        place, step, length, bend = _along(arms)
+        arm = -(arms.centre[:, :, None] + place)
+        moment = np.concatenate([_skew(arm), np.broadcast_to(_EYE, (*arm.shape[:-1], 3, 3))], axis=-1)
+        curve = bend @ moment
+        # the solid's tip turns a little more or less than the beam's: what is left is spread along the arm
+        back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
+        left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
+        curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
+        m = len(place)
+        turn = np.zeros((m, 2, POINTS + 1, 3, 9))
+        turn[:, :, 1:, :, :6] = (_RUNNING @ curve[:, :, 1:].reshape(m, 2, POINTS, 18)).reshape(m, 2, POINTS, 3, 6)
+        turn[..., 6:] = -0.5 * _EYE
+        sign = np.array([1.0, -1.0])[:, None, None]
+        full = np.zeros_like(turn)
+        full[..., :6] = sign[..., None] * curve
+        return cls(turn, full, sign * step, arm)
+
+    def with_one(self, z: np.ndarray) -> np.ndarray:
+        """(m, 2, 6, 9) of both arms: D with wrench and turn z (m, 9) in one of its places, the other one open."""
+        flat = (*self.turn.shape[:-2], 3)
+        a, k = (
+            (self.turn @ z[:, None, None, :, None]).reshape(flat),
+            (self.curve @ z[:, None, None, :, None]).reshape(flat),
+        )
+        d, l = self.step, self.arm
+        by_turn, by_curve = np.empty((*flat[:-1], 6, 3)), np.empty((*flat[:-1], 6, 3))
+        by_turn[..., :3, :] = _outer(a, d) - 2.0 * _outer(d, a) + _outer(k, l) + (_dot(a, d) - _dot(k, l)) * _EYE
+        by_curve[..., :3, :] = _dot(a, l) * _EYE - _outer(a, l)
+        by_turn[..., 3:, :], by_curve[..., 3:, :] = -_skew(k), _skew(a)
+        both = np.concatenate([by_turn, by_curve], axis=2)
+        fields = np.concatenate([self.turn, self.curve], axis=2)
+        shape = (*flat[:2], -1)
+        return -0.25 * np.moveaxis(both, -2, 2).reshape(*flat[:2], 6, -1) @ fields.reshape(*shape, 9)
+
+
+def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """(m, 6, 6, 6) D, symmetric in its last two places: the strains' second order, e' = e + e.D.e, of every joint.
+
+    at_joint : (m, 6, 6) stiffness at the joint; lever : (m, 2, 3) m from the hubs to the points between which the shift is
+    measured, in the joint's axes; offset : (m, 3) m from the joint to the middle between them. Strains as in ``ArmModel``.
+    """
+    out = np.empty((len(offset), 6, 6, 6))
+    for start in range(0, len(out), BATCH):
+        part = slice(start, start + BATCH)
+        some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
+        to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()
+        to_joint[:, :3, 3:] = _skew(offset[part])
+        both = _both(some, at_joint[part]) @ to_joint
+        stations, back = Stations.of(some), np.linalg.inv(to_joint) @ some.to_joint
+        for one in range(6):
+            out[part, :, one] = back @ (stations.with_one(both[:, :, one]).sum(axis=1) @ both)
+            if one >= 3:
+                out[part, :3, one, 3:] -= _twice(np.broadcast_to(_EYE[one - 3], apart.shape), apart)
+    return out
+
+
+def by_design(arms: Arms, at_joint: np.ndarray, compliance: ArmCompliance, strains: np.ndarray) -> np.ndarray:
+    """(m, 2, 2, 6, 6): derivatives of D with the strains at the joint (m, 6) in one place, by side, then width and twist.
+
+    Here D is that of the strains at the joint. Rows as the strains, columns the open place.
+    """
+    out = np.empty((len(strains), 2, 2, 6, 6))
+    for start in range(0, len(out), BATCH):
+        part = slice(start, start + BATCH)
+        out[part] = _by_design(
+            arms.part(part), at_joint[part], compliance.by_width[part], compliance.by_twist[part], strains[part]
+        )
+    return out
+
+
+def _by_design(
+    arms: Arms, at_joint: np.ndarray, by_width: np.ndarray, by_twist: np.ndarray, strains: np.ndarray
+) -> np.ndarray:
+    both = _both(arms, at_joint)
+    z = (both @ strains[..., None])[..., 0]
+    stations = Stations.of(arms)
+    here = stations.with_one(z).sum(axis=1)
+    out = np.empty((len(z), 2, 2, 6, 6))
+    width, twist = STEP * arms.width, np.full_like(arms.twist, STEP)
+    steps = (
+        (by_width, width, replace(arms, width=arms.width + width), replace(arms, width=arms.width - width)),
+        (by_twist, twist, replace(arms, twist=arms.twist + twist), replace(arms, twist=arms.twist - twist)),
+    )
+    for k, (change, size, more, less) in enumerate(steps):
+        moved = size[..., None, None] * change
+        ends = [
+            Stations.of(replace(a, compliance=arms.compliance + s * moved)).with_one(z)
+            for a, s in ((more, 1), (less, -1))
+        ]
+        own = (ends[0] - ends[1]) / (2.0 * size[..., None, None])
+        for side in (0, 1):
+            pulled = np.zeros_like(both)
+            pulled[:, :6] = -np.swapaxes(arms.to_joint, 1, 2) @ (at_joint @ change[:, side] @ at_joint)
+            through = stations.with_one((pulled @ strains[..., None])[..., 0]).sum(axis=1)
+            out[:, side, k] = arms.to_joint @ ((own[:, side] + through) @ both + here @ pulled)
+    bend = bend_point(arms.twist.ravel())[1].reshape(*arms.twist.shape, 2) * arms.radius[..., None]
+    lever = bend[..., :1] * arms.radial[..., 0] + arms.side * bend[..., 1:] * arms.radial[..., 1]
+    for side, sign in ((0, -1.0), (1, 1.0)):
+        out[:, side, 1, :3, 3:] -= _twice(strains[:, 3:], 0.125 * sign * lever[:, side])
+    return out
+
+
+def _both(arms: Arms, at_joint: np.ndarray) -> np.ndarray:
+    """(m, 9, 6): wrench about the middle between the hubs, and turn, of strains at the joint."""
+    turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
+    return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
+
+
+def _twice(turn: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(m, 3, 3): turn x (other x way) / 2 + other x (turn x way) / 2 as a matrix on ``other``."""
+    return 0.5 * (_dot(turn, way) * _EYE + _outer(turn, way)) - _outer(way, turn)
+
+
+def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stations of both arms of every joint, in the joint's axes, the hub's rim first.
+
+    Places (m, 2, S, 3) m seen from the hub's centre, steps (m, 2, S, 3) m outwards, lengths (m, 2, S) m that bend, and the
+    turn per moment (m, 2, S, 3, 3) rad/(N m) over them.
+    """
+    radius, twist, axes = arms.radius[..., None], arms.twist[..., None], arms.radial[:, :, None]
+    begin = HUB * arms.width[..., None] / radius
+    u = np.concatenate([begin, begin + (1.0 - begin) * _NODES], axis=2)
+    weight = radius * np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
+    wind, lean = twist * (1.0 - u), twist * u
+    cosine, sine, speed = np.cos(wind), np.sin(wind), np.sqrt(1.0 + lean**2)
+
+    def placed(along: np.ndarray, left: np.ndarray) -> np.ndarray:
+        return along[..., None] * axes[..., 0] + arms.side * left[..., None] * axes[..., 1]
+
+    place = placed(radius * u * cosine, radius * u * sine)
+    tangent = placed((cosine + lean * sine) / speed, (sine - lean * cosine) / speed)
+    length = weight * speed
+    step = length[..., None] * tangent
+    step[:, :, 0] = place[:, :, 0]
+    normal = np.broadcast_to(axes[..., 2], tangent.shape)
+    aside = np.cross(normal, tangent)
+    height, width = arms.thickness, arms.width
+    torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.poisson)
+    bend = np.zeros((*tangent.shape, 3))
+    for inertia, axis in ((torsion, tangent), (width * height**3 / 12.0, aside), (height * width**3 / 12.0, normal)):
+        bend += (length / (arms.youngs * inertia[..., None]))[..., None, None] * _outer(axis, axis)
+    return place, step, length, bend
+
+
 def _skew(v: np.ndarray) -> np.ndarray:
     """(..., 3, 3) that takes x to v x x."""
     out = np.zeros((*v.shape, 3))
@@ -47,108 +255,10 @@ def _skew(v: np.ndarray) -> np.ndarray:
     return out
 
 
-_RUNNING = _running()
-_EYE = np.eye(3)
-_LEVI = np.stack([_skew(one[None])[0] for one in _EYE], axis=1)  # [i, j, k] of a x b = LEVI a b
+def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., :, None] * b[..., None, :]
 
 
-def second_order_strains(
-    assembly: Assembly, material: Material, stiffness: np.ndarray, lever: np.ndarray
-) -> np.ndarray:
-    """(m, 6, 6, 6) D, symmetric in its last two axes: the strains' second order, e' = e + e.D.e, for every joint.
-
-    stiffness (m, 6, 6) and lever (m, 2, 3), the way from the hubs to the points between which the shift is measured, are
-    those of ``ArmModel``; strains as there: shift (m) and turn (rad) in the joint's axes.
-    """
-    held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
-    # the shift between the centres, and from it the one between the levers' ends, which adds turn x (sum of levers) / 2 ...
-    from_centres = np.broadcast_to(np.eye(6), stiffness.shape).copy()
-    from_centres[:, :3, 3:] = -0.5 * _skew(held[:, 0] + held[:, 1])
-    of_centres = _of_centres(assembly, material, np.swapaxes(from_centres, 1, 2) @ stiffness @ from_centres)
-    back = np.linalg.inv(from_centres)
-    found = (from_centres @ of_centres.reshape(-1, 6, 36)).reshape(-1, 6, 6, 6)
-    found = np.swapaxes(back, 1, 2)[:, None] @ found @ back[:, None]
-    # ... and, to second order, turn x (turn x (difference of levers)) / 8, which needs no correction any more
-    apart = 0.125 * (held[:, 1] - held[:, 0])
-    twice = np.einsum("ia,eb->eiab", _EYE, apart) - np.einsum("ei,ab->eiab", apart, _EYE)
-    found[:, :3, 3:, 3:] -= 0.5 * (twice + np.swapaxes(twice, 2, 3))
-    return found
-
-
-def _of_centres(assembly: Assembly, material: Material, stiffness: np.ndarray) -> np.ndarray:
-    """The same with the shift between the hubs' centres."""
-    x, rim, step, bend, length = _arms(assembly, material)
-    lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
-    # the origin is the middle between the hubs' centres
-    middle = 0.5 * (lever[:, 0] + lever[:, 1])
-    centre = middle[:, None] - lever
-    arm = -(centre[:, :, None] + x)
-    moment = np.concatenate([_skew(arm), np.broadcast_to(_EYE, (*arm.shape[:-1], 3, 3))], axis=-1)
-    half_turn = np.concatenate([np.zeros((3, 3)), 0.5 * _EYE], axis=1)
-    curve = bend @ moment @ stiffness[:, None, None]
-    # the solid's own stiffness differs a little from the beam's: what is left of the turn is spread along the arms
-    left = 2.0 * half_turn - np.einsum("ekgij->eij", curve)
-    curve += (length / length.sum(axis=(1, 2), keepdims=True))[..., None, None] * left[:, None, None]
-    running = _RUNNING / _WEIGHTS
-    field = np.einsum("gh,ekhij->ekgij", running, curve) - half_turn
-    m, sign = len(x), np.array([1.0, -1.0])[:, None, None]
-    # with the hubs' rigid parts as one more station each
-    fields = np.concatenate([field, np.broadcast_to(-half_turn, (m, 2, 1, 3, 6))], axis=2).reshape(m, -1, 3, 6)
-    steps = (sign * np.concatenate([step, rim[:, :, None]], axis=2)).reshape(m, -1, 3)
-    along = np.einsum("egja,egj->ega", fields, steps)
-    inner = np.swapaxes(fields, 2, 3) @ fields
-    flat = fields.reshape(m, len(fields[0]), 18)
-    bowing = (np.swapaxes(flat, 1, 2) @ along).reshape(m, 3, 6, 6)
-    bowing -= (np.swapaxes(steps, 1, 2) @ inner.reshape(m, -1, 36)).reshape(m, 3, 6, 6)
-    out = np.empty((m, 6, 6, 6))
-    curve, field, arm = (
-        (sign[..., None] * curve).reshape(m, -1, 18),
-        field.reshape(m, -1, 3, 6),
-        arm.reshape(m, -1, 3),
-    )
-    flat = field.reshape(m, -1, 18)
-    both = (np.swapaxes(flat, 1, 2) @ curve).reshape(m, 3, 6, 3, 6)
-    out[:, 3:] = -0.5 * np.einsum("ijk,ejakb->eiab", _LEVI, both)
-    # (phi x phi') x l = phi' (phi.l) - phi (phi'.l)
-    by_field = np.einsum("egja,egj->ega", field, arm)
-    by_curve = np.einsum("egja,egj->ega", curve.reshape(field.shape), arm)
-    first = np.swapaxes(np.swapaxes(curve, 1, 2) @ by_field, 1, 2).reshape(m, 6, 3, 6).transpose(0, 2, 1, 3)
-    second = (np.swapaxes(flat, 1, 2) @ by_curve).reshape(m, 3, 6, 6)
-    out[:, :3] = -0.5 * (bowing + first - second)
-    return 0.5 * (out + np.swapaxes(out, 2, 3))
-
-
-def _arms(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stations of both arms of every joint, in the joint's axes, seen from the hub's centre.
-
-    Places (m, 2, N, 3) m, the rim (m, 2, 3) m where bending begins, the step (m, 2, N, 3) m outwards and the length
-    (m, 2, N) m that a station stands for, and the turn per moment (m, 2, N, 3, 3) rad/(N m) over it.
-    """
-    radius, axes = assembly.radius, assembly.radial
-    width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
-    side = -1.0 if assembly.clockwise else 1.0
-    begin = np.minimum(HUB * width / radius, 0.5)[..., None]
-    u = begin + (1.0 - begin) * _NODES
-    weight = (1.0 - begin) * _WEIGHTS * radius[..., None]
-    wind = twist[..., None] * (1.0 - u)
-    cosine, sine, lean = np.cos(wind), np.sin(wind), twist[..., None] * u
-
-    def placed(along: np.ndarray, left: np.ndarray) -> np.ndarray:
-        return along[..., None] * axes[:, :, None, :, 0] + side * left[..., None] * axes[:, :, None, :, 1]
-
-    place = placed(radius[..., None] * u * cosine, radius[..., None] * u * sine)
-    velocity = placed(cosine + lean * sine, sine - lean * cosine)
-    speed = np.sqrt(1.0 + lean**2)
-    start = twist[..., None] * (1.0 - begin)
-    rim = placed(radius[..., None] * begin * np.cos(start), radius[..., None] * begin * np.sin(start))[:, :, 0]
-    tangent = velocity / speed[..., None]
-    normal = np.broadcast_to(axes[:, :, None, :, 2], tangent.shape)
-    aside = np.cross(normal, tangent)
-    torsion = torsion_constant(assembly.thickness / width)[0] * width**4 * 0.5 / (1.0 + material.poisson)
-    inertias = (torsion, width * assembly.thickness**3 / 12.0, assembly.thickness * width**3 / 12.0)
-    length = weight * speed
-    bend = sum(
-        (length / (material.youngs * inertia[..., None]))[..., None, None] * axis[..., :, None] * axis[..., None, :]
-        for inertia, axis in zip(inertias, (tangent, aside, normal))
-    )
-    return place, rim, velocity * weight[..., None], np.asarray(bend), length
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 1, 1)."""
+    return (a * b).sum(axis=-1)[..., None, None]
