@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 FOUND = {"stages": {}, "errors": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
 CHECK = (1091, 393)  # where the button is on a screen of 1500 x 1400 before anything was checked
 ASIDE = (600, 1150)  # a place in the 3D view that nothing covers
-STAGES = ("check", "regularise", "trace", "merge", "spirals", "export")
+STAGES = ("check", "regularise", "trace", "merge", "spirals", "simulate", "export")
 
 
 def view():
@@ -122,12 +122,16 @@ def walk():
             bpy.ops.flexmaps.overlay(kind="ENERGY")
             yield 1.0
             shot("4-distortion")
+        if stage == "simulate":
+            bpy.ops.flexmaps.overlay(kind="DISTANCE")
+            yield 1.0
+            shot("5-simulated")
     bpy.ops.flexmaps.overlay(kind="TWIST")
     if not bpy.app.background:
         with in_view():
             bpy.ops.view3d.view_all()
     yield 1.5
-    shot("5-spirals")
+    shot("6-spirals")
     FOUND["whole"] = state()
     from_zip = ("scipy", "shapely", "igl", "ezdxf")
     FOUND["places"] = {name: sys.modules[name].__file__ for name in from_zip if name in sys.modules}
@@ -138,7 +142,7 @@ def walk():
     yield 0.4
     pointer(ASIDE, "key", "Escape")
     yield from until_done()
-    shot("6-escaped")
+    shot("7-escaped")
     FOUND["escaped"] = state() == before
     with in_view():
         bpy.ops.ed.undo()  # the overlay or the sheets
@@ -146,7 +150,7 @@ def walk():
         bpy.ops.ed.undo()
     yield 1.0
     FOUND["undone"] = state()
-    shot("7-undone")
+    shot("8-undone")
 
 
 def finish():
