@@ -154,7 +154,9 @@ def _thumbnails(page: Page, box: _Box, sheets: CutSheets, look: _Look) -> None:
         page.fill(frame, "#ffffff", GREY, 1.5e-4)
         for panel in sheets.on_sheet(index):
             points = corner + scale * _coarse(panel.outline.sampled(1e-4), 0.15e-3 / scale)
-            page.fill(points, look.patches[panel.patch])
+            page.fill(points, look.patches[panel.patch] if panel.patch >= 0 else GREY)
+            if panel.patch < 0:  # a loose key
+                continue
             page.text(panel_name(panel.patch), tuple(_middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
         page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 

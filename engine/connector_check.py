@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .arcs import Curve
-from .connector_path import Half, Through, complexes, pairs
+from .connector_path import Attempt, Half, Through, complexes, pairs
 from .connector_shape import key
 from .connectors import Connections, Connector
 from .contours import Outline
@@ -80,7 +79,8 @@ def _joint(
         one, two = (shapely.intersection(p, near) for p in parts)
         gap = float(one.distance(two))
         return [(gap, gap, float(one.intersection(two).area))]
-    return [_gap(*parts, a) if a.male == 0 else _gap(_turned(parts[1]), _turned(parts[0]), a)]
+    one, two = parts if a.male == 0 else (_turned(parts[1]), _turned(parts[0]))
+    return [_gap(one, two, a)]
 
 
 def _turned(part: Any) -> Any:
@@ -89,7 +89,7 @@ def _turned(part: Any) -> Any:
     return rotate(part, 180, (0, 0))
 
 
-def _gap(one: Any, two: Any, a: Any) -> tuple[float, float, float]:
+def _gap(one: Any, two: Any, a: Attempt) -> tuple[float, float, float]:
     """Gap round a head that points along x, between the part ``one`` that has it and the socket in ``two``."""
     import shapely
 

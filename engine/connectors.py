@@ -54,12 +54,21 @@ class Connections:
 
     unsolved : (name, quad, quad) of the joints that have no room for any connector: they keep their plain ends
     clearance : metres
+    taken : (F, 4) metres of every arm, from its joint on, that a connector needs
     """
 
     outlines: tuple[Outline, ...]
     connectors: tuple[Connector, ...]
     unsolved: tuple[tuple[str, int, int], ...]
     clearance: float
+    taken: np.ndarray
+
+    @property
+    def bridge(self) -> float:
+        """Metres: the narrowest neck or wall of a connector; infinite without any."""
+        return min(
+            (min(c.made.size.neck - c.made.size.clearance, c.made.size.wall) for c in self.connectors), default=np.inf
+        )
 
     @property
     def keys(self) -> tuple[Outline, ...]:
@@ -93,12 +102,15 @@ def connect(
 
     ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told.
     """
+    taken = np.zeros((len(design.width), 4))
     if params.kind == "none":
-        return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance)
+        return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance, taken)
     room = Room(design, params)
     chosen = _chosen(room, progress.part(0.0, 0.8))
     labels = seam_labels(design.flat.layout)
-    made, unsolved, tips = [], [], []
+    made: list[Connector] = []
+    unsolved: list[tuple[str, int, int]] = []
+    tips: list[Tip] = []
     for joint, choice in enumerate(chosen):
         quad, side = room.joints.quad[joint].tolist(), room.joints.side[joint].tolist()
         name = labels[quad[0], side[0]]
@@ -111,10 +123,14 @@ def connect(
         swapped = attempt.kind == "dovetail" and attempt.male != place % 2
         made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
         tips.extend(choice.tips)
+        for tip in choice.tips:
+            taken.ravel()[tip.arm] = max(
+                float(np.interp(tip.wide.full, tip.through.own.t, tip.through.own.length)), 0.0
+            )
     progress(0.8, "outlines with connectors")
     gathered = room.gathered(tips, ends(design.flat.layout, design.arms, room.slot), tolerance)
     drawn = design.outlines(tolerance, gathered)
-    return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance)
+    return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +155,8 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
         giving = _crowded(room, chosen)
         if not giving:
             break
-        for joint in giving:
-            chosen[joint] = _next(room, joint, chosen[joint].number + 1)
+        for joint, number in giving.items():
+            chosen[joint] = _next(room, joint, number + 1)
     return chosen
 
 
@@ -155,18 +171,18 @@ def _next(room: Room, joint: int, start: int) -> _Choice | None:
     return None
 
 
-def _crowded(room: Room, chosen: list[_Choice | None]) -> set[int]:
-    """Joints that have to give way because two tips of one panel are nearer than the smallest slot."""
+def _crowded(room: Room, chosen: list[_Choice | None]) -> dict[int, int]:
+    """Joints that have to give way because two tips of one panel are nearer than the smallest slot; and what they tried last."""
     import shapely
 
-    owners = [joint for joint, c in enumerate(chosen) if c is not None for _ in range(2)]
+    owners = [(joint, c.number) for joint, c in enumerate(chosen) if c is not None for _ in c.tips]
     tips = [tip for c in chosen if c is not None for tip in c.tips]
     if not tips:
-        return set()
+        return {}
     polygons = np.array([t.polygon for t in tips])
     one, two = shapely.STRtree(polygons).query(polygons, predicate="dwithin", distance=0.999 * room.slot)
-    giving = set()
+    giving = []
     for a, b in zip(one.tolist(), two.tolist()):
         if a < b and tips[a].patch == tips[b].patch:
-            giving.add(owners[a] if polygons[a].area > polygons[b].area else owners[b])
-    return giving
+            giving.append(owners[a] if polygons[a].area > polygons[b].area else owners[b])
+    return dict(giving)

@@ -145,7 +145,7 @@ def run(
     if stop_after == "simulate":
         return result
     with stage("sheets") as part:
-        made = sheets.make_sheets(spirals, settings.sheet, part)
+        made = sheets.make_sheets(spirals, settings.sheet, part, settings.connect, settings.cut)
     return replace(result, sheets=made, estimates=estimates.estimate(made, spirals, settings.material.chosen))
 
 

@@ -58,9 +58,14 @@ def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
     return names
 
 
-def make_labels(layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams) -> Labels:
-    """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm."""
-    lines = _Lines(arms, hubs)
+def make_labels(
+    layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams, taken: np.ndarray | None = None
+) -> Labels:
+    """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
+
+    ``taken`` (F, 4) is how many metres of every arm, from its joint on, a connector needs.
+    """
+    lines = _Lines(arms, hubs, np.zeros((len(arms.centre), 4)) if taken is None else taken)
     strokes: list[list[np.ndarray]] = [[] for _ in layout.patches]
     placed = left_out = 0
     names = seam_labels(layout)
@@ -74,7 +79,7 @@ def make_labels(layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams
             left_out += 1
             continue
         width = float(lines.width[quad, side, 0])
-        middle = 0.4 * width + 0.5 * height * length(name)
+        middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(name)
         strokes[int(layout.patch_of[quad])].extend(along(name, height, lines.points[quad, side], middle))
         placed += 1
     curves = tuple(tuple(Curve(s, np.zeros(len(s)), closed=False) for s in panel) for panel in strokes)
@@ -84,7 +89,8 @@ def make_labels(layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams
 class _Lines:
     """Where letters may stand: the free part of every arm, from its joint to its hub."""
 
-    def __init__(self, arms: Arms, hubs: Hubs):
+    def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray):
+        self.taken = taken
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
         t = end[..., None] * np.linspace(0.0, 1.0, _SAMPLES)
         self.points = centre_line(arms, t)[0]
@@ -97,7 +103,7 @@ class _Lines:
 
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
         """Metres: how high the letters of a text along this arm may be."""
-        room = 0.9 * (self.length[quad, side] - 0.4 * self.width[quad, side, 0])
+        room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
         return float(min(largest, _FILL * self.narrowest[quad, side], room / length(text)))
 
 

@@ -181,6 +181,28 @@ class ConnectorParams(Params):
 
 
 @dataclass(frozen=True)
+class CutParams(Params):
+    """What the cutter takes away: the paths in the files run half of it beside the material."""
+
+    kerf_outline: float = setting(
+        0.0,
+        "Kerf, outlines",
+        "Width that the cutter takes away along the outlines; 0.1 to 0.2 mm for a laser, a mill's diameter; 0 if the machine's own program allows for it",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    kerf_holes: float = setting(
+        0.0,
+        "Kerf, holes",
+        "The same in the holes, for cutters whose holes come out otherwise",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+
+
+@dataclass(frozen=True)
 class SheetParams(Params):
     """The sheets that are cut, and how the panels lie on them."""
 
@@ -339,6 +361,8 @@ class Settings:
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
     spiral: SpiralParams = field(default_factory=SpiralParams)
+    connect: ConnectorParams = field(default_factory=ConnectorParams)
+    cut: CutParams = field(default_factory=CutParams)
     sheet: SheetParams = field(default_factory=SheetParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)

@@ -8,21 +8,25 @@ from typing import Any
 import numpy as np
 
 from .arcs import Curve
-from .contours import touching
+from .connectors import Connections, connect
+from .contours import Outline, touching
 from .design import SpiralDesign, nearest_quads
 from .errors import FlexMapsError
+from .kerf import cut_paths
 from .labels import Labels, make_labels
 from .nesting import nest
 from .packing import Packing, least_box, turn_that_fits, used_length
-from .params import SheetParams
+from .params import ConnectorParams, CutParams, SheetParams
 from .progress import SILENT, Progress
+
+CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
     """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
 
-    number : what is engraved on it, patch + 1; patch : index of its patch in the layout
+    number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
     """
 
@@ -47,13 +51,15 @@ class Panel:
 class CutSheets:
     """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
 
-    panels : one per patch
+    panels : one per patch, and after them the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
     params : what was asked for
     warnings : sentences for the user
     labels_placed, labels_left_out : how many labels are engraved, how many had no room
     slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
     thickness : metres
+    cut : what the cutter takes away
+    connections : the connectors
     """
 
     panels: tuple[Panel, ...]
@@ -65,6 +71,8 @@ class CutSheets:
     slot_min: float
     bridge_min: float
     thickness: float
+    cut: CutParams
+    connections: Connections
 
     @property
     def count(self) -> int:
@@ -78,6 +86,10 @@ class CutSheets:
             self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
         ]
 
+    def paths_on_sheet(self, index: int) -> list[Panel]:
+        """The same with the paths of the cutter, beside the material by half of the kerf."""
+        return [_path(p, self.cut) for p in self.on_sheet(index)]
+
     @property
     def cut_length(self) -> float:
         """Metres of all cuts, without engraving."""
@@ -89,8 +101,14 @@ class CutSheets:
         return sum(len(c.points) for p in self.panels for c in (p.outline, *p.holes))
 
 
-def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = SILENT) -> CutSheets:
-    """Draw every panel of the design and lay the panels on sheets.
+def make_sheets(
+    design: SpiralDesign,
+    params: SheetParams,
+    progress: Progress = SILENT,
+    connectors: ConnectorParams = CONNECTORS,
+    cut: CutParams = CUT,
+) -> CutSheets:
+    """Draw every panel of the design, with its connectors, and lay the panels on sheets.
 
     Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
     where it is larger than the sheet.
@@ -99,7 +117,8 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
         raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
-    drawn = design.outlines(params.tolerance)
+    made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3))
+    drawn = list(made.outlines)
     progress(0.3, "checking outlines")
     where = touching(drawn)
     if len(where):
@@ -108,21 +127,82 @@ def make_sheets(design: SpiralDesign, params: SheetParams, progress: Progress = 
             faces=nearest_quads(design.flat, where),
         )
     progress(0.5, "labels")
-    labels = make_labels(layout, arms, root, params) if params.labels else Labels(((),) * len(drawn), 0, 0)
+    labels = make_labels(layout, arms, root, params, made.taken) if params.labels else Labels(((),) * len(drawn), 0, 0)
     panels = tuple(
         Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes))
         for i, o in enumerate(drawn)
     )
-    warnings = [*_oversize(panels, layout.patches, params), *_tight(design)]
+    _check_kerf(design, panels, params, cut)
+    warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made)]
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     shapes = [p.outline.sampled(2e-5) for p in panels]
-    packing = nest(shapes, params, progress.part(0.65, 1.0))
+    packing = _with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
+    panels += tuple(Panel(0, -1, k.outer, (), (), k.outer.area) for k in made.keys)
     slot, bridge = design.narrowest
     return CutSheets(
-        panels, packing, params, tuple(warnings), labels.placed, labels.left_out, slot, bridge, design.params.thickness
+        panels, packing, params, tuple(warnings), labels.placed, labels.left_out,
+        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
+    )  # fmt: skip
+
+
+def _path(panel: Panel, cut: CutParams) -> Panel:
+    path = cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes)
+    return replace(panel, outline=path.outer, holes=path.holes)
+
+
+def _check_kerf(design: SpiralDesign, panels: tuple[Panel, ...], params: SheetParams, cut: CutParams) -> None:
+    """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
+    widest = max(cut.kerf_outline, cut.kerf_holes)
+    if widest == 0.0:
+        return
+    if params.spacing < cut.kerf_outline:
+        raise FlexMapsError(
+            f"The panels lie closer together than the kerf of {cut.kerf_outline * 1e3:g} mm; make the spacing larger"
+        )
+    remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
+    paths = []
+    for panel in panels:
+        try:
+            path = _path(panel, cut)
+        except FlexMapsError as error:
+            raise FlexMapsError(
+                f"Panel {panel.number}: {remedy}", faces=design.flat.layout.patches[panel.patch]
+            ) from error
+        paths.append(Outline(path.outline, path.holes))
+    where = touching(paths)
+    if len(where):
+        raise FlexMapsError(f"{len(where)} places cannot be cut: {remedy}", faces=nearest_quads(design.flat, where))
+
+
+def _with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
+    """The loose keys in rows on a last sheet, no larger than they need: they can be cut from a remnant."""
+    if not keys:
+        return packing
+    size = max(np.ptp(k.outer.sampled(1e-5), axis=0).max() for k in keys)
+    pitch = size + params.spacing
+    columns = max(int((params.sheet_width - 2.0 * params.margin + params.spacing) // pitch), 1)
+    row, column = np.divmod(np.arange(len(keys)), columns)
+    shift = params.margin + 0.5 * size + pitch * np.column_stack([column, row])
+    used = 2.0 * params.margin + pitch * np.array([min(columns, len(keys)), row[-1] + 1]) - params.spacing
+    return Packing(
+        np.append(packing.sheet, np.full(len(keys), len(packing.sizes))),
+        np.append(packing.rotation, np.zeros(len(keys))),
+        np.concatenate([packing.shift, shift]),
+        np.concatenate([packing.sizes, used[None]]),
     )
+
+
+def _without(made: Connections) -> list[str]:
+    """A warning where joints have no connector."""
+    if not made.unsolved:
+        return []
+    named = ", ".join(name for name, *_ in made.unsolved[:5]) + (", ..." if len(made.unsolved) > 5 else "")
+    return [
+        f"{len(made.unsolved)} of {len(made.unsolved) + len(made.connectors)} joints have no room for a connector and "
+        f"keep plain ends ({named}): make the object larger, or the thinnest part of the connectors smaller"
+    ]
 
 
 def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:
@@ -167,7 +247,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
     shapes = [p.outline.sampled(1e-4) for p in sheets.panels]
     length = sheets.cut_length
     return {
-        "panels": len(sheets.panels),
+        "panels": sum(p.patch >= 0 for p in sheets.panels),
         "sheets": sheets.count,
         "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
         "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
@@ -178,6 +258,8 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
         "bridge_min_mm": round(sheets.bridge_min * 1e3, 4),
         "nodes": sheets.nodes,
         "nodes_per_m": round(sheets.nodes / length, 1),
+        "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
+        **sheets.connections.report,
         "labels": sheets.labels_placed,
         "labels_left_out": sheets.labels_left_out,
         "warnings": list(sheets.warnings),

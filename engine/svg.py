@@ -71,7 +71,7 @@ def text(sheets: CutSheets, index: int) -> str:
         f"<title>{title}</title>",
         f"<metadata>{PROGRAM}</metadata>",
     ]
-    for (name, colour), curves in zip(LAYERS, operations(sheets.on_sheet(index)), strict=True):
+    for (name, colour), curves in zip(LAYERS, operations(sheets.paths_on_sheet(index)), strict=True):
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
             f' stroke="{colour}" stroke-width="{HAIRLINE}">'
