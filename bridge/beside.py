@@ -214,6 +214,21 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
     return made
 
 
+def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+    """Like ``material``, but as bright as its colour, whatever the light."""
+    known = name in bpy.data.materials
+    made = material(name, rgb)
+    if not known:
+        shader, nodes, links = made.node_tree.nodes["Principled BSDF"], made.node_tree.nodes, made.node_tree.links
+        light = nodes.new("ShaderNodeEmission")
+        for link in shader.inputs["Base Color"].links:
+            links.new(link.from_socket, light.inputs["Color"])
+        light.inputs["Color"].default_value = shader.inputs["Base Color"].default_value
+        links.new(light.outputs["Emission"], nodes["Material Output"].inputs["Surface"])
+        nodes.remove(shader)
+    return made
+
+
 # -- spirals -----------------------------------------------------------------------------------------------------------
 
 

@@ -158,10 +158,10 @@ def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
     mesh.vertices.foreach_get("co", positions)
     mesh.loops.foreach_get("vertex_index", corners)
-    check = zlib.crc32(corners, zlib.crc32(positions))
+    check = zlib.crc32(corners.tobytes(), zlib.crc32(positions.tobytes()))
     for name in ("width", "twist"):
         values = attributes.get(mesh, attributes.PREFIX + name)
-        check = zlib.crc32(b"" if values is None else values, check)
+        check = zlib.crc32(b"" if values is None else values.tobytes(), check)
     frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
     given: list[Any] = []
     if hasattr(obj, "flexmaps"):  # else the extension is not enabled, and there are no settings

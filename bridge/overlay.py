@@ -59,13 +59,21 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
     low, high = float(values.min()), float(values.max())
     if kind == "DISTANCE":
         high = max(high, LEAST_DISTANCE)
-        legend = Legend(f"{label}, largest {values.max():.3g} mm", "0", f"{high:.3g} mm", colours.BAD)
+        legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
         return colours.on_scale(values, 0.0, high, colours.BAD), legend
     if kind == "STRAIN_ENERGY":
         low = 0.0
     gap = "" if unit == "\N{DEGREE SIGN}" else " "
     legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
     return colours.on_scale(values, low, high, colours.MUCH), legend
+
+
+def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
+    """The legend of an overlay that ``store`` has written."""
+    with attributes.readable(obj) as mesh:
+        values = attributes.get(mesh, KINDS[kind][0])
+    assert values is not None
+    return painted(obj, kind, values)[1]
 
 
 def store(obj: bpy.types.Object, kind: str) -> bool:

@@ -24,7 +24,12 @@ def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE
 
 
 def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
-    """The shape that the simulation found, coloured by its distance to the target: white at it, dark red furthest away."""
+    """The shape that the simulation found, coloured by its distance to the target, with a scale.
+
+    Raises ``FlexMapsError`` where nothing was simulated yet.
+    """
+    if equilibrium.key_of(obj.data) is None:
+        raise FlexMapsError("There is no simulated shape yet; press Simulate first")
     _model(obj, path, "DISTANCE", 1.0, size, samples)
 
 
@@ -34,14 +39,16 @@ def _model(
     """The model in an overlay's colours, at its target, share = 0, or at its equilibrium, 1."""
     overlay.store(obj, kind)
     with equilibrium.shown_at(obj, share), _studio([obj], np.array([0.9, -1.0, 1.15]), size, samples) as scene:
-        lines = _lines(obj, scene)
+        added = _lines(obj, scene)
+        if kind != "PATCH":
+            added += _legend(scene, overlay.legend_of(obj, kind))
         try:
             _render(scene, path)
         finally:
-            for line in lines:
-                data = line.data
-                bpy.data.objects.remove(line)
-                bpy.data.curves.remove(data)
+            for item in added:
+                data = item.data
+                bpy.data.objects.remove(item)
+                bpy.data.batch_remove([data])
 
 
 def panels(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
@@ -202,6 +209,45 @@ def _lines(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Obje
         curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
         made.append(bpy.data.objects.new(curve.name, curve))
         scene.collection.objects.link(made[-1])
+    return made
+
+
+def _legend(scene: bpy.types.Scene, legend: overlay.Legend) -> list[bpy.types.Object]:
+    """A colour bar with its numbers in the picture's upper left corner, close before the camera; lit by nothing."""
+    camera = scene.camera
+    near = 2.0 * camera.data.clip_start
+    percent = near * camera.data.sensor_width / camera.data.lens / 100  # of the picture's width
+    left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
+    made = []
+
+    def place(data: bpy.types.ID, x: float, y: float) -> None:
+        item = bpy.data.objects.new("FlexMaps legend", data)
+        item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
+        item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
+        scene.collection.objects.link(item)
+        made.append(item)
+
+    for text, x, y, align in (
+        (legend.title, left, top, "LEFT"),
+        (legend.low, left, top - 4.6, "LEFT"),
+        (legend.high, left + 20.0, top - 4.6, "RIGHT"),
+    ):
+        letters = bpy.data.curves.new("FlexMaps legend", "FONT")
+        letters.body, letters.size, letters.align_x = text, 1.9, align
+        letters.materials.append(beside.glowing("FlexMaps ink", colours.linear(colours.SEAM)))
+        place(letters, x, y)
+    if legend.scale is not None:
+        steps = np.linspace(0.0, 1.0, 41)
+        low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
+        index = np.arange(40)
+        bar = beside.quads(
+            "FlexMaps legend",
+            np.concatenate([low, high]),
+            np.stack([index, index + 1, index + 42, index + 41], axis=1),
+        )
+        beside.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
+        bar.materials.append(beside.glowing("FlexMaps scale", None))
+        place(bar, left, top - 2.4)
     return made
 
 

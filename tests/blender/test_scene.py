@@ -120,7 +120,7 @@ def test_bezier_curves_are_arcs() -> None:
 def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, tmp_path: Path) -> None:
     obj = scene.show(result)
     scenes, objects = len(bpy.data.scenes), {o.name for o in bpy.data.objects}
-    for draw in (picture.layout, picture.panels):
+    for draw in (picture.layout, picture.panels, picture.shape):
         path = tmp_path / f"{draw.__name__}.png"
         draw(obj, path, size=(320, 180), samples=1)
         image = bpy.data.images.load(str(path))
@@ -138,3 +138,5 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
 def test_a_picture_of_nothing_is_refused(dome: Any, tmp_path: Path) -> None:
     with pytest.raises(FlexMapsError, match="no flat patches"):
         picture.panels(dome, tmp_path / "x.png")
+    with pytest.raises(FlexMapsError, match="no simulated shape"):
+        picture.shape(dome, tmp_path / "x.png")

@@ -112,6 +112,7 @@ def walk():
             bpy.ops.view3d.view_selected()
         yield 1.0
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
+    bpy.context.object.flexmaps.sheet.nesting = "FAST"
     for stage in STAGES:
         press(stage)
         if stage == "merge":
