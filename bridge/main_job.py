@@ -13,14 +13,20 @@ from dataclasses import Field, fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from ..engine import export, files, job, meshio, report, shapes
+from ..engine import assembly_sheet, export, files, job, meshio, report, shapes
 from ..engine.errors import FlexMapsError
 from ..engine.mesh import PolygonMesh
 from ..engine.params import SHOWN, RemeshParams, Settings
 from ..engine.progress import Progress
 
 SHAPE = "shape:"
-SHEET, MODEL, REPORT, PICTURES = "sheet", "model.blend", "report.json", ("layout.png", "panels.png", "shape.png")
+SHEET, GUIDE, MODEL, REPORT, PICTURES = (
+    "sheet",
+    "assembly.pdf",
+    "model.blend",
+    "report.json",
+    ("layout.png", "panels.png", "shape.png"),
+)
 
 
 def main(argv: list[str]) -> int:
@@ -54,7 +60,16 @@ def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             polygons, settings, edge=edge, height=height, stop_after=args.stop_after, progress=progress.part(0.0, 0.6)
         )
         with _quiet_blender():
-            written = _write(result, settings, _title(args.mesh), out, new, progress.part(0.6, 1.0), args.pictures)
+            written = _write(
+                result,
+                settings,
+                _title(args.mesh),
+                out,
+                new,
+                progress.part(0.6, 1.0),
+                args.pictures,
+                tuple(args.formats),
+            )
         described = report.build(result, source=_title(args.mesh), files=written)
         new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     return described
@@ -68,6 +83,7 @@ def _write(
     new: export.NewFile,
     progress: Progress,
     pictures: bool,
+    formats: tuple[str, ...],
 ) -> list[Path]:
     """Write all but the report; returns the files of the sheets."""
     from . import picture, scene
@@ -75,7 +91,13 @@ def _write(
     written = []
     if result.sheets is not None:
         progress(0.0, "writing the sheets")
-        written = export.write(result.sheets, out / SHEET, new=new)
+        written = export.write(result.sheets, out / SHEET, formats, new)
+        if result.design is not None and result.estimates is not None:
+            progress(0.1, "drawing the assembly sheet")
+            title = Path(name).stem
+            written.append(
+                assembly_sheet.write(result.design, result.sheets, result.estimates, out / GUIDE, title, new)
+            )
     progress(0.2, "building the Blender file")
     model = scene.show(result, name, settings)
     scene.save(new(out / MODEL))
@@ -144,6 +166,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
+    parser.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.FLAT), metavar="NAME",
+                        help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.FLAT)})")  # fmt: skip
     parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
     taken: set[str] = set()
     for block in fields(Settings):

@@ -19,9 +19,11 @@ from .params import SheetParams
 from .progress import SILENT, Progress
 
 STEP = 5.0  # degrees between the directions in which a panel is tried
-STRAY = 1e-4  # metres by which shapes may be simplified, outwards only
+STRAYS = (1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3)  # metres by which shapes may be simplified, outwards only
+POINTS = 80  # most points that a simplified shape should have: spyrrow takes a second to read a few hundred
+BAY = 0.012  # metres; bays narrower than twice this are closed, and those narrower than half of the narrowest panel
 ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
-FULLEST = 0.92  # share of a sheet beyond which no set of panels is tried
+FULLEST = 1.05  # share of a sheet that the convex hulls of a set of panels may have for the set to be tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
 LAST = 0.15  # share of the time limit for drawing the panels of the last sheet together
 TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so this is also how long ESC may take to free the core
@@ -102,7 +104,9 @@ class _Search:
         self.begin = time.monotonic()
         self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
         self.separation = params.spacing + ROUNDING
-        simple = [_simplified(s, max(params.spacing, 0.002)) for s in shapes]
+        bay = min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes))
+        simple = [_simplified(s, max(bay, 0.5 * params.spacing)) for s in shapes]
+        self.hull = np.array([_hull_area(s) for s in simple])
         self.area = np.array([0.5 * abs(_twice_area(s)) for s in simple])
         self.turns = [self._turns(s) for s in simple]
         self.large = [i for i, turns in enumerate(self.turns) if not turns]
@@ -138,23 +142,23 @@ class _Search:
             if i in self.large:
                 continue
             for k in sorted(range(len(sets)), key=lambda k: -sets[k].area):
+                if self.spent() >= 1.0:
+                    return None
                 found = self._together(frozenset(sets[k].places) | {i})
                 if found is not None:
                     sets[k] = found
                     break
             else:
                 sets.append(self._alone(i))
-            if self.spent() >= 1.0:
-                return None
         return self._packing(sets)
 
     def _together(self, members: frozenset[int]) -> _Set | None:
         """These panels on one sheet, if that is found in ``TURN`` seconds."""
         if members not in self.known:
-            area = float(self.area[list(members)].sum())
-            if area > FULLEST * self.free.prod():
-                return None
-            self.known[members] = self._strip(members, float(self.free[0]))
+            hopeless = self.hull[list(members)].sum() > FULLEST * self.free.prod() or any(
+                found is None and fewer <= members for fewer, found in self.known.items()
+            )
+            self.known[members] = None if hopeless else self._strip(members, float(self.free[0]))
         return self.known[members]
 
     def _alone(self, i: int) -> _Set:
@@ -185,7 +189,7 @@ class _Search:
         lengths = [used_length(packing, self.shapes, k) for k in range(len(packing.sizes))]
         k = int(np.argmin(lengths))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
-        if members & set(self.large):
+        if len(members) < 2 or members & set(self.large):
             return packing
         found = self._strip(members, 0.0, max(TURN, int(LAST * self.params.nesting_seconds)))
         if found is None:
@@ -259,8 +263,17 @@ def _simplified(shape: np.ndarray, bay: float) -> np.ndarray:
     # buffers round corners off by less than they should: the outline itself makes up for it
     closed = outline.buffer(bay, quad_segs=4).buffer(-bay, quad_segs=4).union(outline)
     largest = max(getattr(closed, "geoms", [closed]), key=lambda g: g.area)
-    grown = largest.simplify(0.9 * STRAY).buffer(STRAY, join_style="mitre")
+    for stray in STRAYS:
+        grown = largest.simplify(0.9 * stray).buffer(stray, join_style="mitre")
+        if len(grown.exterior.coords) <= POINTS:
+            break
     return np.asarray(grown.exterior.coords)[:-1]
+
+
+def _hull_area(points: np.ndarray) -> float:
+    from scipy.spatial import ConvexHull
+
+    return float(ConvexHull(points).volume)  # what it calls volume is the area in the plane
 
 
 def _twice_area(points: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from .stage import Stage, Work
 
 
 class Export(Stage, bpy.types.Operator):
-    """Place the panels on sheets and write them as SVG and DXF, in true millimetres"""
+    """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
     bl_label = "Export sheets"
@@ -29,20 +29,28 @@ class Export(Stage, bpy.types.Operator):
         from ..bridge.objects import find
 
         formats = _formats(settings.export)
-        base = _folder(settings.export.folder) / _file_name(find(surface.uid).name)
+        name = find(surface.uid).name
+        base = _folder(settings.export.folder) / _file_name(name)
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, export, sheets
+            from ..engine import assembly_sheet, check, estimates, export, files, sheets
 
             progress(0.0, "Reading the spirals")
             flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
             design = mesh.design_of(surface, flat, settings.spiral)
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
-            made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8))
+            made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8), settings.connect, settings.cut)
+            figures = estimates.estimate(made, design, settings.material.chosen)
             progress(0.8, "Writing files")
-            files = export.write(made, base, formats)
-            return sheets.sheets_report(made) | {"files": [file.name for file in files]}, base.parent
+            with files.replacing_many(export.stale(base, made.count)) as new:
+                written = export.write(made, base, formats, new)
+                if settings.export.guide:
+                    progress(0.9, "Drawing the assembly sheet")
+                    guide = base.with_name(f"{base.name}-assembly.pdf")
+                    written.append(assembly_sheet.write(design, made, figures, guide, name, new))
+            block = sheets.sheets_report(made) | estimates.estimates_report(figures)
+            return block | {"files": [file.name for file in written]}, base.parent
 
         return work
 
@@ -62,9 +70,10 @@ def _folder(text: str) -> Path:
 
 def _formats(params: ExportParams) -> tuple[str, ...]:
     dxf = {"NONE": (), "R2010": ("dxf",), "R12": ("dxf-r12",), "BOTH": ("dxf", "dxf-r12")}[params.dxf]
-    formats = (("svg",) if params.svg else ()) + dxf
+    solids = {"NONE": (), "STL": ("stl",), "3MF": ("3mf",), "BOTH": ("stl", "3mf")}[params.solids]
+    formats = (("svg",) if params.svg else ()) + dxf + (("pdf",) if params.pdf else ()) + solids
     if not formats:
-        raise FlexMapsError("No kind of file is chosen; switch SVG or DXF on")
+        raise FlexMapsError("No kind of file is chosen; switch SVG, DXF or PDF on")
     return formats
 
 

@@ -220,7 +220,18 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         number(grid, "Sheets", str(block.get("sheets")))
         number(grid, "Filled", _percent(block, "fill"))
         number(grid, "Cut length", _decimals(block, "cut_length_m", 1, " m"))
+        if "cut_minutes" in block:
+            number(grid, "Laser, about", _duration(block["cut_minutes"]))
+        number(grid, "Mass", _decimals(block, "mass_g", 0, " g"))
+        number(grid, "Narrowest arm", _decimals(block, "bridge_min_mm", 2, " mm"))
+        number(grid, "Joints", str(block.get("joints", "-")))
+        if block.get("joints"):
+            number(grid, "Assembly, about", _duration(block.get("assembly_minutes", 0)))
         number(grid, "Files", str(len(block.get("files", ()))))
+
+
+def _duration(minutes: float) -> str:
+    return f"{max(minutes, 1):.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"
 
 
 def _decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> str:
