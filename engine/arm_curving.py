@@ -91,13 +91,12 @@ class Arms:
 class Stations:
     """Points along both arms of m joints, the hub's rim first; S = POINTS + 1.
 
-    turn : (m, 2, S, 3, 9) rotation of the section, seen half way, and curve : (m, 2, S, 3, 9) its change over the
-    station, both per wrench about the middle (6) and turn of the joint (3); step : (m, 2, S, 3) m, the way along the arm
-    arm : (m, 2, S, 3) m from the station to the middle. Steps and curves are signed: they go from hub to hub.
+    fields : (m, 2, 2, S, 3, 9) rotation of the section, seen half way, and its change over the station, both per wrench
+    about the middle (6) and turn of the joint (3); step : (m, 2, S, 3) m, the way along the arm; arm : (m, 2, S, 3) m from
+    the station to the middle. Steps and changes are signed: they go from hub to hub.
     """
 
-    turn: np.ndarray
-    curve: np.ndarray
+    fields: np.ndarray
     step: np.ndarray
     arm: np.ndarray
 
@@ -105,37 +104,42 @@ class Stations:
     def of(cls, arms: Arms) -> Stations:
         place, step, length, bend = _along(arms)
         arm = -(arms.centre[:, :, None] + place)
-        moment = np.concatenate([_skew(arm), np.broadcast_to(_EYE, (*arm.shape[:-1], 3, 3))], axis=-1)
-        curve = bend @ moment
+        # bend (moment + arm x force): a row of bend times the skew matrix of the arm is their cross product
+        curve = np.empty((*bend.shape[:-1], 6))
+        for k in range(3):
+            after, last = (k + 1) % 3, (k + 2) % 3
+            curve[..., k] = bend[..., after] * arm[..., last, None] - bend[..., last] * arm[..., after, None]
+        curve[..., 3:] = bend
         # the solid's tip turns a little more or less than the beam's: what is left is spread along the arm
         back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
         left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
         curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
-        m = len(place)
-        turn = np.zeros((m, 2, POINTS + 1, 3, 9))
-        turn[:, :, 1:, :, :6] = (_RUNNING @ curve[:, :, 1:].reshape(m, 2, POINTS, 18)).reshape(m, 2, POINTS, 3, 6)
-        turn[..., 6:] = -0.5 * _EYE
-        sign = np.array([1.0, -1.0])[:, None, None]
-        full = np.zeros_like(turn)
-        full[..., :6] = sign[..., None] * curve
-        return cls(turn, full, sign * step, arm)
+        m, sign = len(place), np.array([1.0, -1.0])[:, None, None]
+        fields = np.zeros((m, 2, 2, POINTS + 1, 3, 9))
+        run = _RUNNING @ curve[:, :, 1:].reshape(m, 2, POINTS, 18)
+        fields[:, :, 0, 1:, :, :6] = run.reshape(m, 2, POINTS, 3, 6)
+        fields[:, :, 0, ..., 6:] = -0.5 * _EYE
+        fields[:, :, 1, ..., :6] = sign[..., None] * curve
+        return cls(fields, sign * step, arm)
 
     def with_one(self, z: np.ndarray) -> np.ndarray:
         """(m, 2, 6, 9) of both arms: D with wrench and turn z (m, 9) in one of its places, the other one open."""
-        flat = (*self.turn.shape[:-2], 3)
-        a, k = (
-            (self.turn @ z[:, None, None, :, None]).reshape(flat),
-            (self.curve @ z[:, None, None, :, None]).reshape(flat),
-        )
-        d, l = self.step, self.arm
-        by_turn, by_curve = np.empty((*flat[:-1], 6, 3)), np.empty((*flat[:-1], 6, 3))
-        by_turn[..., :3, :] = _outer(a, d) - 2.0 * _outer(d, a) + _outer(k, l) + (_dot(a, d) - _dot(k, l)) * _EYE
-        by_curve[..., :3, :] = _dot(a, l) * _EYE - _outer(a, l)
-        by_turn[..., 3:, :], by_curve[..., 3:, :] = -_skew(k), _skew(a)
-        both = np.concatenate([by_turn, by_curve], axis=2)
-        fields = np.concatenate([self.turn, self.curve], axis=2)
-        shape = (*flat[:2], -1)
-        return -0.25 * np.moveaxis(both, -2, 2).reshape(*flat[:2], 6, -1) @ fields.reshape(*shape, 9)
+        m, s = len(z), POINTS + 1
+        flat = self.fields.reshape(m, 2, -1, 9)
+        # components first: long runs of plain products
+        a, k = np.ascontiguousarray((flat @ z[:, None, :, None]).reshape(m, 2, 2, s, 3).transpose(2, 4, 0, 1, 3))
+        d, l = (np.ascontiguousarray(np.moveaxis(v, -1, 0)) for v in (self.step, self.arm))
+        level, lever = (a * d).sum(axis=0) - (k * l).sum(axis=0), (a * l).sum(axis=0)
+        both = np.zeros((m, 2, 6, 2, s, 3))
+        for i in range(3):
+            for j in range(3):
+                by_turn = a[i] * d[j] - 2.0 * d[i] * a[j] + k[i] * l[j]
+                both[:, :, i, 0, :, j] = by_turn + level if i == j else by_turn
+                both[:, :, i, 1, :, j] = lever - a[i] * l[j] if i == j else -a[i] * l[j]
+            after, last = (i + 1) % 3, (i + 2) % 3
+            both[:, :, 3 + i, 0, :, after], both[:, :, 3 + i, 0, :, last] = k[last], -k[after]
+            both[:, :, 3 + i, 1, :, after], both[:, :, 3 + i, 1, :, last] = -a[last], a[after]
+        return -0.25 * (both.reshape(m, 2, 6, -1) @ flat)
 
 
 def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -243,7 +247,13 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.poisson)
     bend = np.zeros((*tangent.shape, 3))
     for inertia, axis in ((torsion, tangent), (width * height**3 / 12.0, aside), (height * width**3 / 12.0, normal)):
-        bend += (length / (arms.youngs * inertia[..., None]))[..., None, None] * _outer(axis, axis)
+        x, scaled = np.moveaxis(axis, -1, 0), length / (arms.youngs * inertia[..., None])
+        for i in range(3):
+            part = scaled * x[i]
+            for j in range(i + 1):
+                bend[..., i, j] += part * x[j]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        bend[..., i, j] = bend[..., j, i]
     return place, step, length, bend
 
 
