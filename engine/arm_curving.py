@@ -72,12 +72,14 @@ class Arms:
 
     @classmethod
     def of(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> Arms:
+        """``compliance`` in the arms' own axes."""
         lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
         to_joint[:, :3, 3:] = -_skew(middle)
         width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
-        side = -1.0 if assembly.clockwise else 1.0
+        side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
+        compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
         rest = (assembly.thickness, material.youngs, material.poisson, side)
         return cls(assembly.radius, width, twist, compliance, radial, centre, to_joint, *rest)
@@ -163,23 +165,24 @@ def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, of
     return out
 
 
-def by_design(arms: Arms, at_joint: np.ndarray, compliance: ArmCompliance, strains: np.ndarray) -> np.ndarray:
+def by_design(
+    arms: Arms, at_joint: np.ndarray, compliance: ArmCompliance, axes: np.ndarray, strains: np.ndarray
+) -> np.ndarray:
     """(m, 2, 2, 6, 6): derivatives of D with the strains at the joint (m, 6) in one place, by side, then width and twist.
 
-    Here D is that of the strains at the joint. Rows as the strains, columns the open place.
+    Here D is that of the strains at the joint. Rows as the strains, columns the open place. compliance and axes : of the
+    arms, as in ``ArmModel`` and ``Assembly.arm_axes``.
     """
     out = np.empty((len(strains), 2, 2, 6, 6))
     for start in range(0, len(out), BATCH):
         part = slice(start, start + BATCH)
-        out[part] = _by_design(
-            arms.part(part), at_joint[part], compliance.by_width[part], compliance.by_twist[part], strains[part]
-        )
+        there = axes[part]
+        changes = [there @ c[part] @ np.swapaxes(there, 2, 3) for c in (compliance.by_width, compliance.by_twist)]
+        out[part] = _by_design(arms.part(part), at_joint[part], changes, strains[part])
     return out
 
 
-def _by_design(
-    arms: Arms, at_joint: np.ndarray, by_width: np.ndarray, by_twist: np.ndarray, strains: np.ndarray
-) -> np.ndarray:
+def _by_design(arms: Arms, at_joint: np.ndarray, changes: list[np.ndarray], strains: np.ndarray) -> np.ndarray:
     both = _both(arms, at_joint)
     z = (both @ strains[..., None])[..., 0]
     stations = Stations.of(arms)
@@ -187,8 +190,8 @@ def _by_design(
     out = np.empty((len(z), 2, 2, 6, 6))
     width, twist = STEP * arms.width, np.full_like(arms.twist, STEP)
     steps = (
-        (by_width, width, replace(arms, width=arms.width + width), replace(arms, width=arms.width - width)),
-        (by_twist, twist, replace(arms, twist=arms.twist + twist), replace(arms, twist=arms.twist - twist)),
+        (changes[0], width, replace(arms, width=arms.width + width), replace(arms, width=arms.width - width)),
+        (changes[1], twist, replace(arms, twist=arms.twist + twist), replace(arms, twist=arms.twist - twist)),
     )
     for k, (change, size, more, less) in enumerate(steps):
         moved = size[..., None, None] * change
@@ -272,3 +275,14 @@ def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(..., 1, 1)."""
     return (a * b).sum(axis=-1)[..., None, None]
+
+
+def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Strains with their second order (m, 6), and the derivative (m, 6, 6) by the strains without; D is ``curving``."""
+    half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
+    return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
+
+
+def weighted(wrench: np.ndarray, curving: np.ndarray) -> np.ndarray:
+    """(m, 6, 6): the sum over the strains of a wrench (m, 6) times D."""
+    return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
