@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import FlexMapsError
+from . import equilibrium
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
@@ -15,14 +16,15 @@ SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
 def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool) -> bpy.types.Object:
-    """A new object of about ``count`` quads in the shape that is seen of ``obj``, in the same place.
+    """A new object of about ``count`` quads in the shape that is seen of ``obj``, simulations apart, in the same place.
 
     A clean surface, open or closed, goes straight to QuadriFlow; anything else (several parts that overlap, edges of three
     faces, mixed normals) becomes one closed surface first. Raises ``FlexMapsError`` where neither works, and leaves
     nothing behind then.
     """
-    depsgraph = context.evaluated_depsgraph_get()
-    mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph))
+    with equilibrium.shown_at(obj, 0.0):
+        depsgraph = context.evaluated_depsgraph_get()
+        mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph))
     if not len(mesh.polygons):
         bpy.data.meshes.remove(mesh)
         raise FlexMapsError(f"'{obj.name}' has no faces; select an object with a surface")

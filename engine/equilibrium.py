@@ -148,7 +148,7 @@ class _Search:
         done = 1.0 - np.log(max(residual, self.params.tolerance) / self.params.tolerance) / -np.log(
             self.params.tolerance
         )
-        self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration {len(self.history) - 1}, residual {residual:.1e}")
+        self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration: {len(self.history) - 1}, residual {residual:.1e}")
         self.progress.show(pose)
 
     def _step(self, here: Expansion, gradient: np.ndarray) -> np.ndarray:
@@ -195,7 +195,7 @@ class _Search:
 
     def _escaped(self, state: Any, here: Expansion) -> Any:
         """A little way down from a saddle, on the side where the energy falls more."""
-        way = self.system.softest(self.system.values(here.hessian), self._convex(here))[0]
+        way = self.system.softest(self.system.values(here.hessian), self._convex(here))[0][0]
         way *= NUDGE / max(np.linalg.norm(way[:, 3:], axis=1).max(), 1e-300)
         both = [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
         return min(both, key=lambda s: self.model.energy(s) - self.loads.work(s.pose.centres))
@@ -239,7 +239,8 @@ def other_minima(
         return []
     system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
-    modes = system.softest(system.values(here.hessian), system.values(here.convex), min(MODES, len(system.free) - 2))
+    count = min(MODES, len(system.free) - 2)
+    modes = system.softest(system.values(here.hessian), system.values(here.convex), count)[0]
     modes /= np.linalg.norm(modes[..., 3:], axis=2).max(axis=1)[:, None, None]
     free = not loads.fixed.any()
     minima, quick = [found], replace(params, iterations=min(params.iterations, 100))

@@ -182,6 +182,15 @@ def test_in_edit_mode(piece: Any) -> None:
     assert planar(key_of(piece)) < 1e-3 * EDGE
 
 
+def test_two_objects_may_share_the_mesh(piece: Any) -> None:
+    twin = piece.copy()
+    bpy.context.scene.collection.objects.link(twin)
+    press("simulate")
+    assert twin.data == piece.data and not equilibrium.out_of_date(twin, bpy.context.scene)
+    press("spirals")
+    assert piece.data.shape_keys is None
+
+
 def test_the_target_is_what_is_read(piece: Any, tmp_path: Path) -> None:
     """Whichever key is shown or edited, the stages and the main job go on with the target."""
     press("simulate")
@@ -193,6 +202,11 @@ def test_the_target_is_what_is_read(piece: Any, tmp_path: Path) -> None:
             surface = mesh.read_surface(piece, bpy.context.scene)
             assert surface.positions == pytest.approx(target, abs=1e-7)
         bpy.ops.object.mode_set(mode="OBJECT")
+    piece.flexmaps.remesh.quads = 60
+    press("quad_remesh")
+    assert bpy.context.object != piece
+    assert tuple(bpy.context.object.dimensions) == pytest.approx(tuple(np.ptp(target, axis=0)), abs=0.3 * EDGE)
+    bpy.context.view_layer.objects.active = piece
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
     assert scene.read_blend(tmp_path / "piece.blend").vertices == pytest.approx(target, abs=1e-7)
 
