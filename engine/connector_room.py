@@ -29,6 +29,7 @@ _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
 _TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
 _VIEW = 5e-3  # metres; how far to look beside an arm
+_LOOK = 1e-4  # metres along the arm from one look to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,26 +63,35 @@ def joints(design: SpiralDesign) -> Joints:
     return Joints(edges, seam, place, quad, side, patch[:, 0] == patch[:, 1])
 
 
-@dataclass(frozen=True)
-class Opening:
-    """Room at one place of the arm through a joint: how much further its left and its right edge may be, in metres."""
+@dataclass(frozen=True, eq=False)
+class Openings:
+    """How much room there is beside the arm through a joint.
 
-    shift: float
-    left: float
-    right: float
-    width: float
+    x : (n,) metres along the arm from the joint, towards the second half
+    left, right : (n,) metres that the edges could be further out there; width : (n,) metres of the arm
+    """
 
-    def aside(self, s: Size, beside: bool) -> float | None:
-        """How far to the left a connector of this size has to sit, at the least; ``None`` where it has no room.
+    x: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    width: np.ndarray
+
+    def aside(self, s: Size, shift: float, beside: bool) -> float | None:
+        """How far to the left a connector of this size has to sit at ``shift``, at the least; ``None`` where it has no room.
 
         Its neck stays on the arm, unless it may lie ``beside`` it: then it hangs on the widened end only.
         """
-        extra = max(s.pad - self.width, 0.0)
-        low, high = 0.5 * extra - self.right, self.left - 0.5 * extra
+        reach = s.length + s.clearance + 0.4 * s.wall
+        if shift - reach < self.x[0] or shift + reach > self.x[-1]:
+            return None
+        first, last = np.searchsorted(self.x, [shift - reach, shift + reach])
+        width = float(self.width[(first + last) // 2])
+        extra = max(s.pad - width, 0.0)
+        low, high = 0.5 * extra - float(self.right[first:last].min()), float(self.left[first:last].min()) - 0.5 * extra
         if low > high:
             return None
         best = min(max(0.0, low), high)
-        return best if abs(best) <= (0.5 * extra if beside else min(0.5 * self.width, 0.5 * extra)) + 1e-9 else None
+        return best if abs(best) <= (0.5 * extra if beside else min(0.5 * width, 0.5 * extra)) + 1e-9 else None
 
 
 class Room:
@@ -107,16 +117,14 @@ class Room:
         """What to try at a joint, the best first."""
         sizes = self.sizes(through)
         steps = [sizes[-1].neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
-        openings: dict[Size, list[Opening]] = {}
+        openings = self._openings(through, steps[-1] + 2.0 * sizes[0].length, near)
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
         for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
             for back in (0.0,) if kind == "dovetail" else BACKS:
                 for beside, s in product((False, True), sizes):
-                    if s not in openings:
-                        openings[s] = [o for o in (self._opening(through, x, s, near) for x in steps) if o]
-                    fitting = [(o.shift, e) for o in openings[s] if (e := o.aside(s, beside)) is not None]
+                    fitting = [(x, e) for x in steps if (e := openings.aside(s, x, beside)) is not None]
                     for shift, aside in fitting if beside else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
@@ -161,27 +169,25 @@ class Room:
             found.append(shapely.transform(tree.geometries[rows], _into(half, sign)))
         return np.concatenate(found)
 
-    def _opening(self, through: Through, shift: float, s: Size, near: Any) -> Opening | None:
-        """How much room is beside the arm where the parting line would be shifted to."""
+    def _openings(self, through: Through, reach: float, near: Any) -> Openings:
+        """Look from both edges of the arm to either side, as far as ``reach`` metres along it from the joint."""
         import shapely
 
-        reach = s.length + s.clearance + 0.4 * s.wall
-        ends = through.tau(-shift + reach), through.tau(-shift - reach)
-        if ends[0] > through.own.end or -ends[1] * through.scale > through.other.end:
-            return None
-        tau = np.linspace(*ends, 9)
-        plain = Widening(0.0, 0.0, 0.0, 0.0)
-        free = []
+        back = min(reach, float(np.interp(through.own.end, through.own.t, through.own.length)))
+        ahead = min(reach, float(np.interp(through.other.end, through.other.t, through.other.length)))
+        x = np.linspace(-back, ahead, 2 + int((back + ahead) / _LOOK))
+        tau = np.array([through.tau(-d) for d in x])
+        around = shapely.union_all(near)
+        shapely.prepare(around)
+        edges, free = [], []
         for side in (LEFT, RIGHT):
-            points, way = through.edge(tau, side, plain)
-            beside = points + side * 1j * way * _VIEW
-            region = shapely.Polygon(pairs(np.concatenate([points, beside[::-1]])))
-            if not region.is_valid:
-                region = region.buffer(0.0)
-            hits = near[shapely.intersects(near, region)]
-            apart = shapely.distance(shapely.LineString(pairs(points)), shapely.intersection(hits, region))
-            free.append(float(np.nanmin(apart, initial=_VIEW)) - 1.02 * self.slot)
-        return Opening(shift, max(free[0], 0.0), max(free[1], 0.0), through.centre(through.tau(-shift))[2])
+            points, way = through.edge(tau, side, Widening(0.0, 0.0, 0.0, 0.0))
+            rays = shapely.linestrings(np.stack([pairs(points), pairs(points + side * 1j * way * _VIEW)], axis=1))
+            # an empty intersection is nowhere: nothing in view
+            apart = shapely.distance(shapely.points(pairs(points)), shapely.intersection(rays, around))
+            free.append(np.maximum(np.nan_to_num(apart, nan=_VIEW) - 1.02 * self.slot, 0.0))
+            edges.append(points)
+        return Openings(x, *free, np.abs(edges[0] - edges[1]))
 
     def free(self, joint: int, tips: tuple[Tip, Tip], near: Any) -> bool:
         """Whether both tips keep the smallest slot from all that is near, side by side and, in one panel, flat."""
