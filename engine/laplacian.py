@@ -18,9 +18,13 @@ def uniform_laplacian(pairs: np.ndarray, size: int) -> csr_array:
     return coo_array((values, (rows, cols)), shape=(size, size)).tocsr()
 
 
-def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
-    """Metres: root mean square difference of the Laplacian coordinates of (n, 3) centres and target, best rotated."""
+def laplacian_difference(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """(n, 3) metres: Laplacian coordinates of centres (n, 3), best rotated, less those of the target (n, 3)."""
     operator = uniform_laplacian(pairs, len(centres))
     own, wanted = operator @ centres, operator @ target
-    turned = own @ nearest_rotation(own.T @ wanted).T
-    return float(np.sqrt(((turned - wanted) ** 2).sum(axis=1).mean()))
+    return own @ nearest_rotation(own.T @ wanted).T - wanted
+
+
+def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
+    """Metres: root mean square of the difference."""
+    return float(np.sqrt((laplacian_difference(pairs, centres, target) ** 2).sum(axis=1).mean()))

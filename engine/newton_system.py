@@ -55,8 +55,8 @@ class NewtonSystem:
         """Number of negative eigenvalues of the matrix with these values."""
         return negative_eigenvalues(self.pattern, values)
 
-    def softest(self, values: np.ndarray, metric: np.ndarray, count: int = 1) -> np.ndarray:
-        """(count, n, 6) increments in which the energy rises least, or falls most, relative to a positive metric.
+    def softest(self, values: np.ndarray, metric: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
 
         Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, must have a Cholesky factor:
         against it the spectrum of H is well spread, so that a few Lanczos steps do.
@@ -65,7 +65,7 @@ class NewtonSystem:
         size = (len(self.free),) * 2
         inverse = LinearOperator(size, matvec=lambda x: self.cholesky.solve(np.asarray(x).ravel()), dtype=float)
         start = np.random.default_rng(0).normal(size=len(self.free))
-        _, vectors = eigsh(
+        rise, vectors = eigsh(
             self.pattern.matrix(values),
             count,
             self.pattern.matrix(metric),
@@ -74,4 +74,4 @@ class NewtonSystem:
             v0=start,
             tol=1e-3,
         )
-        return np.stack([self.full(v) for v in vectors.T])
+        return np.stack([self.full(v) for v in vectors.T]), rise

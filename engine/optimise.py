@@ -176,7 +176,8 @@ def _starts(
         part = progress.part(k / len(designs), (k + 1) / len(designs))
         x = problem.space.coordinates(one.width, one.twist)
         best = min(points.values(), key=lambda p: p.value, default=None)
-        point = problem.at(x, pose, part, keep=best)
+        part(0.0, "Starting shapes")
+        point = problem.at(x, pose, part.quiet(), keep=best)
         if point.equilibrium.converged:
             points[name] = point
     if not points:
@@ -207,7 +208,7 @@ def _repaired(
         share = np.where(given_way, result.twist / np.maximum(wanted[1], 1e-12), 1.0)
         space = problem.space.capped(problem.space.cap * share)
         problem = replace(problem, space=space)
-        start = problem.at(space.coordinates(result.width, result.twist), best.equilibrium.pose, part)
+        start = problem.at(space.coordinates(result.width, result.twist), best.equilibrium.pose, part.quiet())
         if not start.equilibrium.converged:
             break
         short = replace(params, iterations=min(REPAIR_STEPS, params.iterations))

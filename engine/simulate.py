@@ -17,6 +17,7 @@ from .laplacian import laplacian_rmse
 from .loads import Loads
 from .materials import Material
 from .mesh import QuadMesh
+from .newton_system import NewtonSystem
 from .params import SimulateParams
 from .progress import SILENT, Progress
 from .rod_model import RodModel
@@ -37,6 +38,7 @@ class Simulation:
     material: Material
     model: ElasticModel
     assembly: Assembly
+    loads: Loads
     equilibrium: Equilibrium
     others: list[Equilibrium]
 
@@ -68,6 +70,15 @@ class Simulation:
         worst = np.zeros(self.assembly.size)
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
+
+    @cached_property
+    def softest(self) -> tuple[np.ndarray, float]:
+        """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
+        pose, pairs = self.equilibrium.pose, self.assembly.pairs
+        system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
+        here = self.model.expand(self.model.start(pose))
+        modes, rise = system.softest(system.values(here.hessian), system.values(here.convex))
+        return modes[0], float(rise[0])
 
     @property
     def size(self) -> float:
@@ -136,7 +147,7 @@ def simulate(
     found = solve(model, aim if start is None else start, loads, params, main)
     others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
     found, *others = (e.placed(_laid(e.pose, aim, free)) for e in (found, *others))
-    return Simulation(design, target, material, model, assembly, found, others)
+    return Simulation(design, target, material, model, assembly, loads, found, others)
 
 
 def _laid(pose: Pose, target: Pose, free: bool) -> Pose:
