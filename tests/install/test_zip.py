@@ -36,7 +36,7 @@ import bpy
 zip_file, out = sys.argv[-2:]
 bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
 import bl_ext.user_default.flexmaps as flexmaps
-heavy = {"scipy", "shapely", "igl", "ezdxf", "xatlas"}
+heavy = {"scipy", "shapely", "igl", "ezdxf", "xatlas", "spyrrow"}
 early = sorted(heavy & set(sys.modules))
 
 from bl_ext.user_default.flexmaps.bridge import scene
@@ -82,7 +82,7 @@ def test_wheels(zip_file: Path) -> None:
     wheels = [Path(name).name for name in zipfile.ZipFile(zip_file).namelist() if name.endswith(".whl")]
     packages = {wheel.split("-")[0] for wheel in wheels}
     assert "numpy" not in packages
-    assert {"scipy", "shapely", "libigl", "ezdxf", "xatlas", "typing_extensions"} <= packages
+    assert {"scipy", "shapely", "libigl", "ezdxf", "xatlas", "spyrrow", "typing_extensions"} <= packages
     for package in packages:
         tags = [wheel.split("-")[2] for wheel in wheels if wheel.startswith(package + "-")]
         both = {"cp311", "cp313"} <= set(tags) or {"cp311", "cp312"} <= set(tags)  # cp312: a stable ABI, fits 3.13
