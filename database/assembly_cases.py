@@ -136,7 +136,7 @@ def _faces(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 SOFTNESS = {0.0: 1.0, 180.0: 0.4, 300.0: 0.25}
 """Per twist in degrees, what share of the forces bends the spirals about as far."""
-WIDTH = 0.0015
+WIDTH, STOUT = 0.0015, 0.002
 HOME = Held(0)
 
 
@@ -159,6 +159,10 @@ def cases() -> list[Case]:
             Case(f"pair-{name}", "grid", (2, 1), chosen, _of_pair(0.4), fine=True),
             Case(f"grid3-{name}", "grid", (3, 3), chosen, _of_patch(3, 0.4), fine=True),
         ]
+    for twist in (0.0, 150.0):
+        chosen, name = (Design(STOUT, twist),), f"stout-{twist:03.0f}"
+        out.append(Case(f"grid3-{name}", "grid", (3, 3), chosen, _of_patch(3, 0.8 if twist else 1.5), fine=True))
+        out.append(Case(f"dome-{name}", "dome", (3, 3), chosen, (Loading("free"),), fine=True))
     return sorted(out, key=lambda case: case.plan.count)
 
 
