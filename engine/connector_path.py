@@ -24,7 +24,7 @@ _FLARE = (
 _UNFOLDED = 0.15  # least speed along an edge of a tip, as a share of that along its other edge; at 0 the edge folds
 _REACH = 0.85  # share of an arm, from its tip to its hub, that a connector may take
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
-_SAMPLES = 25
+_SAMPLES = 41
 _TABLE = 41
 
 
@@ -202,6 +202,16 @@ class Tip:
     def patch(self) -> int:
         """The patch of the arm."""
         return self.through.own.patch
+
+    @property
+    def rest(self) -> Any:
+        """The remaining arm, shapely's polygon in the patch's frame."""
+        import shapely
+
+        own = self.through.own
+        t = np.linspace(max(self.wide.over, 0.0), own.end / _REACH, _SAMPLES)
+        ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[::-1], RIGHT)[0]])
+        return shapely.Polygon(pairs(own.placed(ring)))
 
     def end(self, tolerance: float) -> Curve:
         """From the arm's right to its left edge, beginning with the parts beyond the joint, in the patch's frame."""

@@ -118,12 +118,16 @@ class Room:
         sizes = self.sizes(through)
         steps = [sizes[-1].neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
         openings = self._openings(through, steps[-1] + 2.0 * sizes[0].length, near)
+        # in one panel a head must not reach across the cut to its own socket
+        gap = abs(through.own.origin - through.other.origin) if self.joints.inside[joint] else np.inf
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
         for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
             for back in (0.0,) if kind == "dovetail" else BACKS:
                 for beside, s in product((False, True), sizes):
+                    if kind == "dovetail" and s.length > gap:
+                        continue
                     fitting = [(x, e) for x in steps if (e := openings.aside(s, x, beside)) is not None]
                     for shift, aside in fitting if beside else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
@@ -145,7 +149,7 @@ class Room:
         arms, roots = self.design.arms, self.design.roots
         patch_of = self.design.flat.layout.patch_of
         count = len(arms.centre)
-        even = np.linspace(0.0, 1.0, 33)
+        even = np.linspace(0.0, 1.0, 81)
         left = edge(arms, even * roots.left[..., None], LEFT)[0]
         right = edge(arms, even[::-1] * np.roll(roots.right, 1, axis=1)[..., None], RIGHT)[0]
         shapes = shapely.polygons(np.concatenate([left, right], axis=2).reshape(4 * count, -1, 2))
@@ -165,7 +169,7 @@ class Room:
         for half, sign in ((through.own, 1.0), (through.other, -1.0)):
             tree, which = self.bodies[half.patch]
             rows = tree.query(shapely.Point(half.origin.real, half.origin.imag).buffer(reach))
-            rows = rows[which[rows] != half.arm]
+            rows = rows[~np.isin(which[rows], [through.own.arm, through.other.arm])]
             found.append(shapely.transform(tree.geometries[rows], _into(half, sign)))
         return np.concatenate(found)
 
@@ -193,15 +197,18 @@ class Room:
         """Whether both tips keep the smallest slot from all that is near, side by side and, in one panel, flat."""
         import shapely
 
+        slot = 0.999 * self.slot
         for tip, sign in zip(tips, (1.0, -1.0), strict=True):
-            own = tip.through.own
-            if shapely.dwithin(near, shapely.transform(tip.polygon, _into(own, sign)), 0.999 * self.slot).any():
+            if shapely.dwithin(near, shapely.transform(tip.polygon, _into(tip.through.own, sign)), slot).any():
                 return False
+        if not self.joints.inside[joint]:
+            return True
+        for tip, partner in (tips, tips[::-1]):
             tree, which = self.bodies[tip.patch]
-            flat = which[tree.query(tip.polygon, predicate="dwithin", distance=0.999 * self.slot)]
-            if self.joints.inside[joint] and (flat != own.arm).any():
+            flat = which[tree.query(tip.polygon, predicate="dwithin", distance=slot)]
+            if not np.isin(flat, [tip.arm, partner.arm]).all() or shapely.dwithin(tip.polygon, partner.rest, slot):
                 return False
-        return True
+        return not shapely.dwithin(tips[0].polygon, tips[1].polygon, slot)
 
     def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
         """All tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""

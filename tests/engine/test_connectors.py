@@ -1,0 +1,210 @@
+"""Connectors: every joint has one that fits, panels stay whole and free, and what has no room is told."""
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine import connectors, contours, design, sheets
+from flexmaps.engine.connector_check import fit
+from flexmaps.engine.connector_shape import head, key, size, socket
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
+from flexmaps.engine.progress import Progress
+
+KINDS = ["dovetail", "key", "tab"]
+
+
+def _halves(flat_grid, twist, *, clockwise=False, size=0.02, rows=3):
+    flat = flat_grid(4, rows, size, cut=lambda x, _: x == 2)
+    return design.uniform(flat, SpiralParams(clockwise=clockwise), width=0.0012, twist=twist)
+
+
+def _polygons(made):
+    return [shapely.Polygon(o.outer.sampled(1e-7), [h.sampled(1e-7) for h in o.holes]) for o in made.outlines]
+
+
+# -- shapes ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.00005, 0.0002])
+@pytest.mark.parametrize("width", [0.0006, 0.001, 0.002])
+def test_head_and_socket_leave_the_clearance_everywhere(width, clearance):
+    s = size(width, ConnectorParams(kind="dovetail", clearance=clearance))
+    one, two = head(s).sampled(1e-8), -socket(s).sampled(1e-8)
+    assert shapely.hausdorff_distance(shapely.LineString(one), shapely.LineString(two)) == pytest.approx(
+        clearance, abs=2e-7
+    )
+    assert shapely.distance(shapely.LineString(one), shapely.LineString(two)) == pytest.approx(clearance, abs=2e-7)
+
+
+@pytest.mark.parametrize("width", [0.0006, 0.001, 0.002])
+def test_nothing_is_thinner_than_asked(width):
+    params = ConnectorParams(kind="dovetail", least=0.0008)
+    for scale in (1.0, 0.5):
+        s = size(width, params, scale)
+        half = 0.5 * s.pad
+        # closing the ends makes polygons of them
+        male = shapely.Polygon([*head(s).points, (-0.003, half), (-0.003, -half)])
+        female = shapely.Polygon([*socket(s).points, (-0.004, half), (-0.004, -half)])
+        for part in (male, female):
+            left = part.buffer(-0.5 * 0.999 * params.least)
+            assert left.geom_type == "Polygon"  # still one piece: no neck or wall is thinner
+        assert s.head > s.neck + 2.0 * params.clearance  # it holds
+
+
+def test_key_fits_both_sockets():
+    s = size(0.001, ConnectorParams(kind="key"))
+    for back in (0.0, 0.0005):
+        loose = shapely.Polygon(key(s, back).sampled(1e-8))
+        for way in (1.0, -1.0):
+            assert shapely.distance(loose, shapely.LineString(way * socket(s, back).sampled(1e-8))) == pytest.approx(
+                s.clearance, abs=2e-7
+            )
+
+
+# -- panels ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("clockwise", [False, True], ids=["left", "right"])
+@pytest.mark.parametrize("twist", [0.0, 2.0, 6.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
+    made = _halves(flat_grid, twist, clockwise=clockwise)
+    found = connectors.connect(made, ConnectorParams(kind=kind))
+    assert [c.name for c in found.connectors] == ["A1", "A2", "A3"]
+    assert not found.unsolved
+    assert not len(contours.touching(list(found.outlines)))
+    for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
+        assert polygon.is_valid
+        assert len(polygon.interiors) == len(plain.holes)
+        # as wide as the smallest slot: whatever lies closer together would close up and leave a hole more
+        assert len(polygon.buffer(0.49 * made.params.slot_min).interiors) == len(plain.holes)
+    for kerf in (0.0, 0.0001, 0.0002):
+        gaps = fit(made, found, kerf)
+        assert len(gaps.joint) == (6 if kind == "key" else 3)
+        assert np.abs(gaps.least - found.clearance).max() < 1e-6
+        assert np.abs(gaps.most - found.clearance).max() < 1e-6
+        assert gaps.overlap.max() == 0.0
+
+
+def test_fit_sees_a_wrong_gap(flat_grid):
+    made = _halves(flat_grid, 0.0)
+    tight = connectors.connect(made, ConnectorParams(kind="dovetail", clearance=0.0))
+    wide = connectors.connect(made, ConnectorParams(kind="dovetail", clearance=0.0002))
+    # the panels of one with the panels of the other: half of either clearance
+    mixed = connectors.Connections(
+        (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.taken
+    )
+    assert fit(made, mixed, 0.0001).least == pytest.approx(0.0001, abs=5e-6)
+
+
+def test_heads_and_sockets_take_turns(flat_grid):
+    made = connectors.connect(_halves(flat_grid, 1.0, rows=6), ConnectorParams(kind="dovetail"))
+    assert [c.roles[0] for c in made.connectors] == ["head", "socket"] * 3
+    assert all(set(c.roles) == {"head", "socket"} for c in made.connectors)
+    assert all(c.faces[0] < c.faces[1] for c in made.connectors)
+
+
+def test_panels_side_by_side_hold_together(flat_grid):
+    """The grid's patches keep its coordinates, so joined panels lie in each other as drawn."""
+    made = _halves(flat_grid, 3.0)
+    one, two = _polygons(connectors.connect(made, ConnectorParams(kind="dovetail")))
+    assert one.intersection(two).area == 0.0
+    assert one.distance(two) == pytest.approx(0.00005, abs=1e-6)
+    # pulled apart by more than the play in the dovetails, they catch
+    assert shapely.affinity.translate(two, 0.0005, 0.0).intersection(one).area > 0.0
+
+
+def test_arms_elsewhere_are_as_before(flat_grid):
+    made = _halves(flat_grid, 2.0)
+    plain, drawn = made.outlines(), connectors.connect(made, ConnectorParams(kind="dovetail")).outlines
+    for before, after in zip(plain, drawn, strict=True):
+        changed = shapely.Polygon(before.outer.sampled(1e-7)).symmetric_difference(
+            shapely.Polygon(after.outer.sampled(1e-7))
+        )
+        far = shapely.box(0.0, 0.0, 0.027, 0.06).union(shapely.box(0.053, 0.0, 0.08, 0.06))
+        assert changed.intersection(far).area < 1e-10
+
+
+def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
+    flat = flat_grid(6, 4, cut=lambda x, y: x == 3 and y < 2)
+    made = design.uniform(flat, SpiralParams(), width=0.0012, twist=1.0)
+    found = connectors.connect(made, ConnectorParams(kind="dovetail"))
+    assert len(found.outlines) == 1
+    assert len(found.connectors) == 2
+    assert {c.kind for c in found.connectors} == {"key"}  # both sides lie on each other here: no room for a head
+    assert len(found.keys) == 2
+    (polygon,) = _polygons(found)
+    assert polygon.is_valid
+    assert np.abs(fit(made, found, 0.0001).least - found.clearance).max() < 1e-6
+
+
+def test_joints_without_room_keep_plain_ends_and_are_told(flat_grid):
+    flat = flat_grid(4, 3, 0.004, cut=lambda x, _: x == 2)
+    made = design.uniform(flat, SpiralParams(width_min=0.0006, width_max=0.001, fillet=0.0001), twist=0.5)
+    found = connectors.connect(made, ConnectorParams(kind="dovetail", least=0.0015))
+    assert not found.connectors
+    assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]
+    assert found.report["unsolved"][0]["faces"] == list(found.unsolved[0][1:])
+    for a, b in zip(found.outlines, made.outlines(), strict=True):
+        assert a.outer.area == pytest.approx(b.outer.area, rel=1e-9)
+
+
+def test_none_is_the_plain_outline(flat_grid):
+    made = _halves(flat_grid, 2.0)
+    found = connectors.connect(made, ConnectorParams(kind="none"))
+    assert list(found.outlines) == made.outlines()
+    assert found.report == {"connectors": 0}
+
+
+def test_can_be_stopped(flat_grid):
+    with pytest.raises(Cancelled):
+        connectors.connect(
+            _halves(flat_grid, 0.0), ConnectorParams(kind="dovetail"), progress=Progress(stopped=lambda: True)
+        )
+
+
+# -- sheets ------------------------------------------------------------------------------------------------------------
+
+
+def test_sheets_with_keys_labels_and_kerf(flat_grid):
+    made = _halves(flat_grid, 2.0)
+    result = sheets.make_sheets(
+        made,
+        SheetParams(nesting="FAST"),
+        connectors=ConnectorParams(kind="key"),
+        cut=CutParams(kerf_outline=0.0002, kerf_holes=0.0001),
+    )
+    block = sheets.sheets_report(result)
+    assert (block["panels"], block["sheets"], block["connectors"]) == (2, 2, 3)
+    assert block["kerf_mm"] == [0.2, 0.1]
+    loose = result.paths_on_sheet(1)
+    assert len(loose) == 3
+    width, height = result.packing.sizes[1]
+    frame = shapely.box(0.0, 0.0, width, height).buffer(-0.9 * result.params.margin)
+    shapes = [shapely.Polygon(p.outline.sampled(1e-6)) for p in loose]
+    assert all(frame.contains(s) for s in shapes)
+    assert min(a.distance(b) for a in shapes for b in shapes if a is not b) > 0.002
+    # every label's strokes lie inside the material, clear of its sockets
+    for panel in result.panels[:2]:
+        material = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        assert panel.labels
+        assert all(material.contains(shapely.LineString(c.points)) for c in panel.labels)
+
+
+def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
+    from flexmaps.engine import job, shapes
+    from flexmaps.engine.mesh import PolygonMesh
+    from flexmaps.engine.params import Settings
+
+    polygons = PolygonMesh.of(shapes.make("cubesphere"))
+    made = job.run(polygons, Settings(), stop_after="spirals").design
+    found = connectors.connect(made, ConnectorParams(kind="dovetail"))
+    assert not found.unsolved
+    assert len(found.connectors) == int(made.flat.layout.cut.sum())
+    assert not len(contours.touching(list(found.outlines)))
+    gaps = fit(made, found, 0.00015)
+    assert np.abs(gaps.least - found.clearance).max() < 1e-5
+    assert np.abs(gaps.most - found.clearance).max() < 1e-5
+    # every arm has one part of one connector
+    tips = {(f, s) for c in found.connectors for f, s in zip(c.faces, c.sides, strict=True)}
+    assert len(tips) == 2 * len(found.connectors)
