@@ -1,0 +1,183 @@
+"""Measures inverse design: ours beside L-BFGS-B of our own on the same problem, and beside the published table.
+
+python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--json FILE]
+
+Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of
+2600 MPa. Open surfaces stand on their lowest spirals, as the published shell does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from bench_layout import surfaces
+from flexmaps.engine import job, optimise, reach
+from flexmaps.engine.assembly import of_design, target_pose
+from flexmaps.engine.design import SpiralDesign
+from flexmaps.engine.design_space import DesignSpace
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.inverse import Point, Problem
+from flexmaps.engine.loads import Loads
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.objective import Target
+from flexmaps.engine.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.simulate import build_model
+from flexmaps.engine.threads import one_thread
+from rows import Row, Table, at_most, row
+
+EDGE = 0.02
+MATERIAL = MATERIALS["vero"]  # 2600 MPa
+BASELINE_STEPS = 150
+LOW = 0.05  # share of the height below which open surfaces are supported
+
+
+@dataclass(frozen=True)
+class Published:
+    """A row of the publication's table 1 (a 3.1 GHz quad-core of 2013), and how much faster we want to be."""
+
+    name: str
+    spirals: int
+    patches: int
+    seconds: float
+    rmse: float
+    faster: float | None = None
+
+
+PUBLISHED = {
+    "cubesphere": Published("Sphere", 137, 1, 1.41, 0.259, 15.0),
+    "three_holes": Published("3Holes", 937, 17, 21.23, 0.185, 30.0),
+    "bunny": Published("Bunny", 2412, 52, 179.0, 0.610, 60.0),
+    "vault": Published("Shell", 1296, 4, 28.79, 0.107),
+    "flower_cmc1": Published("Shell", 1296, 4, 28.79, 0.107),
+}
+MEASURED = (*PUBLISHED, "spot")
+LARGE = 10_000
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    root = Path(__file__).resolve().parent.parent
+    parser = argparse.ArgumentParser(prog="dev.py bench optimise")
+    shared = root.parent / "shared" / "meshes"
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--only", help="only this mesh")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    table = Table()
+    for name, polygons in surfaces(options.meshes):
+        kind = name.removeprefix("made:")
+        wanted = kind in MEASURED or (options.meshes is None and kind in ("dome", "torus"))
+        if not wanted or name == "made:vault" or (options.only and options.only != kind):
+            continue
+        try:
+            found = measure(kind, polygons)
+        except FlexMapsError as error:
+            found = [row(name, "refused", "", str(error)[:80], False)]
+        table.add(*found)
+    if not options.only or options.only == "large":
+        table.add(*large())
+    table.finish(options.json)
+    return 0
+
+
+def supports(mesh: QuadMesh) -> np.ndarray | None:
+    """The spirals that an open surface stands on; None for a closed one."""
+    if not mesh.border.any():
+        return None
+    low = mesh.vertices[:, 2] < mesh.vertices[:, 2].min() + LOW * np.ptp(mesh.vertices[:, 2])
+    return np.flatnonzero(low[mesh.quads].sum(axis=1) >= 2)
+
+
+@one_thread
+def measure(name: str, polygons: PolygonMesh) -> list[Row]:
+    """All rows of one mesh."""
+    found = job.run(polygons, Settings(), edge=EDGE, stop_after="spirals")
+    design, mesh, published = found.design, found.mesh, PUBLISHED.get(name)
+    assert design is not None
+    held = supports(mesh)
+    started = time.process_time()
+    result = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held)
+    whole = time.process_time() - started
+    block, limits = result.report(), reach.reach(result)
+    ours, theirs = _optimisers(design, mesh, held)
+    rows = [
+        row(name, "spirals", "", len(design.width), None, {"published": published.spirals} if published else None),
+        row(name, "patches", "", len(design.flat.layout.patches), None),
+        row(name, "start", "", result.start, None),
+        row(name, "seconds whole", "", round(whole, 2), None),
+        _faster(name, ours[1], published),
+        at_most(name, "value / L-BFGS-B", 1.01, round(ours[0].value / theirs[0].value, 4)),
+        at_most(name, "time / L-BFGS-B", 0.25, round(ours[1] / theirs[1], 3)),
+        row(name, "steps, evaluations", "", f"{len(ours[2].rows)}, {ours[2].evaluations}", None, {
+            "L-BFGS-B": f"{len(theirs[2].rows)}, {theirs[2].evaluations}"}),
+        row(name, "rmse before mm", "", round(block["laplacian_rmse_mm_before"], 4), None),
+        at_most(name, "rmse mm", published.rmse if published else None, round(block["laplacian_rmse_mm"], 4)),
+        row(name, "rms before %", "", round(block["rms_percent_before"], 3), None),
+        at_most(name, "rms %", 1.0, round(block["rms_percent"], 3)),
+        row(name, "max %", "", round(block["max_percent"], 3), None),
+        row(name, "at bounds", "", round(block["at_bound"], 3), None),
+        row(name, "strain / limit", "", round(result.after.report()["strain_share_max"], 2), None),
+        row(name, "reach", "said", limits.advice, True),
+    ]  # fmt: skip
+    return rows
+
+
+def _faster(name: str, seconds: float, published: Published | None) -> Row:
+    if published is None or published.faster is None:
+        return row(name, "seconds", "", round(seconds, 2), None)
+    ratio = published.seconds / seconds
+    peer = {"published": published.seconds, "times faster": round(ratio, 1)}
+    return row(name, "seconds", f">= {published.faster:g}x", round(seconds, 2), ratio >= published.faster, peer)
+
+
+Run = tuple[Point, float, Trace]
+
+
+def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -> tuple[Run, Run]:
+    """Ours and the baseline on the same problem from the same start: best point, processor seconds, trace."""
+    assembly = of_design(design)
+    loads = Loads.of(assembly.size, supports=held)
+    aim = Target(assembly.pairs, mesh.centroids, free=held is None)
+    whole = Problem(
+        assembly,
+        DesignSpace.of(design, assembly),
+        aim,
+        loads,
+        lambda a: build_model(a, MATERIAL, "arm"),
+        SimulateParams(),
+    )
+    x, pose = whole.space.coordinates(design.width, design.twist), target_pose(mesh, design.flat.corners)
+    runs = []
+    for method, params in ((gauss_newton, OptimiseParams()), (lbfgs, OptimiseParams(iterations=BASELINE_STEPS))):
+        trace, started = Trace(), time.process_time()
+        start = whole.at(x, pose)
+        best = method(whole, start, params, trace, lambda point: None)
+        runs.append((best, time.process_time() - started, trace))
+    return runs[0], runs[1]
+
+
+@one_thread
+def large() -> list[Row]:
+    """A torus of about 10,000 spirals."""
+    from flexmaps.engine import shapes
+
+    torus = shapes.make("torus", EDGE * np.sqrt(len(shapes.make("torus", EDGE).quads) / LARGE))
+    found = job.run(PolygonMesh.of(torus), Settings(), edge=EDGE, stop_after="spirals")
+    assert found.design is not None
+    started = time.process_time()
+    result = optimise.optimise(found.design, found.mesh, MATERIAL, OptimiseParams(), SimulateParams())
+    seconds, block = time.process_time() - started, result.report()
+    return [
+        at_most(f"torus of {len(torus.quads)}", "seconds whole", 60.0, round(seconds, 1)),
+        row(
+            "torus", "rmse mm", "", f"{block['laplacian_rmse_mm_before']:.3f} to {block['laplacian_rmse_mm']:.3f}", None
+        ),
+    ]
