@@ -65,12 +65,15 @@ def patches(sizes: list[tuple[int, int]], seams: list[tuple[tuple[int, int], tup
     seams : ((patch, side), (patch, side)): a side is EAST, NORTH, WEST or SOUTH and is run through with the patch on its
         left hand; the second one is run through backwards, as neighbours on an oriented surface are
     """
-    cells, patch, first = [], [], []
+    cells: list[tuple[int, int]] = []
+    patch: list[int] = []
+    first: list[int] = []
     for p, (columns, rows) in enumerate(sizes):
         first.append(len(cells))
         cells += [(i, j) for j in range(rows) for i in range(columns)]
         patch += [p] * (columns * rows)
-    pairs, arms = [], []
+    pairs: list[tuple[int, int]] = []
+    arms: list[tuple[int, int]] = []
     for p, (columns, rows) in enumerate(sizes):
         for j in range(rows):
             for i in range(columns):

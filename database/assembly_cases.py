@@ -104,7 +104,7 @@ class Case:
         patch = self.plan.patch
         return origins[patch] + np.einsum("nij,nj->ni", frames[patch], flat), frames[patch] @ plane
 
-    def joints(self) -> dict[str, np.ndarray]:
+    def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """pairs (m, 2), lever (m, 2, 3) metres and axes (m, 2, 3, 3) as ``engine.assembly.Assembly`` wants them."""
         plan, spirals = self.plan, [d.spiral for d in self.designs]
         lever, axes = np.zeros((len(plan.pairs), 2, 3)), np.zeros((len(plan.pairs), 2, 3, 3))
@@ -113,7 +113,7 @@ class Case:
             out = np.append(direction(k), 0.0)
             axes[e, 0] = np.column_stack([out, np.cross([0.0, 0.0, 1.0], out), [0.0, 0.0, 1.0]])
             axes[e, 1] = joint_turn(spirals[self.of[a]], k, spirals[self.of[b]], l) @ axes[e, 0]
-        return {"pairs": plan.pairs, "lever": lever, "axes": axes}
+        return plan.pairs, lever, axes
 
 
 def _faces(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -154,10 +154,10 @@ def cases() -> list[Case]:
         if twist:
             out.append(Case(f"box-{name}", "box", (3, 3), chosen, (Loading("free"),)))
     for first, second in ((0.0, 180.0), (90.0, 300.0)):
-        chosen, name = (Design(WIDTH, first), Design(WIDTH, second)), f"{first:03.0f}-{second:03.0f}"
+        both, name = (Design(WIDTH, first), Design(WIDTH, second)), f"{first:03.0f}-{second:03.0f}"
         out += [
-            Case(f"pair-{name}", "grid", (2, 1), chosen, _of_pair(0.4), fine=True),
-            Case(f"grid3-{name}", "grid", (3, 3), chosen, _of_patch(3, 0.4), fine=True),
+            Case(f"pair-{name}", "grid", (2, 1), both, _of_pair(0.4), fine=True),
+            Case(f"grid3-{name}", "grid", (3, 3), both, _of_patch(3, 0.4), fine=True),
         ]
     for twist in (0.0, 150.0):
         chosen, name = (Design(STOUT, twist),), f"stout-{twist:03.0f}"

@@ -78,7 +78,8 @@ def assembly(case: Case) -> Assembly:
     area = np.array([_area(case, k) for k in range(len(case.designs))])
     width = np.array([d.width for d in case.designs])
     twist = np.radians([d.twist for d in case.designs])
-    return Assembly(**case.joints(), width=width[of], twist=twist[of], area=area[of], thickness=THICKNESS)
+    pairs, lever, axes = case.joints()
+    return Assembly(pairs, lever, axes, width[of], twist[of], area[of], THICKNESS)
 
 
 def _area(case: Case, design: int) -> float:
@@ -122,7 +123,7 @@ def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
         fixed = supports.held(parts.pairs, rest.centres)
         held = np.flatnonzero(fixed.any(axis=1))
         if welded is None or welded.held != held.tolist():
-            welded = Welded(case.plan, models, case.of, held)
+            welded = Welded(case.plan, models, case.of, held.tolist())
         start = welded.guess(guess.centres / unit, guess.rotations)
         found = welded.solve(
             start,

@@ -28,7 +28,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
                                                 lint, types and tests
   python3 tools/dev.py build [--platform NAME]  the extension's zip, in dist/
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
-  python3 tools/dev.py database build|fit|report
+  python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
   python3 tools/dev.py lint                     ruff and mypy only
   python3 tools/dev.py setup                    make the environment, nothing else

@@ -58,16 +58,11 @@ def test_rest_closes_for_every_shape():
     for shape, size, designs in (("grid", (3, 3), chess), ("dome", (2, 2), chess[:1]), ("box", (2, 2), chess[:1])):
         case = Case("", shape, size, designs, ())
         centres, rotations = case.rest
-        joints = case.joints()
-        ends = [
-            centres[joints["pairs"][:, k]]
-            + np.einsum("mij,mj->mi", rotations[joints["pairs"][:, k]], joints["lever"][:, k])
-            for k in (0, 1)
-        ]
+        pairs, lever, axes = case.joints()
+        ends = [centres[pairs[:, k]] + np.einsum("mij,mj->mi", rotations[pairs[:, k]], lever[:, k]) for k in (0, 1)]
         assert np.abs(ends[0] - ends[1]).max() < 1e-12
-        first, second = (rotations[joints["pairs"][:, k]] @ joints["axes"][:, k] for k in (0, 1))
-        plan = case.plan
-        inside = plan.patch[joints["pairs"][:, 0]] == plan.patch[joints["pairs"][:, 1]]
+        first, second = (rotations[pairs[:, k]] @ axes[:, k] for k in (0, 1))
+        inside = case.plan.patch[pairs[:, 0]] == case.plan.patch[pairs[:, 1]]
         assert np.abs(first - second)[inside].max() < 1e-12
 
 
