@@ -196,6 +196,16 @@ class PatchLayout:
         return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
 
 
+def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
+    """The layout of some quads (n,), ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
+    mesh = layout.mesh
+    used, corners = np.unique(mesh.quads[quads], return_inverse=True)
+    part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
+    # vertices keep their order, and so do the edges
+    edges = np.unique(mesh.quad_edges[quads])
+    return PatchLayout(part, layout.cut[edges] & ~part.border), edges
+
+
 def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Go on along a parametric line: from side k of a quad to the next edge beyond its end, same side of the line.
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from .board import WAIST, Board, Change
 from .flatten import FlatPatches, flatten, overlapping, seam_mismatch
-from .layout import PatchLayout
-from .mesh import QuadMesh
+from .layout import PatchLayout, alone
 from .params import LayoutParams
 from .progress import SILENT, Progress
 from .symmetry import Symmetry, keeping, subgroups, symmetries
@@ -43,8 +42,8 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
             cut, start, notes = board.cut, board.rotations(), notes | said
         else:
             quads = np.flatnonzero(mesh.body_of == body)
-            alone, edges = _alone(layout, quads)
-            board, said = _merge_body(alone, params, part, bodies)
+            part_of, edges = alone(layout, quads)
+            board, said = _merge_body(part_of, params, part, bodies)
             cut[edges], start[quads] = board.cut, board.rotations()
             each.append(said)
     if any(each):
@@ -71,16 +70,6 @@ def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, sta
     flat = flatten(layout, params, progress, start=start)
     layout.notes.update(forced_notes(flat, params))
     return flat
-
-
-def _alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
-    """The layout of one body by itself, and the edges of the whole mesh that its edges are."""
-    mesh = layout.mesh
-    used, corners = np.unique(mesh.quads[quads], return_inverse=True)
-    body = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
-    # vertices keep their order, and so do the edges
-    edges = np.unique(mesh.quad_edges[quads])
-    return PatchLayout(body, layout.cut[edges]), edges
 
 
 def _merge_body(

@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from .edit import with_cuts
 from .flatten import FlatPatches
-from .layout import PatchLayout
+from .layout import PatchLayout, alone
 from .merge import forced_notes
 from .params import LayoutParams, SheetParams
 from .progress import SILENT, Progress
@@ -200,9 +200,10 @@ def _best_run(
     # both directions of a run are one run: keep those that leave the smaller number behind
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     found: list[tuple[float, int, np.ndarray]] = []
+    piece = _Piece(*alone(flat.layout, flat.layout.patches[patch]), flat.corners[flat.layout.patches[patch]])
     for start, end in _worth_checking(score, needed):
         edges = runs.edges(start, end)
-        judged = _judged(flat, patch, edges, params, room, sheet)
+        judged = _judged(piece, edges, params, room, sheet)
         if judged is not None:
             judged += 0.5 * float(runs.cost[start, end]) / size + UNEVEN * float(uneven[start, end]) ** 2
             found.append((round(judged, 9), len(found), edges))
@@ -245,26 +246,31 @@ def _chord_areas(points: np.ndarray) -> np.ndarray:
     return sums[None, :] - sums[:, None] + chord
 
 
-def _judged(
-    flat: FlatPatches, patch: int, edges: np.ndarray, params: LayoutParams, room: np.ndarray, sheet: SheetParams
-) -> float | None:
-    """How good the pieces of a cut are, small is good, without the cut's length; ``None`` if it is not allowed."""
-    layout = flat.layout
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A patch by itself: its layout, the edges of the whole mesh that its edges are, and its flat corners (q, 4, 2)."""
+
+    layout: PatchLayout
+    edges: np.ndarray
+    corners: np.ndarray
+
+
+def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarray, sheet: SheetParams) -> float | None:
+    """How good the parts of a cut are, small is good, without the cut's length; ``None`` if it is not allowed."""
+    layout = piece.layout
     cut = layout.cut.copy()
-    cut[edges] = True
+    cut[np.searchsorted(piece.edges, run)] = True
     after = PatchLayout(layout.mesh, cut)
-    quads = layout.patches[patch]
-    parts = np.unique(after.patch_of[quads])
-    if len(parts) != 2 or (after.euler[parts] != 1).any():
+    if len(after.patches) != 2 or (after.euler != 1).any():
         return None
-    small = min(len(after.patches[p]) for p in parts)
-    if small < min(params.patch_min, len(quads) // 2):
+    small = min(len(quads) for quads in after.patches)
+    if small < min(params.patch_min, len(piece.corners) // 2):
         return None
-    worse = (after.necks()[parts] < min(params.neck_min, layout.necks()[patch])).sum()
-    widths = np.stack([_widths(flat.corners[after.patches[p]].reshape(-1, 2)) for p in parts], axis=1)
+    worse = (after.necks() < min(params.neck_min, layout.necks()[0])).sum()
+    widths = np.stack([_widths(piece.corners[quads].reshape(-1, 2)) for quads in after.patches], axis=1)
     needed = _sheets_needed(widths, room, sheet.rotation).sum()
-    compact = np.maximum(after.compactness[parts] - 4.0, 0.0)
-    beyond = np.maximum(after.compactness[parts] - params.compactness_limit, 0.0)
+    compact = np.maximum(after.compactness - 4.0, 0.0)
+    beyond = np.maximum(after.compactness - params.compactness_limit, 0.0)
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
 
 
