@@ -85,6 +85,10 @@ class Optimisation:
             "rms_percent": after["rms_percent"],
             "max_percent": after["max_percent"],
             "at_bound": float((self.at_bound != 0).mean()),
+            "history": [
+                {"seconds": round(seconds, 3), "objective": value, "rmse_mm": 1e3 * rmse}
+                for seconds, value, rmse in self.trace.rows
+            ],
         }
 
 
@@ -120,7 +124,7 @@ def optimise(
         nonlocal best
         best = point
         vertices = carried(design, _laid(point.equilibrium.pose, problem), target)
-        progress.show(Look(vertices, *problem.space.design(point.x), point.mismatch.rmse, len(trace.rows)))
+        progress.show(Look(vertices, *point.problem.space.design(point.x), point.mismatch.rmse, len(trace.rows)))
 
     accepted(start)
     try:
@@ -128,7 +132,7 @@ def optimise(
         best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
     except Cancelled:
         finished = False
-        result = fitted(design.flat, design.params, *problem.space.design(best.x), prove=False)
+        result = fitted(design.flat, design.params, *best.problem.space.design(best.x), prove=False)
     quiet = SILENT if not finished else progress.part(0.95, 1.0)
     after = _simulated(result, target, material, physics, supports, force, best.equilibrium.pose, quiet)
     before = _simulated(
