@@ -181,8 +181,14 @@ def load(folder: Path = FOLDER) -> list[Reference]:
             header = json.loads(str(stored["header"]))
             names = ("fixed", "force", "centres", "turns", "energy", "strain", "iterations")
             arrays = {n: stored[n] for n in names}
+        parts = assembly(case)
+        for k, loading in enumerate(case.loadings):
+            if arrays["force"][k].any() and not arrays["fixed"][k].any():
+                # forces of fixed direction turn a free body: the hub that the solid was held by belongs to the state
+                supports, rest = loads(case, loading)
+                arrays["fixed"][k] = supports.held(parts.pairs, rest.centres)
         states = tuple(l.name for l in case.loadings)
-        out.append(Reference(case.name, states, assembly(case), unknowns=header["unknowns"], **arrays))
+        out.append(Reference(case.name, states, parts, unknowns=header["unknowns"], **arrays))
     return out
 
 
