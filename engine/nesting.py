@@ -25,8 +25,8 @@ BAY = 0.012  # metres; bays narrower than twice this are closed, and those narro
 ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
 FULLEST = 1.05  # share of a sheet that the convex hulls of a set of panels may have for the set to be tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
-LAST = 0.15  # share of the time limit for drawing the panels of the last sheet together
-TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so this is also how long ESC may take to free the core
+TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so ESC may take that long
+LAST, LONGEST = 0.15, 10  # share of the time limit for drawing the panels of the last sheet together, and most seconds
 
 
 def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SILENT) -> Packing:
@@ -40,6 +40,15 @@ def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SIL
     if params.nesting != "TRUE" or not available() or len(shapes) < 2:
         return rough
     search = _Search(shapes, params, progress.part(0.1, 1.0))
+    try:
+        return _searched(search, rough)
+    finally:
+        search.finish()
+
+
+def _searched(search: _Search, rough: Packing) -> Packing:
+    """The best packing that the search finds, or the rough one."""
+    shapes, params = search.shapes, search.params
     best, best_worth = rough, _worth(rough, shapes)
     rng = np.random.default_rng(params.seed)
     idle = 0
@@ -114,6 +123,12 @@ class _Search:
         fit = [i for i in range(len(shapes)) if self.turns[i]]
         self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self.free.prod() - 1e-9))
         self.known: dict[frozenset[int], _Set | None] = {}
+        self.running: list[threading.Event] = []
+
+    def finish(self) -> None:
+        """Wait for what still runs: a thread that outlives the program would end with a complaint."""
+        for done in self.running:
+            done.wait()
 
     def spent(self) -> float:
         """The share of the time limit that has passed."""
@@ -191,7 +206,7 @@ class _Search:
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
         if len(members) < 2 or members & set(self.large):
             return packing
-        found = self._strip(members, 0.0, max(TURN, int(LAST * self.params.nesting_seconds)))
+        found = self._strip(members, 0.0, min(max(TURN, int(LAST * self.params.nesting_seconds)), LONGEST))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -242,6 +257,7 @@ class _Search:
             finally:
                 done.set()
 
+        self.running.append(done)
         threading.Thread(target=work, daemon=True).start()
         feasible = (spyrrow.ReportType.ExplFeas, spyrrow.ReportType.CmprFeas, spyrrow.ReportType.Final)
         best = None
