@@ -123,7 +123,7 @@ class Room:
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
-        for kind in ("dovetail", "key") if self.params.kind == "dovetail" else (self.params.kind,):
+        for kind in ("dovetail", "key") if self.params.connector == "dovetail" else (self.params.connector,):
             for back in (0.0,) if kind == "dovetail" else BACKS:
                 for beside, s in product((False, True), sizes):
                     if kind == "dovetail" and s.length > gap:

@@ -50,11 +50,11 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0) -> Size:
     c = params.clearance
     # the corners of the head lose half of the clearance
     rounding = max(params.rounding, 0.75 * c)
-    neck = max(params.neck * width * scale, params.least + c)
+    neck = max(params.neck * width * scale, params.thinnest + c)
     # room on a flank for both of its corners
     length = max(LENGTH * neck, 2.1 * _TURN * rounding * math.cos(math.atan(FLANK)))
     head = neck + 2.0 * length * FLANK
-    wall = max(WALL * neck, params.least)
+    wall = max(WALL * neck, params.thinnest)
     return Size(neck, head, length, wall, max(head + c + 2.0 * wall, width), c, rounding)
 
 

@@ -103,7 +103,7 @@ def connect(
     ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told.
     """
     taken = np.zeros((len(design.width), 4))
-    if params.kind == "none":
+    if params.connector == "none":
         return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance, taken)
     room = Room(design, params)
     chosen = _chosen(room, progress.part(0.0, 0.8))

@@ -140,8 +140,8 @@ class SpiralParams(Params):
 class ConnectorParams(Params):
     """The joints of the panels, wherever two arms meet across a cut (FlexMaps section 8)."""
 
-    kind: str = setting(
-        "none",
+    connector: str = setting(
+        "dovetail",
         "Connectors",
         "What holds two arms together where they meet across a cut",
         choices=(
@@ -162,7 +162,7 @@ class ConnectorParams(Params):
     neck: float = setting(
         1.0, "Neck", "Width of a connector's neck as a share of the width of its arm", low=0.5, high=2.0
     )
-    least: float = setting(
+    thinnest: float = setting(
         0.0008,
         "Thinnest part",
         "No neck and no wall of a connector is thinner; sheets of 2 mm need about 0.8 mm",
@@ -342,7 +342,7 @@ class OptimiseParams(Params):
     )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
     cg_iterations: int = setting(
-        30, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
+        20, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
     )
     restart: bool = setting(
         True,

@@ -12,7 +12,7 @@ from flexmaps.bridge import arrange, beside, mesh, picture, scene, settings, sol
 from flexmaps.engine import check, design, flatten, job, shapes, sheets, trace
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mesh import PolygonMesh
-from flexmaps.engine.params import LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams
+from flexmaps.engine.params import ConnectorParams, LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,8 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     solid = trimesh.Trimesh(shape.vertices, np.array(fans), process=False)
     assert solid.is_watertight and solid.is_winding_consistent
     assert solid.body_count == len(flat.layout.patches)
-    area = sum(panel.area for panel in sheets.make_sheets(made, SheetParams(labels=False, nesting="FAST")).panels)
+    plain = sheets.make_sheets(made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector="none"))
+    area = sum(panel.area for panel in plain.panels)
     assert solid.volume == pytest.approx(area * made.params.thickness, rel=0.005)
     quad = np.repeat(shape.quad_of, shape.sizes)
     middle = (flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]).mean(axis=1)

@@ -28,7 +28,7 @@ def _polygons(made):
 @pytest.mark.parametrize("clearance", [0.0, 0.00005, 0.0002])
 @pytest.mark.parametrize("width", [0.0006, 0.001, 0.002])
 def test_head_and_socket_leave_the_clearance_everywhere(width, clearance):
-    s = size(width, ConnectorParams(kind="dovetail", clearance=clearance))
+    s = size(width, ConnectorParams(connector="dovetail", clearance=clearance))
     one, two = head(s).sampled(1e-8), -socket(s).sampled(1e-8)
     assert shapely.hausdorff_distance(shapely.LineString(one), shapely.LineString(two)) == pytest.approx(
         clearance, abs=2e-7
@@ -38,7 +38,7 @@ def test_head_and_socket_leave_the_clearance_everywhere(width, clearance):
 
 @pytest.mark.parametrize("width", [0.0006, 0.001, 0.002])
 def test_nothing_is_thinner_than_asked(width):
-    params = ConnectorParams(kind="dovetail", least=0.0008)
+    params = ConnectorParams(connector="dovetail", thinnest=0.0008)
     for scale in (1.0, 0.5):
         s = size(width, params, scale)
         half = 0.5 * s.pad
@@ -46,13 +46,13 @@ def test_nothing_is_thinner_than_asked(width):
         male = shapely.Polygon([*head(s).points, (-0.003, half), (-0.003, -half)])
         female = shapely.Polygon([*socket(s).points, (-0.004, half), (-0.004, -half)])
         for part in (male, female):
-            left = part.buffer(-0.5 * 0.999 * params.least)
+            left = part.buffer(-0.5 * 0.999 * params.thinnest)
             assert left.geom_type == "Polygon"  # still one piece: no neck or wall is thinner
         assert s.head > s.neck + 2.0 * params.clearance  # it holds
 
 
 def test_key_fits_both_sockets():
-    s = size(0.001, ConnectorParams(kind="key"))
+    s = size(0.001, ConnectorParams(connector="key"))
     for back in (0.0, 0.0005):
         loose = shapely.Polygon(key(s, back).sampled(1e-8))
         for way in (1.0, -1.0):
@@ -69,7 +69,7 @@ def test_key_fits_both_sockets():
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
     made = _halves(flat_grid, twist, clockwise=clockwise)
-    found = connectors.connect(made, ConnectorParams(kind=kind))
+    found = connectors.connect(made, ConnectorParams(connector=kind))
     assert [c.name for c in found.connectors] == ["A1", "A2", "A3"]
     assert not found.unsolved
     assert not len(contours.touching(list(found.outlines)))
@@ -88,8 +88,8 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
 
 def test_fit_sees_a_wrong_gap(flat_grid):
     made = _halves(flat_grid, 0.0)
-    tight = connectors.connect(made, ConnectorParams(kind="dovetail", clearance=0.0))
-    wide = connectors.connect(made, ConnectorParams(kind="dovetail", clearance=0.0002))
+    tight = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0))
+    wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0002))
     # the panels of one with the panels of the other: half of either clearance
     mixed = connectors.Connections(
         (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.taken
@@ -98,7 +98,7 @@ def test_fit_sees_a_wrong_gap(flat_grid):
 
 
 def test_heads_and_sockets_take_turns(flat_grid):
-    made = connectors.connect(_halves(flat_grid, 1.0, rows=6), ConnectorParams(kind="dovetail"))
+    made = connectors.connect(_halves(flat_grid, 1.0, rows=6), ConnectorParams(connector="dovetail"))
     assert [c.roles[0] for c in made.connectors] == ["head", "socket"] * 3
     assert all(set(c.roles) == {"head", "socket"} for c in made.connectors)
     assert all(c.faces[0] < c.faces[1] for c in made.connectors)
@@ -107,7 +107,7 @@ def test_heads_and_sockets_take_turns(flat_grid):
 def test_panels_side_by_side_hold_together(flat_grid):
     """The grid's patches keep its coordinates, so joined panels lie in each other as drawn."""
     made = _halves(flat_grid, 3.0)
-    one, two = _polygons(connectors.connect(made, ConnectorParams(kind="dovetail")))
+    one, two = _polygons(connectors.connect(made, ConnectorParams(connector="dovetail")))
     assert one.intersection(two).area == 0.0
     assert one.distance(two) == pytest.approx(0.00005, abs=1e-6)
     # pulled apart by more than the play in the dovetails, they catch
@@ -116,7 +116,7 @@ def test_panels_side_by_side_hold_together(flat_grid):
 
 def test_arms_elsewhere_are_as_before(flat_grid):
     made = _halves(flat_grid, 2.0)
-    plain, drawn = made.outlines(), connectors.connect(made, ConnectorParams(kind="dovetail")).outlines
+    plain, drawn = made.outlines(), connectors.connect(made, ConnectorParams(connector="dovetail")).outlines
     for before, after in zip(plain, drawn, strict=True):
         changed = shapely.Polygon(before.outer.sampled(1e-7)).symmetric_difference(
             shapely.Polygon(after.outer.sampled(1e-7))
@@ -128,7 +128,7 @@ def test_arms_elsewhere_are_as_before(flat_grid):
 def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
     flat = flat_grid(6, 4, cut=lambda x, y: x == 3 and y < 2)
     made = design.uniform(flat, SpiralParams(), width=0.0012, twist=1.0)
-    found = connectors.connect(made, ConnectorParams(kind="dovetail"))
+    found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert len(found.outlines) == 1
     assert len(found.connectors) == 2
     assert {c.kind for c in found.connectors} == {"key"}  # both sides lie on each other here: no room for a head
@@ -141,7 +141,7 @@ def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
 def test_joints_without_room_keep_plain_ends_and_are_told(flat_grid):
     flat = flat_grid(4, 3, 0.004, cut=lambda x, _: x == 2)
     made = design.uniform(flat, SpiralParams(width_min=0.0006, width_max=0.001, fillet=0.0001), twist=0.5)
-    found = connectors.connect(made, ConnectorParams(kind="dovetail", least=0.0015))
+    found = connectors.connect(made, ConnectorParams(connector="dovetail", thinnest=0.0015))
     assert not found.connectors
     assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]
     assert found.report["unsolved"][0]["faces"] == list(found.unsolved[0][1:])
@@ -151,7 +151,7 @@ def test_joints_without_room_keep_plain_ends_and_are_told(flat_grid):
 
 def test_none_is_the_plain_outline(flat_grid):
     made = _halves(flat_grid, 2.0)
-    found = connectors.connect(made, ConnectorParams(kind="none"))
+    found = connectors.connect(made, ConnectorParams(connector="none"))
     assert list(found.outlines) == made.outlines()
     assert found.report == {"connectors": 0}
 
@@ -159,7 +159,7 @@ def test_none_is_the_plain_outline(flat_grid):
 def test_can_be_stopped(flat_grid):
     with pytest.raises(Cancelled):
         connectors.connect(
-            _halves(flat_grid, 0.0), ConnectorParams(kind="dovetail"), progress=Progress(stopped=lambda: True)
+            _halves(flat_grid, 0.0), ConnectorParams(connector="dovetail"), progress=Progress(stopped=lambda: True)
         )
 
 
@@ -171,7 +171,7 @@ def test_sheets_with_keys_labels_and_kerf(flat_grid):
     result = sheets.make_sheets(
         made,
         SheetParams(nesting="FAST"),
-        connectors=ConnectorParams(kind="key"),
+        connectors=ConnectorParams(connector="key"),
         cut=CutParams(kerf_outline=0.0002, kerf_holes=0.0001),
     )
     block = sheets.sheets_report(result)
@@ -198,7 +198,7 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
 
     polygons = PolygonMesh.of(shapes.make("cubesphere"))
     made = job.run(polygons, Settings(), stop_after="spirals").design
-    found = connectors.connect(made, ConnectorParams(kind="dovetail"))
+    found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.unsolved
     assert len(found.connectors) == int(made.flat.layout.cut.sum())
     assert not len(contours.touching(list(found.outlines)))
