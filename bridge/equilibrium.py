@@ -152,6 +152,15 @@ def sound(block: dict[str, Any]) -> bool:
     return bool(block.get("converged")) and not block.get("locked")
 
 
+def sentences(block: dict[str, Any]) -> tuple[str, bool]:
+    """What a simulation found, for people, and whether that is a warning."""
+    text = f"{block['status']} Distance to the target: RMS {block['rms_mm']:.2f} mm, {block['rms_percent']:.2f} %."
+    strain = block.get("strain_share_max", 0.0)
+    if strain > 1.0:
+        text += f" Strain reaches {100 * strain:.0f} % of what the material bears: arms break or stay bent."
+    return text, strain > 1.0 or not sound(block)
+
+
 def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     """What a simulation depends on, as a short text: shape, spirals, size and settings. Quick: raw bytes, one checksum."""
     mesh = obj.data

@@ -259,8 +259,10 @@ def _print_summary(described: dict[str, Any], out: Path) -> None:
         spirals = described["spirals"]
         print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")
     if "equilibrium" in described:
-        found = described["equilibrium"]
-        print(f"  {found['status']} Distance to the target: RMS {found['rms_mm']:.2f} mm, {found['rms_percent']:.2f} %")
+        from . import equilibrium
+
+        text, warning = equilibrium.sentences(described["equilibrium"])
+        print(f"  {'warning: ' if warning else ''}{text}")
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")

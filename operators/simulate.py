@@ -54,9 +54,9 @@ class Simulate(Stage, bpy.types.Operator):
         from ..bridge import equilibrium
 
         equilibrium.write(obj, context.scene, surface, result)
-        block = result.report()
-        self.level = "INFO" if equilibrium.sound(block) else "WARNING"
-        return f"{block['status']} Distance to the target: RMS {block['rms_mm']:.2f} mm"
+        text, warning = equilibrium.sentences(result.report())
+        self.level = "WARNING" if warning else "INFO"
+        return text
 
 
 CLASSES = (Simulate,)

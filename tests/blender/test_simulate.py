@@ -412,6 +412,11 @@ def test_not_found_is_a_warning_not_a_success(piece: Any, monkeypatch: pytest.Mo
     piece.flexmaps.simulate.iterations = 200
     Simulate().execute(bpy.context)
     assert said[-1][0] == "INFO"
+    group(piece, "ends", ends(piece))
+    piece.flexmaps.loads.supports = "ends"
+    piece.flexmaps.material.material, piece.flexmaps.material.strain_limit = "custom", 0.0001
+    Simulate().execute(bpy.context)
+    assert said[-1][0] == "WARNING" and "of what the material bears" in said[-1][1]
 
 
 # -- refused -----------------------------------------------------------------------------------------------------------
