@@ -14,6 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from .edit import with_cuts
+from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .layout import PatchLayout, alone
 from .merge import forced_notes
@@ -35,11 +36,12 @@ def split(
     """Cut every patch that does not fit the sheet, and flatten the pieces; nothing happens if ``sheet.oversize`` is not "split".
 
     Patches that no run can divide stay as they are; the sheets say so. The notes of the layout's report say how many
-    patches were cut.
+    patches were cut. Raises ``FlexMapsError`` with the quads that alone are larger than the sheet.
     """
     if sheet.oversize != "split":
         return flat
     room = usable(sheet)
+    _refuse_large_quads(flat, room, sheet)
     first = len(flat.layout.patches)
     mirrored = keeping(symmetries(flat.layout.mesh), flat.layout.cut) if params.symmetric else []
     for turn in range(rounds):
@@ -66,6 +68,20 @@ def split(
             f"{sheet.sheet_height * 1e3:g} mm"
         )
     return flat
+
+
+def _refuse_large_quads(flat: FlatPatches, room: np.ndarray, sheet: SheetParams) -> None:
+    size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
+    if (room <= 0).any():
+        raise FlexMapsError(f"{size} is nothing but margin; make it larger or the margin smaller")
+    widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
+    large = np.flatnonzero(_ratios(widths, room, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
+    if len(large):
+        raise FlexMapsError(
+            f"{size} has no room for {len(large)} single quads; use a larger sheet or smaller quads, or let too large "
+            "panels have larger sheets",
+            faces=large,
+        )
 
 
 def usable(sheet: SheetParams) -> np.ndarray:

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import merge, shapes, split, trace
+from flexmaps.engine import job, merge, shapes, split, trace
+from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.flatten import overlapping
-from flexmaps.engine.params import LayoutParams, SheetParams
+from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.params import LayoutParams, Settings, SheetParams
 
 LAYOUT = LayoutParams()
 
@@ -45,9 +47,10 @@ def test_what_fits_is_left_alone(flat_grid):
 
 
 def test_a_large_plate_needs_several_rounds(flat_grid):
-    made = split.split(flat_grid(50, 40), LAYOUT, SheetParams())  # 1 x 0.8 m: at least 4 sheets
+    sheet = SheetParams(sheet_width=0.3, sheet_height=0.2)
+    made = split.split(flat_grid(25, 20), LAYOUT, sheet)  # 500 x 400 mm: at least 4 sheets
     assert 4 <= len(made.layout.patches) <= 8
-    assert all(_fits(p, SheetParams()) for p in _pieces(made))
+    assert all(_fits(p, sheet) for p in _pieces(made))
     assert (made.layout.euler == 1).all()
     assert made.layout.necks().min() >= LAYOUT.neck_min
 
@@ -99,3 +102,20 @@ def test_mirrored_patches_are_cut_alike(flat_grid):
     mirrored = middles * [-1, 1, 1] + [1.6, 0, 0]
     assert {tuple(m) for m in middles.round(6).tolist()} == {tuple(m) for m in mirrored.round(6).tolist()}
     assert len(made.layout.patches) == 4
+
+
+def test_a_sheet_without_room_for_a_quad_is_refused(flat_grid):
+    plate = flat_grid(4, 4, move=lambda p: p * np.where(p[:, :1] > 0.05, [1.5, 1.0], [1.0, 1.0]))
+    with pytest.raises(FlexMapsError, match=r"no room for .* single quads") as caught:
+        split.split(plate, LAYOUT, SheetParams(sheet_width=0.045, sheet_height=0.035))
+    assert caught.value.faces
+    with pytest.raises(FlexMapsError, match="nothing but margin"):
+        split.split(plate, LAYOUT, SheetParams(sheet_width=0.01, sheet_height=0.01))
+
+
+def test_the_main_job_cuts_to_size_before_the_spirals():
+    settings = Settings(sheet=SheetParams(sheet_width=0.3, sheet_height=0.2))
+    result = job.run(PolygonMesh.of(shapes.make("dome", 0.02)), settings, edge=0.02, stop_after="split")
+    assert all(_fits(p, settings.sheet) for p in _pieces(result.flat))
+    assert "split" in result.seconds
+    assert result.design is None
