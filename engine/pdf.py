@@ -191,7 +191,8 @@ def write(sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None
 
 def sheet_page(sheets: CutSheets, index: int) -> Page:
     """One sheet at its true size, a layer and a colour per operation."""
-    page = Page(*(float(x) for x in sheets.packing.sizes[index]))
+    width, height = sheets.packing.sizes[index].tolist()
+    page = Page(width, height)
     for (name, colour), curves in zip(LAYERS, operations(sheets.paths_on_sheet(index)), strict=True):
         page.begin_layer(name)
         for curve in curves:
