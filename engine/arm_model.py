@@ -23,10 +23,11 @@ from .stiffness import ArmCompliance, tip_compliance
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, and how the joints have moved there."""
+    """A pose, how the joints have moved there, and the strains (m, 6) that the step to it had foreseen."""
 
     pose: Pose
     motion: JointMotion
+    foreseen: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +71,15 @@ class ArmModel:
         return self.assembly.pairs
 
     def start(self, pose: Pose) -> ArmState:
-        return ArmState(pose, self.motion(pose))
+        motion = self.motion(pose)
+        return ArmState(pose, motion, motion.vector)
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
-        return self.start(state.pose.moved(step))
+        pose, motion = state.pose.moved(step), state.motion
+        change = times(first_order(SpatialMotion.of(motion)), step[self.pairs].reshape(-1, 12))
+        back = np.swapaxes(motion.middle, 1, 2)
+        change = np.concatenate([times(back, change[:, :3]), times(back, change[:, 3:])], axis=1)
+        return ArmState(pose, self.motion(pose), motion.vector + change)
 
     def energy(self, state: ArmState) -> float:
         e = state.motion.vector
@@ -95,7 +101,7 @@ class ArmModel:
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
         return gradient_by_design(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
 
-    def expand(self, state: ArmState) -> Expansion:
+    def expand(self, state: ArmState, ahead: bool = False) -> Expansion:
         m = len(self.pairs)
         per_joint, gradient = np.empty(m), np.empty((m, 12))
         hessian, convex = np.empty((m, 12, 12)), np.empty((m, 12, 12))
@@ -103,29 +109,36 @@ class ArmModel:
         for start in range(0, m, BATCH):
             part = slice(start, start + BATCH)
             motion = state.motion.part(part)
-            per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(motion, self.stiffness[part])
+            per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(
+                motion, self.stiffness[part], state.foreseen[part] if ahead else motion.vector
+            )
         return Expansion(
             float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex
         )
 
 
-def _expanded(motion: JointMotion, stiffness: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space."""
+def _expanded(
+    motion: JointMotion, stiffness: np.ndarray, strains: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
+
+    strains : (m, 6) whose stresses weight the curvature of the strains
+    """
     base = motion.middle
     wrench = times(stiffness, motion.vector)
     per_joint = 0.5 * np.einsum("mi,mi->m", wrench, motion.vector)
-    force, moment = times(base, wrench[:, :3]), times(base, wrench[:, 3:])
     at = SpatialMotion.of(motion)
     jacobian = first_order(at)
     back = np.swapaxes(jacobian, 1, 2)
-    gradient = times(back, np.concatenate([force, moment], axis=1))
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = base
+    gradient = times(back, times(spread, wrench))
+    weight = times(spread, times(stiffness, strains))
     convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
-    return per_joint, gradient, convex + second_order(at, force, moment), convex
+    return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
 
 
-BATCH = 1024
+BATCH = 1000
 
 
 def _bend_levers(assembly: Assembly) -> np.ndarray:

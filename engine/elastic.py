@@ -49,8 +49,13 @@ class ElasticModel(Protocol):
     def energy(self, state: Any) -> float:
         """Joules; not a number where the state is beyond the model."""
 
-    def expand(self, state: Any) -> Expansion:
-        """Energy, gradient and Hessian."""
+    def expand(self, state: Any, ahead: bool = False) -> Expansion:
+        """Energy, gradient and Hessian.
+
+        With ``ahead``, the curvature of the strains is weighted not by the stresses of the state, but by those that the
+        step which led there had foreseen to first order: the mixed iteration of Magisano, Leonetti and Garcea (2017).
+        Thin shells bend much farther with every step, for a finite step along a bend stretches them at first.
+        """
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """The state moved by (n, 6) as in ``Pose.moved``."""

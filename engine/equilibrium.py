@@ -1,9 +1,10 @@
 """Static equilibrium of an assembly by Newton's method on the energy (FlexMaps section 6.1).
 
-The exact Hessian is indefinite almost everywhere but near a minimum. Where its Cholesky factor fails it is blended with
-its convex part, as little as needed: far fewer iterations than with always projecting it. A line search keeps the energy
-falling and survives states beyond the model; large turns are capped. What comes out is said as it is: a saddle is left
-along its falling direction, and whatever still is no minimum is no success.
+The Hessian is indefinite almost everywhere but near a minimum. Where its Cholesky factor fails, its convex part takes its
+place and is blended out again over the next steps: far fewer iterations than with always projecting it. Stresses in it
+are those that the last step had foreseen, which lets thin shells bend far at once (see ``ElasticModel.expand``). A line
+search keeps the energy falling and survives states beyond the model; large turns are capped. What comes out is said as
+it is: a saddle is left along its falling direction, and whatever still is no minimum is no success.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .progress import SILENT, Progress
 from .threads import one_thread
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step
-BLEND_FIRST, BLEND_GROWTH, BLEND_DECAY, BLEND_LEAST = 0.05, 3.0, 0.3, 0.01
+BLEND_DECAY, BLEND_LEAST = 0.3, 0.01  # of the share of the convex part, from step to step
 ARMIJO, SHORTEST_STEP = 1e-4, 2.0**-30
 ROUNDING = 1e-13  # radians and metres of a step that changes nothing any more
 ESCAPES = 5  # saddles that are left before the search is given up
@@ -101,7 +102,7 @@ class _Search:
     def run(self, state: Any) -> Equilibrium:
         escapes, sentence = 0, ""
         while True:
-            here = self.model.expand(state)
+            here = self.model.expand(state, ahead=True)
             gradient = here.gradient.copy()
             gradient[:, :3] -= self.loads.force
             residual = self._residual(here, gradient, state.pose)
@@ -109,6 +110,7 @@ class _Search:
             self._report(residual, state.pose)
             steps = len(self.history) - 1
             if residual <= self.params.tolerance:
+                here = self.model.expand(state)
                 if self.system.factor(self.system.values(here.hessian)):
                     return self._result(state, here, True, "")
                 if escapes == ESCAPES:
@@ -120,7 +122,8 @@ class _Search:
             step = self._step(here, gradient)
             if np.abs(step).max() <= ROUNDING:
                 # nothing is left to move: the forces are what rounding leaves
-                return self._result(state, here, self.blend == 0.0, "")
+                here = self.model.expand(state)
+                return self._result(state, here, self.system.factor(self.system.values(here.hessian)), "")
             moved = self._searched(state, here, gradient, step)
             if moved is None:
                 sentence = "No step lowers the energy any further, though forces are left."
@@ -152,20 +155,14 @@ class _Search:
         self.progress.show(pose)
 
     def _step(self, here: Expansion, gradient: np.ndarray) -> np.ndarray:
-        """Newton's step of the least blended matrix that has a Cholesky factor, capped in its turns."""
+        """Newton's step, with as much of the convex part as the last ones needed, or all of it; capped in its turns."""
         exact, system = self.system.values(here.hessian), self.system
-        convex = None
         blend = self.blend if self.blend >= BLEND_LEAST else 0.0
-        while True:
-            values = exact
-            if blend > 0.0:
-                convex = self._convex(here) if convex is None else convex
-                values = (1.0 - blend) * exact + blend * convex
-            if system.factor(values):
-                break
-            if blend >= 1.0:
+        values = exact if blend == 0.0 else (1.0 - blend) * exact + blend * self._convex(here)
+        if not system.factor(values):
+            blend = 1.0
+            if not system.factor(self._convex(here)):
                 raise AssertionError("the convex part of the energy has no Cholesky factor")
-            blend = min(1.0, max(BLEND_FIRST, BLEND_GROWTH * blend))
         self.blend = BLEND_DECAY * blend
         step = -system.solve(gradient)
         turn = np.linalg.norm(step[:, 3:], axis=1).max()
@@ -202,7 +199,7 @@ class _Search:
 
     def _result(self, state: Any, here: Expansion, converged: bool, sentence: str) -> Equilibrium:
         twist = float(np.abs(self.model.twist(state)).max(initial=0.0))
-        negative = 0 if converged else self.system.negative(self.system.values(here.hessian))
+        negative = 0 if converged else self.system.negative(self.system.values(self.model.expand(state).hessian))
         history = np.array(self.history)
         if converged:
             sentence = f"Converged in {len(history) - 1} iterations."

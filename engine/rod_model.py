@@ -9,7 +9,7 @@ energy is the same and a state has no frame to carry along but whole turns.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,13 +84,15 @@ class RodModel:
         return self._state(pose, None)
 
     def moved(self, state: RodState, step: np.ndarray) -> RodState:
-        return self._state(state.pose.moved(step), state)
+        first, second = self.pairs.T
+        change = np.einsum("mi,mi->m", state.tangent, step[second, :3] - step[first, :3])
+        return replace(self._state(state.pose.moved(step), state), foreseen=state.length + change)
 
     def twist(self, state: RodState) -> np.ndarray:
         return state.twist
 
     def energy(self, state: RodState) -> float:
-        return float(self._stretched(state)[0].sum() + self._ends(state).sum())
+        return float(self._stretched(state.length)[0].sum() + self._ends(state).sum())
 
     def gradient_by_design(self, state: RodState) -> np.ndarray:
         return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
@@ -100,9 +102,9 @@ class RodModel:
         with np.errstate(invalid="ignore", over="ignore"):
             return rod_strains.energy(self.springs, state.bend, state.angles)
 
-    def _stretched(self, state: RodState) -> tuple[np.ndarray, np.ndarray]:
-        """(m,) joules of eq. 2, and their derivative by the length in newtons."""
-        strain = state.length / self.length - 1.0
+    def _stretched(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) joules of eq. 2 at lengths (m,), and their derivative by the length in newtons."""
+        strain = length / self.length - 1.0
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
@@ -125,11 +127,11 @@ class RodModel:
                 twist = twist + 2.0 * np.pi * np.round((before.twist - twist) / (2.0 * np.pi))
                 guess = before.roll + share * (twist - before.twist)
             roll = rod_strains.relaxed_roll(self.springs, bend, twist, guess)
-        return RodState(pose, length, tangent, frames, bend, twist, roll)
+        return RodState(pose, length, tangent, frames, bend, twist, roll, length)
 
-    def expand(self, state: RodState) -> Expansion:
-        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement."""
-        joules, tension = self._stretched(state)
+    def expand(self, state: RodState, ahead: bool = False) -> Expansion:
+        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement. Only the tension is looked ahead."""
+        joules, tension = self._stretched(state.length)
         ends = rod_strains.expand(self.springs, state.bend, state.angles)
         slope = ends.gradient * FLIP
         motion = first_order(state)
@@ -139,7 +141,8 @@ class RodModel:
         per_joint = joules + ends.energy.sum(axis=1)
         along = outer(state.tangent, state.tangent)
         steep = (self.stretch / self.length**2)[:, None, None] * along
-        lateral = (tension / state.length)[:, None, None] * (np.eye(3) - along)
+        pull = self._stretched(state.foreseen)[1] if ahead else tension
+        lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
         flip = np.outer(FLIP, FLIP)
         curved = second_order(state, motion, slope)
         blocks = gradient[:, 0] @ SPLIT[0] + gradient[:, 1] @ SPLIT[1]

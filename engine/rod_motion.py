@@ -19,6 +19,7 @@ class RodState:
     bend : (m, 2, 2) the curvature binormal along that normal and along that left
     twist : (m,) rad of the second hub against the first about the edge, with whole turns
     roll : (m,) rad of the edge against the first hub
+    foreseen : (m,) metres, the length to first order in the step that led here
     """
 
     pose: Pose
@@ -28,6 +29,7 @@ class RodState:
     bend: np.ndarray
     twist: np.ndarray
     roll: np.ndarray
+    foreseen: np.ndarray
 
     @property
     def angles(self) -> np.ndarray:

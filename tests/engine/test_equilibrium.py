@@ -15,6 +15,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.rod_model import RodModel
 from scipy.spatial.transform import Rotation
 
 SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015
@@ -123,6 +124,24 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
         expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
         found = summed(np.einsum("miks,mks->mi", blocks, way[chain.pairs]), chain.pairs, chain.size)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", [ArmModel, RodModel])
+def test_looking_ahead_changes_the_stresses_to_second_order_in_the_step(kind: type) -> None:
+    chain = row(6, twist=1.5, closed=True)
+    model = kind.of(dataclasses.replace(chain, thickness=0.003), VERO)
+    state = model.start(shaken(ring(6), 0.001, 0.2, seed=4))
+    way = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.01, 1.0], 3)
+
+    def missed(step: float) -> float:
+        there = model.moved(state, step * way)
+        ahead, exact = model.expand(there, ahead=True), model.expand(there)
+        assert ahead.gradient == pytest.approx(exact.gradient)
+        return float(np.abs(ahead.hessian - exact.hessian).max() / np.abs(exact.hessian).max())
+
+    assert model.expand(state, ahead=True).hessian == pytest.approx(model.expand(state).hessian)
+    assert missed(0.02) > 1e-7
+    assert missed(0.02) == pytest.approx(100.0 * missed(0.002), rel=0.2)
 
 
 def test_rigid_motion_and_rest_cost_nothing() -> None:
