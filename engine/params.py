@@ -249,7 +249,7 @@ class SheetParams(Params):
         ),
     )  # fmt: skip
     nesting_seconds: float = setting(
-        20.0, "Nesting time", "Longest time in seconds that the search for fewer sheets may take", low=0.0, high=86400.0
+        20.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
     )
     seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
 
