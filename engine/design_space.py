@@ -1,8 +1,10 @@
 """Coordinates of the fabricable designs in which their coupled bounds are a box (FlexMaps section 7).
 
-Per spiral, x0 in [0, 1] is the width between its smallest and its largest, x1 in [0, 1] the twist as a share of the
-largest twist that still leaves a slot at that width in that quad. Any x in the box is a design whose spirals can be cut;
-what blended joints and neighbours ask for beyond that is settled by ``design.fitted`` and comes back as ``cap``.
+Per spiral, x0 in [0, 1] is the width between its smallest and its largest; x1 in [0, 1] runs from the smallest twist to the
+largest one that still leaves a slot at that width in that quad, evenly in sqrt(1 + twist^2). That is about how long, and so
+how compliant, an arm is; a straight arm would not feel a small twist, and a gradient by the twist itself would be blind there.
+Any x in the box is a design whose spirals can be cut; what blended joints and neighbours ask for beyond that is settled by
+``design.fitted`` and comes back as ``cap``.
 """
 
 from __future__ import annotations
@@ -17,6 +19,11 @@ from .slots import twist_bound
 from .stiffness import SCALE_RANGE, twist_limit
 
 KNOTS = 6
+START = 1e-2  # a little twist even at the lower end of x1, where the slope would be infinite
+
+
+def _share(x: np.ndarray) -> np.ndarray:
+    return (x + START) / (1.0 + START)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +56,37 @@ class DesignSpace:
 
     def design(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Widths (F,) metres and twists (F,) radians of coordinates (F, 2)."""
-        largest = self._largest(x[:, 0])[0]
-        least = np.minimum(self.twist_min, largest)
-        return self.low + x[:, 0] * (self.high - self.low), least + x[:, 1] * (largest - least)
+        least, span, _ = self._lengths(x[:, 0])
+        twist = np.sqrt((least + _share(x[:, 1]) * span) ** 2 - 1.0)
+        return self.low + x[:, 0] * (self.high - self.low), twist
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """(F, 2, 2): derivative of width and twist (rows) by both coordinates (columns)."""
-        largest, slope = self._largest(x[:, 0])
-        least = np.minimum(self.twist_min, largest)
+        least, span, change = self._lengths(x[:, 0])
+        length = least + _share(x[:, 1]) * span
+        by_length = length / np.sqrt(length**2 - 1.0)
         out = np.zeros((len(x), 2, 2))
         out[:, 0, 0] = self.high - self.low
-        out[:, 1, 0] = np.where(largest > self.twist_min, x[:, 1], 1.0) * slope
-        out[:, 1, 1] = largest - least
+        out[:, 1, 0] = by_length * _share(x[:, 1]) * change
+        out[:, 1, 1] = by_length * span / (1.0 + START)
         return out
 
     def coordinates(self, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
         """(F, 2) of widths and twists, brought into the box."""
         x = np.zeros((len(width), 2))
         x[:, 0] = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
-        largest = self._largest(x[:, 0])[0]
-        least = np.minimum(self.twist_min, largest)
-        x[:, 1] = np.clip((twist - least) / np.maximum(largest - least, 1e-12), 0.0, 1.0)
+        least, span, _ = self._lengths(x[:, 0])
+        share = (np.sqrt(1.0 + twist**2) - least) / np.maximum(span, 1e-12)
+        x[:, 1] = np.clip(share * (1.0 + START) - START, 0.0, 1.0)
         return x
+
+    def _lengths(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """sqrt(1 + twist^2) of the smallest twist, from there to that of the largest, and that span's derivative."""
+        largest, slope = self._largest(x)
+        least = np.sqrt(1.0 + np.minimum(self.twist_min, 0.9 * largest) ** 2)
+        most = np.sqrt(1.0 + np.maximum(largest, 1e-3) ** 2)
+        # where the smallest twist is cut short by the largest, it moves along with it; too rare to be followed here
+        return least, most - least, largest * slope / most
 
     def _largest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest twist at widths x in [0, 1], and its derivative: cubic Hermite pieces between the knots."""

@@ -27,6 +27,7 @@ from .threads import one_thread
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
 REPAIR_STEPS = 6
+TOLERANCE = 1e-6  # of the equilibria on the way; Newton's last step takes them far below
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +157,9 @@ def _problem(
     loads = Loads.of(assembly.size, supports=supports, clamped=physics.clamped, force=force, mass=mass)
     aim = Target(assembly.pairs, target.centroids, params.laplacian, free=not loads.fixed.any())
     space = DesignSpace.of(design, assembly)
+    loose = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
     problem = Problem(
-        assembly, space, aim, loads, lambda a: build_model(a, material, physics.model), physics, params.smoothness
+        assembly, space, aim, loads, lambda a: build_model(a, material, physics.model), loose, params.smoothness
     )
     return problem, target_pose(target, design.flat.corners)
 

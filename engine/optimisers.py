@@ -16,7 +16,8 @@ from .params import OptimiseParams
 from .progress import SILENT, Progress
 from .threads import one_thread
 
-CG_ROUNDS = 3  # how often a step is sought again after it has run into bounds
+PRECISION = 0.1  # share of the gradient that a step may leave
+CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 INNER_ITERATIONS = 40  # Newton iterations after which a step's equilibrium is given up
 
@@ -128,7 +129,8 @@ def _box_step(here: Point, damping: float, params: OptimiseParams) -> np.ndarray
     step = np.zeros_like(x)
     for _ in range(CG_ROUNDS):
         rhs = -gradient - (product(fixed) if fixed.any() else 0.0)
-        step = fixed + _conjugate_gradients(product, np.where(free, rhs, 0.0), free, params.cg_iterations)
+        guess = np.where(free, step - fixed, 0.0)
+        step = fixed + _conjugate_gradients(product, np.where(free, rhs, 0.0), guess, free, params.cg_iterations)
         clipped = np.clip(x + step, 0.0, 1.0) - x
         hit = free & (np.abs(clipped - step) > 1e-12)
         step = clipped
@@ -140,12 +142,13 @@ def _box_step(here: Point, damping: float, params: OptimiseParams) -> np.ndarray
 
 
 def _conjugate_gradients(
-    product: Callable[[np.ndarray], np.ndarray], rhs: np.ndarray, free: np.ndarray, most: int
+    product: Callable[[np.ndarray], np.ndarray], rhs: np.ndarray, guess: np.ndarray, free: np.ndarray, most: int
 ) -> np.ndarray:
-    """Solve product(v) = rhs in the free coordinates, to a tenth of the right-hand side."""
-    v, r = np.zeros_like(rhs), rhs.copy()
+    """Solve product(v) = rhs in the free coordinates from a guess, to a tenth of the right-hand side."""
+    v = guess.copy()
+    r = rhs - np.where(free, product(v), 0.0) if v.any() else rhs.copy()
     p, rr = r.copy(), float((r * r).sum())
-    goal = 0.01 * rr
+    goal = PRECISION**2 * float((rhs * rhs).sum())
     for _ in range(most):
         if rr <= goal or rr == 0.0:
             break

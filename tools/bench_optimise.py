@@ -152,7 +152,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
         aim,
         loads,
         lambda a: build_model(a, MATERIAL, "arm"),
-        SimulateParams(),
+        SimulateParams(tolerance=optimise.TOLERANCE),
     )
     x, pose = whole.space.coordinates(design.width, design.twist), target_pose(mesh, design.flat.corners)
     runs = []
