@@ -56,18 +56,18 @@ class DesignSpace:
 
     def design(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Widths (F,) metres and twists (F,) radians of coordinates (F, 2)."""
-        least, span, _ = self._lengths(x[:, 0])
+        least, span = self._lengths(x[:, 0])[:2]
         twist = np.sqrt((least + _share(x[:, 1]) * span) ** 2 - 1.0)
         return self.low + x[:, 0] * (self.high - self.low), twist
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """(F, 2, 2): derivative of width and twist (rows) by both coordinates (columns)."""
-        least, span, change = self._lengths(x[:, 0])
+        least, span, least_change, change = self._lengths(x[:, 0])
         length = least + _share(x[:, 1]) * span
         by_length = length / np.sqrt(length**2 - 1.0)
         out = np.zeros((len(x), 2, 2))
         out[:, 0, 0] = self.high - self.low
-        out[:, 1, 0] = by_length * _share(x[:, 1]) * change
+        out[:, 1, 0] = by_length * (least_change + _share(x[:, 1]) * change)
         out[:, 1, 1] = by_length * span / (1.0 + START)
         return out
 
@@ -75,18 +75,19 @@ class DesignSpace:
         """(F, 2) of widths and twists, brought into the box."""
         x = np.zeros((len(width), 2))
         x[:, 0] = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
-        least, span, _ = self._lengths(x[:, 0])
+        least, span = self._lengths(x[:, 0])[:2]
         share = (np.sqrt(1.0 + twist**2) - least) / np.maximum(span, 1e-12)
         x[:, 1] = np.clip(share * (1.0 + START) - START, 0.0, 1.0)
         return x
 
-    def _lengths(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """sqrt(1 + twist^2) of the smallest twist, from there to that of the largest, and that span's derivative."""
+    def _lengths(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """sqrt(1 + twist^2) of the smallest twist, from there to that of the largest, and the derivatives of both."""
         largest, slope = self._largest(x)
-        least = np.sqrt(1.0 + np.minimum(self.twist_min, 0.9 * largest) ** 2)
+        cut = self.twist_min > 0.9 * largest
+        least = np.sqrt(1.0 + np.where(cut, 0.9 * largest, self.twist_min) ** 2)
         most = np.sqrt(1.0 + np.maximum(largest, 1e-3) ** 2)
-        # where the smallest twist is cut short by the largest, it moves along with it; too rare to be followed here
-        return least, most - least, largest * slope / most
+        least_change = np.where(cut, 0.81 * largest * slope / least, 0.0)
+        return least, most - least, least_change, largest * slope / most - least_change
 
     def _largest(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Largest twist at widths x in [0, 1], and its derivative: cubic Hermite pieces between the knots."""
