@@ -92,6 +92,7 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
     report = sheets.sheets_report(made)
+    thin = round(0.99e3 * SpiralParams.width_min, 3)
     rows = [
         _row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
         _at_most(name, "panels too large", 0, too_large),
@@ -99,7 +100,7 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
         _at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
         _row(name, "nodes per metre", "", report["nodes_per_m"], None),
         _row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
-        _row(name, "narrowest bridge, mm", ">= 0.99", report["bridge_min_mm"], report["bridge_min_mm"] >= 0.99),
+        _row(name, "narrowest bridge, mm", f">= {thin:g}", report["bridge_min_mm"], report["bridge_min_mm"] >= thin),
     ]
     rows += fill_rows(name, made, quick, nested, flat)
     with tempfile.TemporaryDirectory() as folder:
@@ -123,7 +124,7 @@ def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat
     peers = {
         "quick": filled(packing.pack(shapes, (10.0, 0.4), strip.margin, strip.spacing)),
         "boxes": round(area / (0.4 * box_strip(shapes, 0.39, strip.spacing)), 3),
-        "xatlas": xatlas_fill(flat, strip.spacing),
+        "xatlas": xatlas_fill(flat, area, strip.spacing),
     }
     asked = ">= 0.6" if len(shapes) >= 8 else ""
     counts = {"quick": quick.count, "least by area": int(np.ceil(area / (0.59 * 0.39)))}
@@ -153,8 +154,8 @@ def box_strip(shapes: list[np.ndarray], height: float, spacing: float) -> float:
     return sum(c[0] for c in columns)
 
 
-def xatlas_fill(flat: Any, spacing: float) -> float:
-    """Share of xatlas's page that the patches cover; its page has no given height, a texel is a millimetre."""
+def xatlas_fill(flat: Any, area: float, spacing: float) -> float:
+    """Share of xatlas's page that panels of this area cover; its page has no given height, a texel is a millimetre."""
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -167,13 +168,7 @@ def xatlas_fill(flat: Any, spacing: float) -> float:
     options = xatlas.PackOptions()
     options.texels_per_unit, options.padding, options.bruteForce = 1e3, round(spacing * 1e3), True
     atlas.generate(pack_options=options)
-    area = sum(0.5 * abs(_twice_area(flat.points[loop])) for loop in flat.outlines)
     return round(float(area * 1e6 / (atlas.width * atlas.height * max(atlas.atlas_count, 1))), 3)
-
-
-def _twice_area(points: np.ndarray) -> float:
-    after = np.roll(points, -1, axis=0)
-    return float((points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]).sum())
 
 
 # -- files, read back ------------------------------------------------------------------------------------------------
