@@ -262,9 +262,19 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
     if across is None:
         return None
     across = Curve(pairs(point + way * complexes(across.points)), across.bulge, closed=False)
+    if role == "socket" and _wall(across, left, right) < 0.999 * s.thinnest:
+        return None
     ring = np.concatenate([right[:0:-1], complexes(across.sampled(5e-6)), left[1:]])
     polygon = shapely.Polygon(pairs(through.own.placed(ring)))
     return Tip(through, wide, begin, across, polygon) if polygon.is_valid else None
+
+
+def _wall(across: Curve, left: np.ndarray, right: np.ndarray) -> float:
+    """Metres: the thinnest place between a socket and the edges of its arm, which are bent where the arm is."""
+    import shapely
+
+    inner = Curve(across.points[2:-2], across.bulge[2:-2], closed=False).sampled(5e-6)
+    return min(float(shapely.LineString(inner).distance(shapely.LineString(pairs(e)))) for e in (left, right))
 
 
 def _across(curve: Curve, right: tuple[complex, complex], left: tuple[complex, complex]) -> Curve | None:

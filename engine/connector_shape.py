@@ -32,7 +32,7 @@ class Size:
     """Measures of one connector in metres.
 
     neck, head : width of the narrow and of the wide end; length : from the one to the other
-    wall : thinnest material beside the socket; pad : width of the arm's widened end
+    wall : material beside the socket of a straight arm; thinnest : and of any other at the least; pad : width of the arm's widened end
     clearance : gap between the finished parts; rounding : radius of the corners
     """
 
@@ -40,6 +40,7 @@ class Size:
     head: float
     length: float
     wall: float
+    thinnest: float
     pad: float
     clearance: float
     rounding: float
@@ -55,7 +56,7 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0) -> Size:
     length = max(LENGTH * neck, 2.1 * _TURN * rounding * math.cos(math.atan(FLANK)))
     head = neck + 2.0 * length * FLANK
     wall = max(WALL * neck, params.thinnest)
-    return Size(neck, head, length, wall, max(head + c + 2.0 * wall, width), c, rounding)
+    return Size(neck, head, length, wall, params.thinnest, max(head + c + 2.0 * wall, width), c, rounding)
 
 
 def rounded(points: list[tuple[float, float]], radius: float, closed: bool = False) -> Curve:

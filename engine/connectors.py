@@ -67,7 +67,8 @@ class Connections:
     def bridge(self) -> float:
         """Metres: the narrowest neck or wall of a connector; infinite without any."""
         return min(
-            (min(c.made.size.neck - c.made.size.clearance, c.made.size.wall) for c in self.connectors), default=np.inf
+            (min(c.made.size.neck - c.made.size.clearance, c.made.size.thinnest) for c in self.connectors),
+            default=np.inf,
         )
 
     @property
