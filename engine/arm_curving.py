@@ -21,11 +21,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arm_bend import bend_point
 from .assembly import Assembly
 from .beams import torsion_constant
 from .materials import Material
-from .stiffness import ArmCompliance
 
 POINTS = 10
 HUB = 0.55
@@ -162,53 +160,6 @@ def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, of
             out[part, :, one] = back @ (stations.with_one(both[:, :, one]).sum(axis=1) @ both)
             if one >= 3:
                 out[part, :3, one, 3:] -= _twice(np.broadcast_to(_EYE[one - 3], apart.shape), apart)
-    return out
-
-
-def by_design(
-    arms: Arms, at_joint: np.ndarray, compliance: ArmCompliance, axes: np.ndarray, strains: np.ndarray
-) -> np.ndarray:
-    """(m, 2, 2, 6, 6): derivatives of D with the strains at the joint (m, 6) in one place, by side, then width and twist.
-
-    Here D is that of the strains at the joint. Rows as the strains, columns the open place. compliance and axes : of the
-    arms, as in ``ArmModel`` and ``Assembly.arm_axes``.
-    """
-    out = np.empty((len(strains), 2, 2, 6, 6))
-    for start in range(0, len(out), BATCH):
-        part = slice(start, start + BATCH)
-        there = axes[part]
-        changes = [there @ c[part] @ np.swapaxes(there, 2, 3) for c in (compliance.by_width, compliance.by_twist)]
-        out[part] = _by_design(arms.part(part), at_joint[part], changes, strains[part])
-    return out
-
-
-def _by_design(arms: Arms, at_joint: np.ndarray, changes: list[np.ndarray], strains: np.ndarray) -> np.ndarray:
-    both = _both(arms, at_joint)
-    z = (both @ strains[..., None])[..., 0]
-    stations = Stations.of(arms)
-    here = stations.with_one(z).sum(axis=1)
-    out = np.empty((len(z), 2, 2, 6, 6))
-    width, twist = STEP * arms.width, np.full_like(arms.twist, STEP)
-    steps = (
-        (changes[0], width, replace(arms, width=arms.width + width), replace(arms, width=arms.width - width)),
-        (changes[1], twist, replace(arms, twist=arms.twist + twist), replace(arms, twist=arms.twist - twist)),
-    )
-    for k, (change, size, more, less) in enumerate(steps):
-        moved = size[..., None, None] * change
-        ends = [
-            Stations.of(replace(a, compliance=arms.compliance + s * moved)).with_one(z)
-            for a, s in ((more, 1), (less, -1))
-        ]
-        own = (ends[0] - ends[1]) / (2.0 * size[..., None, None])
-        for side in (0, 1):
-            pulled = np.zeros_like(both)
-            pulled[:, :6] = -np.swapaxes(arms.to_joint, 1, 2) @ (at_joint @ change[:, side] @ at_joint)
-            through = stations.with_one((pulled @ strains[..., None])[..., 0]).sum(axis=1)
-            out[:, side, k] = arms.to_joint @ ((own[:, side] + through) @ both + here @ pulled)
-    bend = bend_point(arms.twist.ravel())[1].reshape(*arms.twist.shape, 2) * arms.radius[..., None]
-    lever = bend[..., :1] * arms.radial[..., 0] + arms.side * bend[..., 1:] * arms.radial[..., 1]
-    for side, sign in ((0, -1.0), (1, 1.0)):
-        out[:, side, 1, :3, 3:] -= _twice(strains[:, 3:], 0.125 * sign * lever[:, side])
     return out
 
 

@@ -2,7 +2,9 @@
 
 The compliances of both arms of a joint add up, for both carry the same wrench. Their motion is that of one hub against
 the other: the relative turn is a rotation vector, and the way from the bend point of the first arm to that of the second
-(see ``arm_bend``) is measured in the frame half way between both hubs (corotational).
+(see ``arm_bend``) is measured in the frame half way between both hubs (corotational). What the curving of the arms adds to
+these strains to second order (see ``arm_curving``) makes spirals stiffer as they are pulled straight; it costs time and
+matters under strong forces only, so that the search for a design does without it.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arm_bend import bend_point
+from .arm_curving import Arms, curved, second_order_strains, weighted
 from .arm_sensitivity import gradient_by_design
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
@@ -41,6 +44,7 @@ class ArmModel:
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
     stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
     offset : (m, 3) metres, from the joint to the middle between both bend points at rest, in the joint's axes
+    curving : (m, 6, 6, 6) the strains' second order; None leaves it out
     """
 
     assembly: Assembly
@@ -50,11 +54,15 @@ class ArmModel:
     rest: np.ndarray
     stiffness: np.ndarray
     offset: np.ndarray
+    curving: np.ndarray | None = None
     name: str = "arm"
 
     @classmethod
-    def of(cls, assembly: Assembly, material: Material) -> ArmModel:
-        """The model of an assembly of one material; raises FlexMapsError with the faces outside the stiffness table."""
+    def of(cls, assembly: Assembly, material: Material, *, curving: bool = True) -> ArmModel:
+        """The model of an assembly of one material, with or without the strains' second order.
+
+        Raises FlexMapsError with the faces outside the stiffness table.
+        """
         compliance, axes = arm_compliances(assembly, material), assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly)
@@ -64,7 +72,11 @@ class ArmModel:
         transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
         transfer[:, :3, 3:] = cross(offset)
         stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
-        return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset)
+        second = None
+        if curving:
+            held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
+            second = second_order_strains(Arms.of(assembly, material, compliance.values), at_joint, held, offset)
+        return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset, second)
 
     @property
     def pairs(self) -> np.ndarray:
@@ -82,12 +94,13 @@ class ArmModel:
         return ArmState(pose, self.motion(pose), motion.vector + change)
 
     def energy(self, state: ArmState) -> float:
-        e = state.motion.vector
+        e = _curved(state.motion.vector, self.curving)[0]
         return 0.5 * float((times(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> np.ndarray:
         """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
-        wrench = times(self.stiffness, state.motion.vector)
+        e, slope = _curved(state.motion.vector, self.curving)
+        wrench = times(np.swapaxes(slope, -1, -2), times(self.stiffness, e))
         wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
         return wrench
 
@@ -99,6 +112,8 @@ class ArmModel:
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
+        if self.curving is not None:
+            raise ValueError("derivatives by the design are those of the model without the strains' second order")
         return gradient_by_design(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
 
     def expand(self, state: ArmState, ahead: bool = False) -> Expansion:
@@ -110,32 +125,49 @@ class ArmModel:
             part = slice(start, start + BATCH)
             motion = state.motion.part(part)
             per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(
-                motion, self.stiffness[part], state.foreseen[part] if ahead else motion.vector
+                motion,
+                self.stiffness[part],
+                None if self.curving is None else self.curving[part],
+                state.foreseen[part] if ahead else motion.vector,
             )
         return Expansion(
             float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex
         )
 
 
+def _curved(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Strains (m, 6) with their second order, if that is not left out, and the derivative (m or 1, 6, 6)."""
+    return (strains, np.eye(6)[None]) if curving is None else curved(strains, curving)
+
+
 def _expanded(
-    motion: JointMotion, stiffness: np.ndarray, strains: np.ndarray
+    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, foreseen: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
 
-    strains : (m, 6) whose stresses weight the curvature of the strains
+    foreseen : (m, 6) strains whose stresses weight the curvature of the strains
     """
     base = motion.middle
-    wrench = times(stiffness, motion.vector)
-    per_joint = 0.5 * np.einsum("mi,mi->m", wrench, motion.vector)
+    strains, slope = _curved(motion.vector, curving)
+    across = np.swapaxes(slope, 1, 2)
+    inner = times(stiffness, strains)
+    per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
+    ahead = times(stiffness, strains + times(slope, foreseen - motion.vector))
     at = SpatialMotion.of(motion)
     jacobian = first_order(at)
     back = np.swapaxes(jacobian, 1, 2)
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = base
-    gradient = times(back, times(spread, wrench))
-    weight = times(spread, times(stiffness, strains))
-    convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
-    return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
+    gradient = times(back, times(spread, times(across, inner)))
+    weight = times(spread, times(across, ahead))
+    if curving is None:
+        convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
+        return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
+    turned = np.swapaxes(spread, 1, 2) @ jacobian
+    back = np.swapaxes(turned, 1, 2)
+    convex = back @ (across @ stiffness @ slope) @ turned
+    bent = back @ (2.0 * weighted(ahead, curving)) @ turned
+    return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
 
 
 BATCH = 1000

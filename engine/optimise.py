@@ -159,7 +159,13 @@ def _problem(
     space = DesignSpace.of(design, assembly)
     loose = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
     problem = Problem(
-        assembly, space, aim, loads, lambda a: build_model(a, material, physics.model), loose, params.smoothness
+        assembly,
+        space,
+        aim,
+        loads,
+        lambda a: build_model(a, material, physics.model, quick=True),
+        loose,
+        params.smoothness,
     )
     return problem, target_pose(target, design.flat.corners)
 

@@ -113,9 +113,9 @@ class Simulation:
         return block
 
 
-def build_model(assembly: Assembly, material: Material, name: str) -> ElasticModel:
-    """The elastic model called "arm" or "rod"."""
-    return (RodModel if name == "rod" else ArmModel).of(assembly, material)
+def build_model(assembly: Assembly, material: Material, name: str, *, quick: bool = False) -> ElasticModel:
+    """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only."""
+    return RodModel.of(assembly, material) if name == "rod" else ArmModel.of(assembly, material, curving=not quick)
 
 
 @one_thread

@@ -151,7 +151,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
         DesignSpace.of(design, assembly),
         aim,
         loads,
-        lambda a: build_model(a, MATERIAL, "arm"),
+        lambda a: build_model(a, MATERIAL, "arm", quick=True),
         SimulateParams(tolerance=optimise.TOLERANCE),
     )
     x, pose = whole.space.coordinates(design.width, design.twist), target_pose(mesh, design.flat.corners)

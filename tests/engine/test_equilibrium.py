@@ -64,8 +64,9 @@ def free(count: int) -> Loads:
 
 @pytest.mark.parametrize("twist", [0.0, 2.5])
 @pytest.mark.parametrize("turn", [1e-7, 0.3, 1.0])
-def test_derivatives_are_those_of_the_energy(twist: float, turn: float) -> None:
-    model = ArmModel.of(row(5, twist=twist, closed=True), VERO)
+@pytest.mark.parametrize("curving", [False, True])
+def test_derivatives_are_those_of_the_energy(twist: float, turn: float, curving: bool) -> None:
+    model = ArmModel.of(row(5, twist=twist, closed=True), VERO, curving=curving)
     state = model.start(shaken(ring(5), 0.003, turn, seed=3))
     here = model.expand(state)
     rng = np.random.default_rng(1)
@@ -113,10 +114,10 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
     design = np.stack([chain.width, chain.twist], axis=1)
 
     def forces(design: np.ndarray) -> np.ndarray:
-        model = ArmModel.of(chain.redesigned(*design.T), VERO)
+        model = ArmModel.of(chain.redesigned(*design.T), VERO, curving=False)
         return model.expand(model.start(pose)).gradient
 
-    here = ArmModel.of(chain, VERO)
+    here = ArmModel.of(chain, VERO, curving=False)
     blocks = here.gradient_by_design(here.start(pose))
     for scale in ([1e-3, 0.0], [0.0, 1.0]):
         way, step = rng.normal(size=design.shape) * scale, 2e-4
