@@ -191,7 +191,7 @@ class Room:
             apart = shapely.distance(shapely.points(pairs(points)), shapely.intersection(rays, around))
             free.append(np.maximum(np.nan_to_num(apart, nan=_VIEW) - 1.02 * self.slot, 0.0))
             edges.append(points)
-        return Openings(x, *free, np.abs(edges[0] - edges[1]))
+        return Openings(x, free[0], free[1], np.abs(edges[0] - edges[1]))
 
     def free(self, joint: int, tips: tuple[Tip, Tip], near: Any) -> bool:
         """Whether both tips keep the smallest slot from all that is near, side by side and, in one panel, flat."""

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from .connector_path import Attempt, Tip
-from .connector_room import Room
-from .connector_shape import key
+from .connector_room import SCALES, Room
+from .connector_shape import key, size
 from .contours import Outline, ends
 from .design import SpiralDesign
+from .errors import FlexMapsError
 from .labels import seam_labels
 from .params import ConnectorParams
 from .progress import SILENT, Progress
@@ -101,11 +102,19 @@ def connect(
 ) -> Connections:
     """Give every joint its connector, as large as there is room, and draw the panels with them.
 
-    ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told.
+    ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told. Raises
+    ``FlexMapsError`` where the clearance is so large that nothing holds.
     """
     taken = np.zeros((len(design.width), 4))
     if params.connector == "none":
         return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance, taken)
+    least = size(float(design.arms.joint_width.min()), params, min(SCALES))
+    catch = 0.5 * (least.head - least.neck)
+    if params.clearance > 0.5 * catch:
+        raise FlexMapsError(
+            f"With a clearance of {params.clearance * 1e3:g} mm connectors would slip out, for the smallest ones catch by "
+            f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
+        )
     room = Room(design, params)
     chosen = _chosen(room, progress.part(0.0, 0.8))
     labels = seam_labels(design.flat.layout)

@@ -141,4 +141,6 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
     """Paths for a cutter that takes away ``outer`` metres along the outline and ``holes`` metres in the holes."""
-    return Outline(offset(outline.outer, 0.5 * outer), tuple(offset(h, 0.5 * holes) for h in outline.holes))
+    return Outline(
+        offset(cleaned(outline.outer), 0.5 * outer), tuple(offset(cleaned(h), 0.5 * holes) for h in outline.holes)
+    )

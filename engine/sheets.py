@@ -133,6 +133,11 @@ def make_sheets(
         for i, o in enumerate(drawn)
     )
     _check_kerf(design, panels, params, cut)
+    if made.connectors and 2.0 * connectors.rounding < max(cut.kerf_outline, cut.kerf_holes):
+        raise FlexMapsError(
+            f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
+            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm"
+        )
     warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made)]
     if labels.left_out:
         whole = labels.placed + labels.left_out

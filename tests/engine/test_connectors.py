@@ -6,7 +6,7 @@ import shapely
 from flexmaps.engine import connectors, contours, design, sheets
 from flexmaps.engine.connector_check import fit
 from flexmaps.engine.connector_shape import head, key, size, socket
-from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
 
@@ -89,12 +89,12 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
 def test_fit_sees_a_wrong_gap(flat_grid):
     made = _halves(flat_grid, 0.0)
     tight = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0))
-    wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0002))
+    wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.00015))
     # the panels of one with the panels of the other: half of either clearance
     mixed = connectors.Connections(
         (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.taken
     )
-    assert fit(made, mixed, 0.0001).least == pytest.approx(0.0001, abs=5e-6)
+    assert fit(made, mixed, 0.0001).least == pytest.approx(0.000075, abs=5e-6)
 
 
 def test_heads_and_sockets_take_turns(flat_grid):
@@ -147,6 +147,27 @@ def test_joints_without_room_keep_plain_ends_and_are_told(flat_grid):
     assert found.report["unsolved"][0]["faces"] == list(found.unsolved[0][1:])
     for a, b in zip(found.outlines, made.outlines(), strict=True):
         assert a.outer.area == pytest.approx(b.outer.area, rel=1e-9)
+
+
+def test_clearance_that_lets_everything_slip_is_refused(flat_grid):
+    with pytest.raises(FlexMapsError, match="slip out"):
+        connectors.connect(_halves(flat_grid, 0.0), ConnectorParams(connector="dovetail", clearance=0.0005))
+
+
+def test_mill_too_thick_for_the_corners_is_refused(flat_grid):
+    made = design.uniform(
+        flat_grid(4, 2, 0.03, cut=lambda x, _: x == 2), SpiralParams(slot_min=0.0012, fillet=0.0006), twist=1.0
+    )
+    mill = CutParams(kerf_outline=0.001, kerf_holes=0.001)
+    params = SheetParams(nesting="FAST")
+    with pytest.raises(FlexMapsError, match=r"rounding at least 0\.5 mm"):
+        sheets.make_sheets(made, params, connectors=ConnectorParams(rounding=0.0003), cut=mill)
+    connect = ConnectorParams(rounding=0.0005)
+    result = sheets.make_sheets(made, params, connectors=connect, cut=mill)
+    assert len(result.connections.connectors) == 2
+    gaps = fit(made, result.connections, 0.001)
+    assert np.abs(gaps.least - connect.clearance).max() < 1e-5
+    assert np.abs(gaps.most - connect.clearance).max() < 1e-5
 
 
 def test_none_is_the_plain_outline(flat_grid):
