@@ -113,10 +113,19 @@ def of_design(design: SpiralDesign) -> Assembly:
     """
     mesh, corners = design.flat.layout.mesh, design.flat.corners
     inner = ~mesh.border
-    pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
+    pairs = mesh.edge_quads[inner]
     lonely = np.setdiff1d(np.arange(len(mesh.quads)), pairs)
     if len(lonely):
         raise FlexMapsError(f"{len(lonely)} quads are joined to no other quad; remove them or join them", faces=lonely)
+    lever, axes = rest_joints(mesh, corners)
+    p = design.params
+    return Assembly(pairs, lever, axes, design.width, design.twist, design.area, p.thickness, p.clockwise)
+
+
+def rest_joints(mesh: QuadMesh, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Levers (m, 2, 3) and axes (m, 2, 3, 3) of the joints between flat quads with these corners (F, 4, 2), metres."""
+    inner = ~mesh.border
+    pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
     centre, ends = corners.mean(axis=1), np.roll(corners, -1, axis=1)
     start, end = corners[pairs, sides], ends[pairs, sides]
     lever = np.zeros((*pairs.shape, 3))
@@ -126,8 +135,7 @@ def of_design(design: SpiralDesign) -> Assembly:
     along[:, 1] *= -1.0  # both copies of the edge are run through in the direction of the first
     normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
     axes = np.stack([np.cross(along, normal), along, normal], axis=3)
-    p = design.params
-    return Assembly(pairs, lever, axes, design.width, design.twist, design.area, p.thickness, p.clockwise)
+    return lever, axes
 
 
 def target_pose(mesh: QuadMesh, corners: np.ndarray) -> Pose:
