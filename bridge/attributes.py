@@ -57,6 +57,14 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     return values.reshape(-1, width) if width > 1 else values
 
 
+def has(obj: bpy.types.Object, name: str) -> bool:
+    """Whether there is an attribute of that name, edit mode included."""
+    if not obj.data.is_editmode:
+        return name in obj.data.attributes
+    bm = bmesh.from_edit_mesh(obj.data)
+    return any(name in layers for layers in _layers(bm))
+
+
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
     if obj.data.is_editmode:
@@ -117,11 +125,18 @@ def remove(obj: bpy.types.Object, name: str) -> None:
 
 
 def _remove_bmesh(bm: bmesh.types.BMesh, name: str) -> None:
+    for layers in _layers(bm):
+        if name in layers:
+            layers.remove(layers[name])
+
+
+def _layers(bm: bmesh.types.BMesh) -> Iterator[Any]:
+    """The collections of layers that our attributes can be in."""
     for domain in ("POINT", "EDGE", "FACE", "CORNER"):
         for _, _, _, kind in KINDS.values():
             layers = getattr(_sequence(bm, domain).layers, kind, None)
-            if layers is not None and name in layers:
-                layers.remove(layers[name])
+            if layers is not None:
+                yield layers
 
 
 def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:

@@ -7,6 +7,7 @@ What is written:
     flexmaps_distance        face        how far the hub is from the target, millimetres
     flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
+    flexmaps_reach           face        what limits the match with the target, a number into ``engine/reach.py``'s kinds
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from ..engine.params import LoadParams, MaterialParams, SimulateParams, SpiralPa
 from . import attributes, notes, settings
 
 if TYPE_CHECKING:
+    from ..engine.reach import Reach
     from ..engine.simulate import Simulation
     from .mesh import Surface
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
-NAMES = ("distance", "strain_energy", "strain")
+NAMES, REACH = ("distance", "strain_energy", "strain"), "reach"
 SETTINGS = {"spiral": SpiralParams, "material": MaterialParams, "simulate": SimulateParams, "loads": LoadParams}
 MADE_FROM = "made_from"  # in the block of the notes: fingerprint of what was simulated
 
@@ -55,7 +57,7 @@ def foreign_keys(mesh: bpy.types.Mesh) -> bool:
 
 def forget(obj: bpy.types.Object) -> None:
     """Remove everything that a simulation wrote: an earlier stage made it out of date."""
-    for name in NAMES:
+    for name in (*NAMES, REACH):
         attributes.remove(obj, attributes.PREFIX + name)
     _remove(obj, keys_of(obj.data))
 
@@ -81,8 +83,13 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
         obj.shape_key_clear()
 
 
-def write(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation) -> None:
-    """Shape keys, face attributes and note of a simulation. Edit mode is left: shape keys are seen outside it."""
+def write(
+    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach
+) -> None:
+    """Shape keys, face attributes and notes of a simulation, and what limits its match with the target.
+
+    Edit mode is left: shape keys are seen outside it.
+    """
     from ..engine.simulate import carried
 
     if obj.mode == "EDIT":
@@ -102,8 +109,10 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simul
             attributes.remove(obj, attributes.PREFIX + name)
         else:
             attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+    attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     obj.data.update()
-    notes.write(obj.data, "equilibrium", simulation.report() | {MADE_FROM: fingerprint(obj, scene)})
+    notes.write(obj.data, "equilibrium", simulation.report() | mark(obj, scene))
+    notes.write(obj.data, "reach", limits.report())
 
 
 def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
@@ -182,9 +191,14 @@ def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
     return f"{zlib.crc32(text.encode(), check):08x}"
 
 
-def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+def mark(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
+    """What a block of the notes gets so that ``out_of_date`` can tell."""
+    return {MADE_FROM: fingerprint(obj, scene)}
+
+
+def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
     """Whether there is a simulation that the mesh or the settings have left behind; not asked in edit mode."""
-    block = notes.read(obj.data).get("equilibrium")
+    block = notes.read(obj.data).get(stage)
     if block is None or obj.data.is_editmode:
         return False
     return block.get(MADE_FROM) != fingerprint(obj, scene)

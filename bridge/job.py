@@ -28,8 +28,9 @@ def current() -> Job | None:
 class Job:
     """Engine work in a thread: ``start``, then ask ``finished`` until it is, then take ``result`` or ``error``."""
 
-    def __init__(self, title: str, work: Work):
+    def __init__(self, title: str, work: Work, on_stop: str = "nothing is changed then"):
         self.title = title
+        self.on_stop = on_stop  # what becomes of the work when it is stopped, for the sidebar
         self.fraction = 0.0
         self.text = ""
         self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving

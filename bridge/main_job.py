@@ -57,7 +57,13 @@ def _run(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     with files.replacing_many(_stale(out)) as new:
         new(out / REPORT)  # a folder that cannot be written to says so before the work, not after
         result = job.run(
-            polygons, settings, edge=edge, height=height, stop_after=args.stop_after, progress=progress.part(0.0, 0.6)
+            polygons,
+            settings,
+            edge=edge,
+            height=height,
+            stop_after=args.stop_after,
+            optimised=args.optimise,
+            progress=progress.part(0.0, 0.6),
         )
         with _quiet_blender():
             written = _write(
@@ -166,6 +172,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
                         help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
+    parser.add_argument(
+        "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
+    )
     parser.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.FLAT), metavar="NAME",
                         help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.FLAT)})")  # fmt: skip
     parser.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
@@ -258,6 +267,10 @@ def _print_summary(described: dict[str, Any], out: Path) -> None:
     if "spirals" in described:
         spirals = described["spirals"]
         print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")
+    if "optimise" in described:
+        better = described["optimise"]
+        print(f"  optimised in {better['iterations']} steps: RMSE {better['laplacian_rmse_mm_before']:.3g} "
+              f"to {better['laplacian_rmse_mm']:.3g} mm")  # fmt: skip
     if "equilibrium" in described:
         from . import equilibrium
 

@@ -11,6 +11,7 @@ attributes hold what belongs to a quad:
     flexmaps_square   face    distance from a square, Esq
     flexmaps_width    face    width of the spiral's arms, millimetres
     flexmaps_twist    face    twist of the spiral, degrees
+    flexmaps_last_width, flexmaps_last_twist    the same of spirals whose patches were cut anew: a start for the next ones
     flexmaps_colour   corner  colours of the overlay, for renders
 
 What a simulation adds is told in ``equilibrium``.
@@ -23,11 +24,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import bpy
 import numpy as np
 
-from ..engine.design import SpiralDesign
+from ..engine.design import SpiralDesign, fitted, outside
 from ..engine.errors import FlexMapsError
 from ..engine.flatten import FlatPatches, measured
 from ..engine.layout import PatchLayout
@@ -38,6 +40,8 @@ from .objects import changed_by_modifiers, unusable
 
 FLAT_NAMES = ("cut", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
+LAST_NAMES = ("last_width", "last_twist")
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,7 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
     vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64))
     values = {}
-    for name in FLAT_NAMES + DESIGN_NAMES:
+    for name in NAMES:
         found = attributes.get(mesh, attributes.PREFIX + name)
         if found is not None:
             values[name] = found
@@ -212,12 +216,47 @@ def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
     return flat
 
 
-def design_of(surface: Surface, flat: FlatPatches, params: SpiralParams) -> SpiralDesign | None:
-    """The spirals as they were last written; ``None`` where there are none."""
-    if any(name not in surface.values for name in DESIGN_NAMES):
+def design_of(
+    surface: Surface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
+) -> SpiralDesign | None:
+    """The spirals as they were last written; ``None`` where there are none. ``LAST_NAMES``: those of earlier patches."""
+    if any(name not in surface.values for name in names):
         return None
-    width, twist = (surface.values[name].astype(float) for name in DESIGN_NAMES)
+    width, twist = (surface.values[name].astype(float) for name in names)
     return SpiralDesign(flat, params, width * 1e-3, np.radians(twist))
+
+
+def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
+    """The spirals to go on from, fitted to settings and patches that were changed since they were made.
+
+    made : the note of the stage that wrote them. Raises ``FlexMapsError`` where there are no spirals, or where somebody
+    else wrote some that cannot be cut.
+    """
+    design = design_of(surface, flat, params)
+    ours = made is not None and design is not None and _as_noted(design, made)
+    if design is None:
+        design = design_of(surface, flat, params, LAST_NAMES)
+        ours = design is not None and bool(np.isfinite(design.width + design.twist).all())
+    if design is None:
+        raise FlexMapsError("There are no spirals yet; press Spirals first")
+    wrong = outside(design)
+    if not len(wrong):
+        return design
+    if not ours:
+        raise FlexMapsError(
+            f"{len(wrong)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew",
+            faces=wrong,
+        )
+    return fitted(flat, params, design.width, design.twist, prove=False)
+
+
+def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
+    """Whether widths and twists are still those of which the note was taken."""
+    found = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
+    return all(
+        np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
+        for name, values in found.items()
+    )
 
 
 def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: np.ndarray) -> None:
@@ -236,9 +275,19 @@ def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centr
 
 def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
     """Face attributes of the spirals; a simulation of others is dropped."""
-    equilibrium.forget(obj)
+    forget(obj, LAST_NAMES)
     attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
     attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.degrees(design.twist))
+
+
+def shelve_design(obj: bpy.types.Object) -> None:
+    """The patches were cut anew: the spirals are none of theirs, but a start for the next ones."""
+    with attributes.readable(obj) as mesh:
+        kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
+    for name, values in zip(LAST_NAMES, kept, strict=True):
+        if values is not None:
+            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+    forget(obj, DESIGN_NAMES)
 
 
 def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:

@@ -1,7 +1,7 @@
 """What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
 
-The blocks are those of report.json ("checks", "layout", "spirals", "equilibrium", "sheets"); a stage that has not run is
-absent.
+The blocks are those of report.json ("checks", "layout", "spirals", "equilibrium", "reach", "optimise",
+"sheets"); a stage that has not run is absent.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NAME = "flexmaps_report"
 # how late a stage comes: running it makes everything that comes later out of date
-ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "sheets": 3}
+ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "reach": 3, "optimise": 3, "sheets": 3}
 
 
 @lru_cache(maxsize=32)

@@ -24,9 +24,20 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "PATCH": ("flexmaps_patch", "Patches", ""),
     "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
     "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
+    "REACH": ("flexmaps_reach", "What limits the match", ""),
     "SAFETY": ("flexmaps_strain", "Strain", "%"),
 }
-SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "SAFETY")
+SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
+# what may limit a match -> its colour, sRGB, and what the legend says
+LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
+    "matched": ((0.90, 0.92, 0.88), "matches"),
+    "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
+    "stiffest": ((0.50, 0.27, 0.60), "as stiff as it may be"),
+    "unstable": ((0.76, 0.08, 0.20), "about to snap"),
+    "distorted": ((0.95, 0.78, 0.25), "distorted by flattening"),
+    "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
+    "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
+}
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 EDIT_ALPHA = 0.55
 LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
@@ -35,12 +46,16 @@ LIFT = 0.005  # how far the colours float above the surface, in edges
 
 @dataclass(frozen=True)
 class Legend:
-    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar."""
+    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar.
+
+    entries : sRGB colours with what they stand for, from top to bottom
+    """
 
     title: str
     low: str = ""
     high: str = ""
     scale: np.ndarray | None = None
+    entries: tuple[tuple[tuple[float, ...], str], ...] = ()
 
 
 def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
@@ -49,6 +64,8 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
     if kind == "PATCH":
         count = int(values.max()) + 1
         return colours.of_patches(count)[values.astype(int)], Legend(f"{count} patches")
+    if kind == "REACH":
+        return _limits(values.astype(int))
     if kind in {"ENERGY", "SQUARE"}:
         high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
         legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
@@ -66,6 +83,17 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
     gap = "" if unit == "\N{DEGREE SIGN}" else " "
     legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
     return colours.on_scale(values, low, high, colours.MUCH), legend
+
+
+def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
+    """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
+    from ..engine.reach import NAMES
+
+    looks = [LIMITS.get(name, ((0.6, 0.6, 0.6), name)) for name in NAMES]
+    count = np.bincount(kinds, minlength=len(looks))
+    entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
+    rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
+    return rgb[kinds], Legend(KINDS["REACH"][1], entries=entries)
 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
@@ -248,15 +276,20 @@ def _draw_legend() -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    shown = _shown(bpy.context)
-    if shown is None:
+    moving, shown = live.shown(), _shown(bpy.context)
+    legend = moving.legend if moving is not None else None if shown is None else shown[3]
+    if legend is None:
         return
-    legend = shown[3]
     unit = bpy.context.preferences.system.ui_scale
     x, y, width, height = 90 * unit, 30 * unit, 180 * unit, 12 * unit
     blf.size(0, 12 * unit)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
-    _text(x, y + height + 22 * unit, legend.title)
+    title = y + height + 22 * unit + 18 * unit * max(len(legend.entries) - 1, 0)
+    _text(x, title, legend.title)
+    for k, (rgb, text) in enumerate(legend.entries):
+        low = title - (22 + 18 * k) * unit
+        _rectangle(x, low, 12 * unit, 12 * unit, rgb)
+        _text(x + 20 * unit, low + unit, text)
     if legend.scale is None:
         return
     steps = np.linspace(0.0, 1.0, 25)
@@ -274,6 +307,18 @@ def _draw_legend() -> None:
     ).draw(shader)
     _text(x, y, legend.low)
     _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+
+
+def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...]) -> None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    corners = [(x, y, 0), (x + width, y, 0), (x, y + height, 0), (x + width, y + height, 0)]
+    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": corners})
+    shader.bind()
+    shader.uniform_float("color", (*rgb, 1.0))
+    batch.draw(shader)
 
 
 def _text(x: float, y: float, text: str) -> None:

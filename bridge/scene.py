@@ -70,8 +70,10 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
             mesh.write_design(obj, result.design)
             notes.write(obj.data, "spirals", design_report(result.design))
             beside.show_spirals(obj, scene, result.design, _outlines(result), centres)
-    if result.simulation is not None:
-        equilibrium.write(obj, scene, surface, result.simulation)
+    if result.simulation is not None and result.limits is not None:
+        equilibrium.write(obj, scene, surface, result.simulation, result.limits)
+        if result.optimisation is not None:
+            notes.write(obj.data, "optimise", result.optimisation.report() | equilibrium.mark(obj, scene))
         equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     if result.sheets is not None:
         notes.write(obj.data, "sheets", sheets_report(result.sheets))

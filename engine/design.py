@@ -141,6 +141,20 @@ def fitted(
     return _proved(design) if prove else design
 
 
+def outside(design: SpiralDesign) -> np.ndarray:
+    """(N,) int: quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
+    low, high = width_range(design.flat, design.params)
+    known = np.isfinite(design.width) & np.isfinite(design.twist)
+    width = np.where(known, design.width, low)
+    bound = twist_bound(design.flat, design.params, np.clip(width, low, high))
+    slack = 1e-3  # rounding, and limits that were found by iteration
+    fits = (width >= (1.0 - slack) * np.minimum(low, _THINNEST * design.params.width_min)) & (
+        width <= (1.0 + slack) * high
+    )
+    fits &= (design.twist >= -slack) & (design.twist <= (1.0 + slack) * bound + slack)
+    return np.flatnonzero(~(known & fits))
+
+
 def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np.ndarray]:
     """(F,) and (F,) metres: the smallest and the largest width in every quad.
 

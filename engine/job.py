@@ -3,26 +3,42 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
-from . import check, curvature, design, estimates, flatten, merge, regularise, sheets, simulate, split, trace
+from . import (
+    check,
+    curvature,
+    design,
+    estimates,
+    flatten,
+    merge,
+    optimise,
+    reach,
+    regularise,
+    sheets,
+    simulate,
+    split,
+    trace,
+)
 from .check import Finding
 from .design import SpiralDesign
 from .errors import FlexMapsError
 from .estimates import Estimates
 from .flatten import FlatPatches
 from .mesh import PolygonMesh, QuadMesh
+from .optimise import Optimisation
 from .params import Settings
 from .progress import SILENT, Progress
+from .reach import Reach
 from .sheets import CutSheets
 from .simulate import Simulation
 
-# every stage with its share of the progress bar
+# every stage with its share of the progress bar; only "optimise" is left out unless it is asked for
 STAGES = {
     "check": 0.05,
     "regularise": 0.15,
@@ -30,6 +46,7 @@ STAGES = {
     "merge": 0.35,
     "split": 0.05,
     "spirals": 0.1,
+    "optimise": 0.5,
     "simulate": 0.1,
     "sheets": 0.15,
 }
@@ -43,9 +60,9 @@ class Result:
     findings : what the check found, warnings included
     mesh : the quad mesh, regularised if that stage ran
     flat : the flat patches, of the last layout: traced, merged, and cut to the sheet's size
-    design : the spirals
+    design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; also ``None``, with a finding, where its spirals are outside
-        of what the elastic model knows and the job went on to the sheets
+        of what the elastic model knows and the job went on to the sheets; limits : what keeps it from the target
     sheets : the sheets to cut; estimates : what making them takes
     seconds : wall time of every stage that ran
     """
@@ -55,7 +72,9 @@ class Result:
     mesh: QuadMesh
     flat: FlatPatches | None = None
     design: SpiralDesign | None = None
+    optimisation: Optimisation | None = None
     simulation: Simulation | None = None
+    limits: Reach | None = None
     sheets: CutSheets | None = None
     estimates: Estimates | None = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -88,9 +107,10 @@ def run(
     edge: float | None = None,
     height: float | None = None,
     stop_after: str = "sheets",
+    optimised: bool = False,
     progress: Progress = SILENT,
 ) -> Result:
-    """Run the stages in order, up to and including ``stop_after``.
+    """Run the stages in order, up to and including ``stop_after``; "optimise" only if that is the last, or ``optimised``.
 
     ``edge`` is the wanted median quad edge, ``height`` the wanted extent along z, both in metres; with neither, the mesh
     is taken to be in metres already. Raises ``FlexMapsError`` where the input or a setting does not allow a stage, and
@@ -99,7 +119,8 @@ def run(
     if stop_after not in STAGES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(STAGES)}")
     last = list(STAGES).index(stop_after)
-    stage = _Stages(list(STAGES)[: last + 1], progress)
+    optimised = optimised or stop_after == "optimise"
+    stage = _Stages([name for name in list(STAGES)[: last + 1] if optimised or name != "optimise"], progress)
     source = check.scaled(polygons, edge=edge, height=height)
 
     with stage("check"):
@@ -132,21 +153,55 @@ def run(
     result = replace(result, design=spirals)
     if stop_after == "spirals":
         return result
+    if optimised:
+        with stage("optimise") as part:
+            result = _tried(_optimised, result, settings, part, "optimised", needed=stop_after == "optimise")
+    if stop_after == "optimise":
+        return result
     with stage("simulate") as part:
-        try:
-            found = simulate.simulate(spirals, mesh, settings.material.chosen, settings.simulate, progress=part)
-            result = replace(result, simulation=found)
-        except FlexMapsError as error:
-            if stop_after == "simulate":
-                raise
-            # the sheets can be cut all the same
-            unknown = Finding("not-simulated", "warning", f"Not simulated: {error}", faces=tuple(error.faces))
-            result = replace(result, findings=[*findings, unknown])
+        result = _tried(_simulated, result, settings, part, "simulated", needed=stop_after == "simulate")
     if stop_after == "simulate":
         return result
     with stage("sheets") as part:
-        made = sheets.make_sheets(spirals, settings.sheet, part, settings.connect, settings.cut)
-    return replace(result, sheets=made, estimates=estimates.estimate(made, spirals, settings.material.chosen))
+        assert result.design is not None
+        made = sheets.make_sheets(result.design, settings.sheet, part, settings.connect, settings.cut)
+    return replace(result, sheets=made, estimates=estimates.estimate(made, result.design, settings.material.chosen))
+
+
+def _tried(
+    step: Callable[[Result, Settings, Progress], Result],
+    result: Result,
+    settings: Settings,
+    progress: Progress,
+    done: str,
+    needed: bool,
+) -> Result:
+    """A stage whose failure is no more than a warning, unless it is ``needed``: the sheets can be cut all the same."""
+    try:
+        return step(result, settings, progress)
+    except FlexMapsError as error:
+        if needed:
+            raise
+        unknown = Finding(f"not-{done}", "warning", f"Not {done}: {error}", faces=tuple(error.faces))
+        return replace(result, findings=[*result.findings, unknown])
+
+
+def _optimised(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    found = optimise.optimise(
+        result.design, result.mesh, settings.material.chosen, settings.optimise, settings.simulate, progress=progress
+    )
+    return replace(result, design=found.design, optimisation=found)
+
+
+def _simulated(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    better = result.optimisation
+    start = None if better is None else better.after.equilibrium.pose
+    found = simulate.simulate(
+        result.design, result.mesh, settings.material.chosen, settings.simulate, start=start, progress=progress
+    )
+    return replace(result, simulation=found, limits=reach.reach(found if better is None else better))
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:

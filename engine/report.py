@@ -37,8 +37,12 @@ def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[st
         report["layout"] = layout_report(result.flat)
     if result.design is not None:
         report["spirals"] = design_report(result.design)
+    if result.optimisation is not None:
+        report["optimise"] = result.optimisation.report()
     if result.simulation is not None:
         report["equilibrium"] = result.simulation.report()
+    if result.limits is not None:
+        report["reach"] = result.limits.report()
     if result.sheets is not None:
         report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
         if result.estimates is not None:

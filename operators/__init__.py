@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..bridge import job
-from . import check, export, layout, overlay, regularise, remesh, simulate, spirals
+from . import check, export, layout, optimise, overlay, regularise, remesh, simulate, spirals
 
-MODULES = (check, remesh, regularise, layout, spirals, simulate, export, overlay)
+MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, export, overlay)
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 

@@ -21,7 +21,7 @@ class LayoutStage(Stage):
         flat, block = result
         centres = arrange.side_by_side(flat)
         mesh.write_flat(obj, surface, flat, centres)
-        mesh.forget(obj, mesh.DESIGN_NAMES)
+        mesh.shelve_design(obj)
         beside.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
         return f"{block['patches']} patches, largest distortion {block['energy_max']:.3f}"

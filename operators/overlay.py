@@ -27,6 +27,7 @@ class Overlay(bpy.types.Operator):
             ("TWIST", "Twist", "Twist of the spirals"),
             ("DISTANCE", "Distance", "How far the simulated shape is from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
+            ("REACH", "Limits", "What keeps every spiral from bending as the target does"),
             ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
         ],
         default="ENERGY",

@@ -42,7 +42,7 @@ class Regularise(Stage, bpy.types.Operator):
 
         before, after, findings = result
         mesh.write_vertices(obj, surface, after)
-        mesh.forget(obj, mesh.FLAT_NAMES + mesh.DESIGN_NAMES)
+        mesh.forget(obj, mesh.NAMES)
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)

@@ -93,7 +93,7 @@ class SetSize(Stage, bpy.types.Operator):
         factor, findings = result
         obj.scale = [s * factor for s in obj.scale]
         context.view_layer.update()
-        mesh.forget(obj, mesh.FLAT_NAMES + mesh.DESIGN_NAMES)
+        mesh.forget(obj, mesh.NAMES)
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)

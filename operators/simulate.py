@@ -13,6 +13,7 @@ from ..engine.progress import Progress
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
+    from ..engine.reach import Reach
     from ..engine.simulate import Simulation
 
 
@@ -35,8 +36,8 @@ class Simulate(Stage, bpy.types.Operator):
         force = supports.force(obj, surface, settings.loads)
         material = settings.material.chosen
 
-        def work(progress: Progress) -> Simulation:
-            from ..engine import check, simulate
+        def work(progress: Progress) -> tuple[Simulation, Reach]:
+            from ..engine import check, reach, simulate
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)
@@ -44,17 +45,19 @@ class Simulate(Stage, bpy.types.Operator):
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             moving = progress.showing(lambda vertices: live.Moving(vertices, quads.quads))
-            return simulate.simulate(
+            found = simulate.simulate(
                 design, quads, material, settings.simulate, supports=held, force=force, progress=moving
             )
+            return found, reach.reach(found)
 
         return work
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Simulation) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import equilibrium
 
-        equilibrium.write(obj, context.scene, surface, result)
-        text, warning = equilibrium.sentences(result.report())
+        found, limits = result
+        equilibrium.write(obj, context.scene, surface, found, limits)
+        text, warning = equilibrium.sentences(found.report())
         self.level = "WARNING" if warning else "INFO"
         return text
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -10,6 +10,10 @@ from ..bridge import notes
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
+
+if TYPE_CHECKING:
+    from ..engine.arcs import Curve
+    from ..engine.design import SpiralDesign
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -28,17 +32,14 @@ class Spirals(Stage, bpy.types.Operator):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, contours, curvature, design, slots
+            from ..engine import check, curvature, design
 
             progress(0.0, "Measuring curvature")
             quads = check.as_quad_mesh(surface.polygons)
             flat = mesh.current_flat(surface, quads)
             made = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(quads))
             progress(0.5, "Drawing outlines")
-            root = contours.hubs(made.arms, settings.spiral.fillet)
-            tolerance = max(settings.sheet.tolerance, DRAWN)
-            drawn = contours.outlines(flat.layout, made.arms, root, slots.slot_needed(settings.spiral), tolerance)
-            return made, [(o.outer, *o.holes) for o in drawn], design.design_report(made)
+            return made, drawn(made, settings), design.design_report(made)
 
         return work
 
@@ -51,6 +52,12 @@ class Spirals(Stage, bpy.types.Operator):
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
         return f"{block['count']} spirals, twist {low:.0f} to {high:.0f}\N{DEGREE SIGN}"
+
+
+def drawn(design: SpiralDesign, settings: ObjectSettings) -> list[tuple[Curve, ...]]:
+    """The outlines of the panels as they are drawn beside the model: of every panel the outer one, then its holes."""
+    tolerance = max(settings.sheet.tolerance, DRAWN)
+    return [(o.outer, *o.holes) for o in design.outlines(tolerance)]
 
 
 CLASSES = (Spirals,)

@@ -34,6 +34,7 @@ class Stage:
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
+    on_stop = "nothing is changed then"  # what becomes of the work when it is stopped
     level = "INFO"  # how ``finish`` wants its line to be told: "WARNING" where the result is not what was hoped for
 
     _job: job.Job | None = None
@@ -80,7 +81,7 @@ class Stage:
             work = self._read(context)
         except FlexMapsError as error:
             return self._refused(context, error)
-        self._job = job.Job(self.bl_label, work)
+        self._job = job.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
         self._timer = manager.event_timer_add(0.1, window=context.window)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..bridge import plot
 from . import sidebar
 
 
@@ -15,3 +16,4 @@ def register() -> None:
 def unregister() -> None:
     for cls in reversed(sidebar.CLASSES):
         bpy.utils.unregister_class(cls)
+    plot.unregister()

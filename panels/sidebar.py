@@ -18,6 +18,7 @@ from ..engine.params import (
     SimulateParams,
     SpiralParams,
 )
+from . import optimise
 from .rows import choice_row, more, number, numbers, settings_rows, wrapped
 
 # what is always in sight; the rest is folded away
@@ -42,7 +43,7 @@ class MainPanel(Sidebar, bpy.types.Panel):
         if running is not None:
             text = "stopping" if running.stopping else running.text or "starting"
             layout.progress(factor=running.fraction, text=f"{running.title}: {text}")
-            layout.label(text="ESC stops it; nothing is changed then", icon="CANCEL")
+            layout.label(text=f"ESC stops it; {running.on_stop}", icon="CANCEL")
             return
         obj = context.object
         problem = unusable(obj)
@@ -203,6 +204,14 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
     )
 
 
+class OptimisePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_optimise"
+    bl_label = "Optimise"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        optimise.rows(self.layout, context, context.object)
+
+
 class ExportPanel(StagePanel, bpy.types.Panel):
     bl_idname = "FLEXMAPS_PT_export"
     bl_label = "Export"
@@ -249,4 +258,4 @@ def _range(block: dict[str, Any], key: str, unit: str) -> str:
     return "-" if not values else f"{values[0]:.3g} to {values[-1]:.3g}{unit}"
 
 
-CLASSES = (MainPanel, MeshPanel, PatchPanel, SpiralPanel, SimulatePanel, ExportPanel)
+CLASSES = (MainPanel, MeshPanel, PatchPanel, SpiralPanel, SimulatePanel, OptimisePanel, ExportPanel)
