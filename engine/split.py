@@ -43,9 +43,11 @@ def split(
     room = usable(sheet)
     _refuse_large_quads(flat, room, sheet)
     first = len(flat.layout.patches)
-    mirrored = keeping(symmetries(flat.layout.mesh), flat.layout.cut) if params.symmetric else []
+    found = symmetries(flat.layout.mesh) if params.symmetric else []
     for turn in range(rounds):
         cut = flat.layout.cut.copy()
+        # a patch that is its own mirror image may have been cut on one side only
+        mirrored = keeping(found, cut)
         large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0]
         done: set[int] = set()
         for number, patch in enumerate(large):

@@ -504,3 +504,15 @@ def test_the_report_on_the_mesh_is_plain_json(dome: Any) -> None:
     press("merge")
     assert json.loads(dome.data["flexmaps_report"])["layout"]["patches"] >= 1
     assert beside.existing(dome) is not None
+
+
+def test_merge_cuts_what_is_larger_than_the_sheet(dome: Any) -> None:
+    press("merge")
+    before = report(dome)["layout"]["patches"]
+    dome.flexmaps.sheet.sheet_width, dome.flexmaps.sheet.sheet_height = 160.0, 120.0
+    press("merge")
+    found = report(dome)["layout"]
+    assert found["patches"] > before
+    assert "160 x 120 mm" in found["split"]
+    # the cuts are the mesh's seams, as all others
+    assert sum(edge.use_seam for edge in dome.data.edges) == found["cut_edges"]
