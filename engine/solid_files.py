@@ -16,7 +16,7 @@ from .files import replacing_many
 from .sheets import CutSheets, Panel
 from .svg import NewFile, numbered, numbered_before
 
-TOLERANCE = 5e-6  # metres between the arcs and the edges of the solid
+TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
 
 
 @dataclass(frozen=True, eq=False)
