@@ -6,7 +6,7 @@ at the height of the model's lowest point, to the right of it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import bpy
@@ -14,11 +14,12 @@ import numpy as np
 
 from ..engine import colours
 from ..engine.flatten import FlatPatches
-from . import solids
+from .objects import find
 
 if TYPE_CHECKING:
     from ..engine.arcs import Curve
     from ..engine.design import SpiralDesign
+    from .solids import Solid
 
 SEAM_COLOURS = 12
 LINE = 0.03  # half the thickness of a drawn line, in quad edges
@@ -236,22 +237,30 @@ def show_spirals(
     obj: bpy.types.Object,
     scene: bpy.types.Scene,
     design: SpiralDesign,
+    shape: Solid,
     outlines: Sequence[Sequence[Curve]],
     centres: np.ndarray,
-) -> None:
+) -> Iterator[None]:
     """The panels as they will be cut: solids to look at, and the true outlines as one curve object per panel.
 
-    outlines : the curves of every panel in its patch's own frame; centres : (N, 2) metres, where its origin lies
+    Made in pieces, so that a window can live on between them. Raises ``FlexMapsError`` where the object was deleted.
+    shape : of ``solids``; outlines : the curves of every panel in its patch's own frame; centres : (N, 2) metres, where
+    its origin lies
     """
+    uid = obj.session_uid
     clear(obj)
     place = origin(obj, scene, 3 * design.flat.layout.mesh.median_edge)
-    shape = solids.solid(design, centres)
     mesh = polygons(f"{obj.name} panels", shape.vertices, shape.corners, shape.sizes)
     palette = colours.of_patches(len(design.flat.layout.patches))
     paint(mesh, np.repeat(palette[design.flat.layout.patch_of[shape.quad_of]], shape.sizes, axis=0))
     mesh.materials.append(material("FlexMaps panel", None))
-    add(obj, scene, "panels", "panels", mesh, place)
+    made = add(obj, scene, "panels", "panels", mesh, place)
+    if shape.flat:  # thick in renders only
+        thick = made.modifiers.new("Thickness", "SOLIDIFY")
+        thick.thickness, thick.offset, thick.show_viewport = design.params.thickness, -1.0, False
     for k, curves in enumerate(outlines):
+        yield
+        obj = find(uid)
         data = drawing(f"{obj.name} outline {k + 1}", curves)
         lift = np.array([*centres[k], 1.02 * design.params.thickness])
         made = add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)

@@ -17,7 +17,7 @@ from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import Settings
 from ..engine.sheets import sheets_report
 from ..engine.slots import slot_needed
-from . import arrange, beside, equilibrium, mesh, notes, overlay, settings
+from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -69,7 +69,9 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
         else:
             mesh.write_design(obj, result.design)
             notes.write(obj.data, "spirals", design_report(result.design))
-            beside.show_spirals(obj, scene, result.design, _outlines(result), centres)
+            shape = solids.solid(result.design, centres)
+            for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
+                pass
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
         if result.optimisation is not None:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.contours import hubs
 from ..engine.design import SpiralDesign
 from ..engine.spiral import LEFT, RIGHT, edge, mates
+
+DEGREES = 9.5  # of an arm's twist between two of its steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,28 +22,45 @@ class Solid:
     vertices : (V, 3) metres
     corners : (C,) int, vertex of every face corner; sizes : (P,) int, corners per face
     quad_of : (P,) int, the quad that every face belongs to
+    flat : whether it is only the upper side
     """
 
     vertices: np.ndarray
     corners: np.ndarray
     sizes: np.ndarray
     quad_of: np.ndarray
+    flat: bool = False
 
 
-def solid(design: SpiralDesign, centres: np.ndarray, degrees_per_step: float = 9.5) -> Solid:
+def light(design: SpiralDesign, centres: np.ndarray, most: int = 100_000) -> Solid:
+    """Like ``solid``, but of many spirals only the upper side and in coarser steps, about ``most`` faces in all.
+
+    So a window is not held up by them.
+    """
+    count, steps = len(design.width), _steps(design, DEGREES)
+    if count * 16 * steps <= most:
+        return solid(design, centres)
+    steps = max(min(steps, most // (4 * count)), 5)
+    flat = _edges(design, centres, steps)
+    points = np.concatenate([flat, np.full((*flat.shape[:-1], 1), design.params.thickness)], axis=-1).reshape(-1, 3)
+    index = np.arange(len(points)).reshape(count, 4, 2, steps)
+    left, right = index[:, :, 0], index[:, :, 1]
+    loops = np.stack([left[..., :-1], left[..., 1:], right[..., 1:], right[..., :-1]], axis=-1).reshape(-1, 4)
+    plates = np.stack([right[..., -1], left[..., -1]], axis=-1).reshape(count, 8)
+    corners = np.concatenate([loops.ravel(), plates.ravel()])
+    sizes = np.concatenate([np.full(len(loops), 4), np.full(count, 8)])
+    quad_of = np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps)
+    return Solid(points, corners, sizes, quad_of, flat=True)
+
+
+def solid(design: SpiralDesign, centres: np.ndarray, degrees_per_step: float = DEGREES) -> Solid:
     """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
 
     Every edge has exactly two faces. Arms are straight between steps of ``degrees_per_step``: with 9.5 the volume is right to
     half a percent. For printing, ``engine/solid_files.py`` follows the true outlines.
     """
-    arms, layout = design.arms, design.flat.layout
-    root = hubs(arms, design.params.fillet)
-    steps = 5 + int(np.ceil(np.degrees(design.twist.max(initial=0.0)) / degrees_per_step))
-    share = np.linspace(0.0, 1.0, steps)
-    left = edge(arms, root.left[..., None] * share, LEFT)[0]
-    right = edge(arms, np.roll(root.right, 1, axis=1)[..., None] * share, RIGHT)[0]
-    flat = np.stack([left, right], axis=2)  # (F, 4, 2, steps, 2)
-    flat = flat + centres[layout.patch_of][:, None, None, None]
+    layout, steps = design.flat.layout, _steps(design, degrees_per_step)
+    flat = _edges(design, centres, steps)
     count = len(flat)
     bottom = np.concatenate([flat, np.zeros((*flat.shape[:-1], 1))], axis=-1).reshape(-1, 3)
     top = bottom + np.array([0.0, 0.0, design.params.thickness])
@@ -55,6 +73,20 @@ def solid(design: SpiralDesign, centres: np.ndarray, degrees_per_step: float = 9
     same = _joined(index, blunt, design)
     used, corners = np.unique(np.concatenate([same, same + len(bottom)])[corners], return_inverse=True)
     return Solid(np.concatenate([bottom, top])[used], corners.ravel(), sizes, quad_of)
+
+
+def _steps(design: SpiralDesign, degrees_per_step: float) -> int:
+    """Points along every arm's edges."""
+    return 5 + int(np.ceil(np.degrees(design.twist.max(initial=0.0)) / degrees_per_step))
+
+
+def _edges(design: SpiralDesign, centres: np.ndarray, steps: int) -> np.ndarray:
+    """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm, from the joint to the hub."""
+    arms, root = design.arms, design.roots
+    share = np.linspace(0.0, 1.0, steps)
+    left = edge(arms, root.left[..., None] * share, LEFT)[0]
+    right = edge(arms, np.roll(root.right, 1, axis=1)[..., None] * share, RIGHT)[0]
+    return np.stack([left, right], axis=2) + centres[design.flat.layout.patch_of][:, None, None, None]
 
 
 def _joined(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from ..bridge import notes
 from ..engine.errors import Cancelled
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .spirals import drawn
+from .spirals import Drawn
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
@@ -72,23 +73,25 @@ class Optimise(Stage, bpy.types.Operator):
             )
             with suppress(Cancelled):  # stopped or not, there is a result to keep
                 progress(0.95, "Drawing outlines")
-            return found, reach.reach(found), drawn(found.design, settings), design.design_report(found.design)
+            panels = Drawn.of(found.design, settings)
+            return panels, found.after, found.report(), reach.reach(found), design.design_report(found.design)
 
         return work
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import arrange, beside, equilibrium, mesh
+    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
+        return result[0].show(context, surface)
 
-        found, limits, outlines, block = result
-        mesh.write_design(obj, found.design)
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge import equilibrium, mesh
+
+        panels, simulation, report, limits, block = result
+        mesh.write_design(obj, panels.design)
         notes.write(obj.data, "spirals", block)
-        equilibrium.write(obj, context.scene, surface, found.after, limits)
-        report = found.report()
+        equilibrium.write(obj, context.scene, surface, simulation, limits)
         notes.write(obj.data, "optimise", report | equilibrium.mark(obj, context.scene))
-        beside.show_spirals(obj, context.scene, found.design, outlines, arrange.side_by_side(found.design.flat))
-        self.level = "INFO" if equilibrium.sound(found.after.report()) else "WARNING"
+        self.level = "WARNING" if equilibrium.sentences(simulation.report())[1] else "INFO"
         return (
-            f"{'' if found.finished else 'Stopped; the best so far is kept. '}RMSE "
+            f"{'' if report['finished'] else 'Stopped; the best so far is kept. '}RMSE "
             f"{report['laplacian_rmse_mm_before']:.3g} to {report['laplacian_rmse_mm']:.3g} mm "
             f"in {report['iterations']} steps"
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -12,10 +14,42 @@ from ..engine.progress import Progress
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from ..bridge.solids import Solid
     from ..engine.arcs import Curve
     from ..engine.design import SpiralDesign
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """The panels of a design, ready to be shown beside the model.
+
+    centres : (N, 2) metres, where the origin of every panel lies; outlines : of every panel the outer one, then its holes
+    """
+
+    design: SpiralDesign
+    centres: np.ndarray
+    shape: Solid
+    outlines: list[tuple[Curve, ...]]
+
+    @classmethod
+    def of(cls, design: SpiralDesign, settings: ObjectSettings) -> Drawn:
+        from ..bridge import arrange, solids
+
+        tolerance = max(settings.sheet.tolerance, DRAWN)
+        outlines = [(o.outer, *o.holes) for o in design.outlines(tolerance)]
+        centres = arrange.side_by_side(design.flat)
+        return cls(design, centres, solids.light(design, centres), outlines)
+
+    def show(self, context: bpy.types.Context, surface: Any) -> Iterator[None]:
+        from ..bridge import beside
+        from ..bridge.objects import find
+
+        obj = find(surface.uid)
+        return beside.show_spirals(obj, context.scene, self.design, self.shape, self.outlines, self.centres)
 
 
 class Spirals(Stage, bpy.types.Operator):
@@ -39,25 +73,21 @@ class Spirals(Stage, bpy.types.Operator):
             flat = mesh.current_flat(surface, quads)
             made = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(quads))
             progress(0.5, "Drawing outlines")
-            return made, drawn(made, settings), design.design_report(made)
+            return Drawn.of(made, settings), design.design_report(made)
 
         return work
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import arrange, beside, mesh
+    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
+        return result[0].show(context, surface)
 
-        design, outlines, block = result
-        mesh.write_design(obj, design)
-        beside.show_spirals(obj, context.scene, design, outlines, arrange.side_by_side(design.flat))
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge import mesh
+
+        drawn, block = result
+        mesh.write_design(obj, drawn.design)
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
         return f"{block['count']} spirals, twist {low:.0f} to {high:.0f}\N{DEGREE SIGN}"
-
-
-def drawn(design: SpiralDesign, settings: ObjectSettings) -> list[tuple[Curve, ...]]:
-    """The outlines of the panels as they are drawn beside the model: of every panel the outer one, then its holes."""
-    tolerance = max(settings.sheet.tolerance, DRAWN)
-    return [(o.outer, *o.holes) for o in design.outlines(tolerance)]
 
 
 CLASSES = (Spirals,)

@@ -7,7 +7,7 @@ An error of the user's selects the culprits, is reported, and leaves the mesh as
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,7 @@ class Stage:
 
     _job: job.Job | None = None
     _timer: Any = None
+    _writing: Any = None  # the pieces that are still to be written
     _surface: Any = None  # bridge.mesh.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
@@ -56,6 +57,10 @@ class Stage:
         """Write the result, on the main thread; everything that can fail comes before the first write."""
         raise NotImplementedError
 
+    def after(self, context: bpy.types.Context, surface: Surface, result: Any) -> Iterator[None]:
+        """Draw what stands beside the model, in pieces so short that a window stays alive; the result is written by then."""
+        return iter(())
+
     # -- how it runs -----------------------------------------------------------------------------------------------------
 
     @classmethod
@@ -68,7 +73,9 @@ class Stage:
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             work = self._read(context)
-            return self._write(context, job.run_here(self.bl_label, work))
+            for _ in self._write(context, job.run_here(self.bl_label, work)):
+                pass
+            return {"FINISHED"}
         except Cancelled:
             return self._cancelled()
         except FlexMapsError as error:
@@ -92,7 +99,7 @@ class Stage:
 
     def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
         assert self._job is not None
-        if event.type == "ESC" and event.value == "PRESS":
+        if event.type == "ESC" and event.value == "PRESS" and self._writing is None:
             self._job.stop()
             show_progress(context, self._job)
             return {"RUNNING_MODAL"}
@@ -101,20 +108,31 @@ class Stage:
         if not self._job.finished:
             show_progress(context, self._job)
             return {"PASS_THROUGH"}
-        done = self._job
-        self._clear(context)
+        going_on = False
         try:
-            if done.error is not None:
-                raise done.error
-            return self._write(context, done.result)
+            going_on = self._go_on(context)
         except Cancelled:
             return self._cancelled()
         except FlexMapsError as error:
             return self._refused(context, error)
+        finally:
+            if not going_on:
+                self._clear(context)
+        return {"PASS_THROUGH"} if going_on else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Called by Blender when a file is loaded or the window closes while the job runs."""
         self._clear(context)
+
+    def _go_on(self, context: bpy.types.Context) -> bool:
+        """Take the finished job's result, then write one piece at a time; False after the last."""
+        assert self._job is not None
+        if self._job.error is not None:
+            raise self._job.error
+        if self._writing is None:
+            self._job.shown = None  # from now on the mesh itself is to be seen
+            self._writing = self._write(context, self._job.result)
+        return next(self._writing, self) is None
 
     # -- the steps ---------------------------------------------------------------------------------------------------------
 
@@ -127,7 +145,7 @@ class Stage:
         self._surface = mesh.read_surface(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
-    def _write(self, context: bpy.types.Context, result: Any) -> set[str]:
+    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge import mesh
         from ..bridge.objects import find
 
@@ -139,14 +157,18 @@ class Stage:
             )
         message = self.finish(context, obj, self._surface, result)
         redraw(context)
+        yield
+        with suppress(FlexMapsError):  # where the object is gone there is nothing more to draw
+            for _ in self.after(context, self._surface, result):
+                yield
+        redraw(context)
         self.report({self.level}, message)
-        return {"FINISHED"}
 
     def _clear(self, context: bpy.types.Context) -> None:
         if self._job is None:
             return
         self._job.end()
-        self._job = None
+        self._job = self._writing = None
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None
