@@ -15,7 +15,7 @@ import numpy as np
 
 from .arm_bend import bend_point
 from .arm_curving import Arms, curved, second_order_strains, weighted
-from .arm_sensitivity import gradient_by_design
+from .arm_sensitivity import JointChanges
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
 from .errors import FlexMapsError
@@ -111,10 +111,14 @@ class ArmModel:
         """How the joints have moved."""
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
-    def gradient_by_design(self, state: ArmState) -> np.ndarray:
+    def changes(self, state: ArmState) -> JointChanges:
+        """How the joints answer to the pose and to the design, without the strains' second order."""
         if self.curving is not None:
             raise ValueError("derivatives by the design are those of the model without the strains' second order")
-        return gradient_by_design(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
+        return JointChanges.of(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
+
+    def gradient_by_design(self, state: ArmState) -> np.ndarray:
+        return self.changes(state).gradient_by_design
 
     def expand(self, state: ArmState, ahead: bool = False) -> Expansion:
         m = len(self.pairs)

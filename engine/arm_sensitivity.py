@@ -10,48 +10,113 @@ and beta is the way from an arm's bend point to the joint in the joint's axes. T
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .arm_bend import bend_point
 from .assembly import Assembly
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
-from .stiffness import ArmCompliance
+from .materials import Material
+from .stiffness import ArmCompliance, peak_strain_slopes
 
 WIDTH, TWIST = 0, 1
 
 
-def gradient_by_design(
-    assembly: Assembly, compliance: ArmCompliance, at_joint: np.ndarray, offset: np.ndarray, motion: JointMotion
-) -> np.ndarray:
-    """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
+@dataclass(frozen=True, eq=False)
+class JointChanges:
+    """How m joints answer to the pose and to the design, in the axes of their half-way frames.
 
-    Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist. Arguments as in ``ArmModel``.
+    wrench : (m, 6) N, N m at the joint
+    by_pose : (m, 6, 12) of the joint's motion y by the increments of both hubs
+    wrench_by_design : (m, 2, 2, 6) at a fixed pose; side of the joint, then width (per metre) and twist (per radian)
+    wrench_by_pose : (m, 6, 12)
+    turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
     """
-    turn, base = motion.turn, motion.middle
-    angle = np.linalg.norm(turn, axis=1)
-    shift = motion.shift + np.cross(offset, turn)
-    wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
-    force = wrench[:, :3]
-    out = np.zeros((len(turn), 12, 2, 2))
-    # derivatives of the joint's motion by the pose, in the axes of the half-way frame
-    by_pose = first_order(SpatialMotion.of(motion))
-    spread = np.zeros((len(base), 6, 6))
-    spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
-    by_pose = spread @ by_pose
-    by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
-    back = np.swapaxes(by_pose, 1, 2)
-    stiff = back @ at_joint
-    axes = assembly.arm_axes
-    for side in (0, 1):
-        own = times(np.swapaxes(axes[:, side], 1, 2), wrench)
-        for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
-            out[:, :, side, k] = -times(stiff, times(axes[:, side], times(change[:, side], own)))
-        way = _way_by_twist(assembly, side)
-        sign = 1.0 if side == 0 else -1.0
-        moved, turned = _second_bend(-sign * turn, angle, way, force)
-        out[:, :, side, TWIST] += times(stiff[:, :, :3], sign * moved)
-        out[:, :, side, TWIST] += times(back[:, :, 3:], -turned)
-    return out
+
+    wrench: np.ndarray
+    by_pose: np.ndarray
+    wrench_by_design: np.ndarray
+    wrench_by_pose: np.ndarray
+    turned: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        assembly: Assembly,
+        compliance: ArmCompliance,
+        at_joint: np.ndarray,
+        offset: np.ndarray,
+        motion: JointMotion,
+    ) -> JointChanges:
+        """Arguments as in ``ArmModel``."""
+        turn, base = motion.turn, motion.middle
+        angle = np.linalg.norm(turn, axis=1)
+        shift = motion.shift + np.cross(offset, turn)
+        wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
+        spread = np.zeros((len(base), 6, 6))
+        spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
+        by_pose = spread @ first_order(SpatialMotion.of(motion))
+        by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
+        changes, turned, axes = np.zeros((len(turn), 2, 2, 6)), np.zeros((len(turn), 2, 3)), assembly.arm_axes
+        for side in (0, 1):
+            own = times(np.swapaxes(axes[:, side], 1, 2), wrench)
+            for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
+                changes[:, side, k] = -times(axes[:, side], times(change[:, side], own))
+            sign = 1.0 if side == 0 else -1.0
+            moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
+            changes[:, side, TWIST, :3] += sign * moved
+            turned[:, side] = -found
+        return cls(wrench, by_pose, changes @ at_joint[:, None], at_joint @ by_pose, turned)
+
+    @property
+    def gradient_by_design(self) -> np.ndarray:
+        """(m, 12, 2, 2): derivative of every joint's gradient by the widths and twists of both spirals.
+
+        Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist.
+        """
+        m = len(self.wrench)
+        out = (self.wrench_by_design.reshape(m, 4, 6) @ self.by_pose).reshape(m, 2, 2, 12)
+        out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
+        return out.transpose(0, 3, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class StrainChanges:
+    """Peak strains of both arms of m joints, a safe estimate (see ``stiffness.peak_strain``), with derivatives.
+
+    values : (m, 2); by_pose : (m, 2, 12) by the increments of both hubs
+    by_design : (m, 2, 2, 2) of an arm (first) by width and twist (last) of the spirals on both sides (second)
+    """
+
+    values: np.ndarray
+    by_pose: np.ndarray
+    by_design: np.ndarray
+
+    @classmethod
+    def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
+        """The strains that go with the wrenches of ``changes``."""
+        axes = assembly.arm_axes
+        own = (np.swapaxes(axes, 2, 3) @ changes.wrench[:, None, :, None])[..., 0]
+        width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
+        found = peak_strain_slopes(
+            own.reshape(-1, 6),
+            2.0 * assembly.radius.ravel(),
+            width,
+            twist,
+            thickness=assembly.thickness,
+            youngs=material.youngs,
+            poisson=material.poisson,
+        )
+        m = len(own)
+        # per unit of the joint's wrench
+        by_wrench = (axes @ found.by_wrench.reshape(m, 2, 6, 1))[..., 0]
+        through = by_wrench @ changes.wrench_by_design.reshape(m, 4, 6).transpose(0, 2, 1)
+        by_design = through.reshape(m, 2, 2, 2)
+        for side in (0, 1):
+            by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
+            by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
+        return cls(found.values.reshape(m, 2), by_wrench @ changes.wrench_by_pose, by_design)
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:

@@ -74,10 +74,11 @@ def solve(
     progress: Progress = SILENT,
     system: NewtonSystem | None = None,
     iterations: int | None = None,
+    step: np.ndarray | None = None,
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
 
-    ``iterations`` bounds those of the settings further.
+    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else has foretold.
 
     Raises FlexMapsError if forces would carry an unsupported piece away. Not converging is told by the result.
     """
@@ -85,7 +86,10 @@ def solve(
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     if iterations is not None:
         params = replace(params, iterations=min(iterations, params.iterations))
-    return _Search(model, loads, params, system, progress).run(model.start(start))
+    state = model.start(start)
+    if step is not None:
+        state = model.moved(state, step)
+    return _Search(model, loads, params, system, progress).run(state)
 
 
 class _Search:

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from .arm_model import ArmModel
+from .arm_sensitivity import StrainChanges
 from .assembly import Assembly, Pose
 from .design_space import DesignSpace
 from .elastic import ElasticModel, summed
 from .equilibrium import Equilibrium, solve
 from .loads import Loads
+from .materials import Material
 from .newton_system import NewtonSystem
 from .objective import Mismatch, Target
 from .params import SimulateParams
@@ -24,6 +28,7 @@ class Problem:
     """What is asked: spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
+    bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
     """
 
     assembly: Assembly
@@ -33,6 +38,7 @@ class Problem:
     build: Callable[[Assembly], ElasticModel]
     simulate: SimulateParams
     smoothness: float = 0.0
+    bearing: tuple[Material, float] | None = None
     systems: list[NewtonSystem] = field(default_factory=list)
 
     def system(self, start: Pose, keep: Point | None) -> NewtonSystem:
@@ -50,11 +56,15 @@ class Problem:
         progress: Progress = SILENT,
         iterations: int | None = None,
         keep: Point | None = None,
+        step: np.ndarray | None = None,
     ) -> Point:
-        """The point with coordinates (n, 2), its equilibrium sought from a pose; ``keep`` stays usable, other points do not."""
+        """The point with coordinates (n, 2), its equilibrium sought from a pose and a foretold step (n, 6) from there.
+
+        ``keep`` stays usable, other points do not.
+        """
         model = self.build(self.assembly.redesigned(*self.space.design(x)))
         system = self.system(start, keep)
-        found = solve(model, start, self.loads, self.simulate, progress, system, iterations)
+        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), system)
 
 
@@ -71,8 +81,9 @@ class Point:
 
     @cached_property
     def value(self) -> float:
-        """The objective: mismatch, and roughness by its weight."""
-        return self.mismatch.value + 0.5 * self.problem.smoothness * float((self._steps**2).sum() / len(self._steps))
+        """The objective: mismatch, and roughness and excess of strain by their weights."""
+        rough = 0.5 * self.problem.smoothness * float((self._steps**2).sum() / len(self._steps))
+        return self.mismatch.value + rough + self._strain.value
 
     @property
     def _steps(self) -> np.ndarray:
@@ -91,11 +102,27 @@ class Point:
         return out
 
     @cached_property
+    def _state(self) -> Any:
+        return self.model.start(self.equilibrium.pose)
+
+    @cached_property
+    def _strain(self) -> Excess:
+        if self.problem.bearing is None or not isinstance(self.model, ArmModel):
+            return NO_EXCESS
+        material, share = self.problem.bearing
+        found = StrainChanges.of(self.model.assembly, self.model.changes(self._state), material)
+        return Excess.of(found, share * material.strain_limit)
+
+    @cached_property
     def _forces(self) -> np.ndarray:
         """(m, 12, 4) change of the joints' gradients with both spirals' coordinates."""
-        by_design = self.model.gradient_by_design(self.model.start(self.equilibrium.pose))
-        slopes = self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
-        return (np.swapaxes(by_design, 1, 2) @ slopes).transpose(0, 2, 1, 3).reshape(-1, 12, 4)
+        by_design = self.model.gradient_by_design(self._state)
+        return (np.swapaxes(by_design, 1, 2) @ self._slopes).transpose(0, 2, 1, 3).reshape(-1, 12, 4)
+
+    @cached_property
+    def _slopes(self) -> np.ndarray:
+        """(m, 2, 2, 2) of width and twist (rows) by coordinates (columns) of both spirals of every joint."""
+        return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
@@ -107,26 +134,64 @@ class Point:
         """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
         pairs = self.problem.assembly.pairs
         answer = self.system.solve(pull)[pairs].reshape(-1, 1, 12)
-        share = (answer @ self._forces)[:, 0].reshape(-1, 2, 2)
-        out = np.empty_like(self.x)
-        for k in (0, 1):
-            out[:, k] = -np.bincount(pairs.ravel(), share[..., k].ravel(), len(out))
-        return out
+        return -self._gathered((answer @ self._forces)[:, 0].reshape(-1, 2, 2))
+
+    def _gathered(self, share: np.ndarray) -> np.ndarray:
+        """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""
+        index = self.problem.assembly.pairs.ravel()
+        return np.stack([np.bincount(index, share[..., k].ravel(), len(self.x)) for k in (0, 1)], axis=1)
 
     @cached_property
     def gradient(self) -> np.ndarray:
         """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
-        return self.adjoint(_shifts(self.mismatch.gradient)) + self.rough(self.x)
+        return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray, turning: float = 0.0) -> np.ndarray:
-        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
-
-        ``turning`` adds half of it times the hubs' squared turns to the quadratic model.
-        """
+    def gauss_newton(self, change: np.ndarray) -> np.ndarray:
+        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve."""
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
-        pull[:, 3:] = turning * moves[:, 3:]
-        return self.adjoint(pull) + self.rough(change)
+        strain = self._strain
+        if strain.found is None:
+            return self.adjoint(pull) + self.rough(change)
+        pairs = self.problem.assembly.pairs
+        grown = (strain.found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
+        design = (self._slopes @ change[pairs][..., None])[..., 0]
+        grown += np.einsum("eaks,eks->ea", strain.found.by_design, design)
+        return self._back(pull, strain.curvature * grown) + self.rough(change)
+
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
+        """(n, 2) change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
+        found = self._strain.found
+        if found is None:
+            return self.adjoint(pull)
+        pairs = self.problem.assembly.pairs
+        through = (strained[:, None] @ found.by_pose)[:, 0]
+        direct = np.einsum("ea,eaks,ekst->ekt", strained, found.by_design, self._slopes)
+        return self.adjoint(pull + summed(through, pairs, len(pull))) + self._gathered(direct)
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Strains beyond a limit, as a penalty: half the mean square of their excess over the limit, times ``STRAIN_WEIGHT``.
+
+    found : the strains, None where they do not count; slope, curvature : (m, 2) derivatives of the penalty by them
+    """
+
+    value: float
+    slope: np.ndarray
+    curvature: np.ndarray
+    found: StrainChanges | None
+
+    @classmethod
+    def of(cls, found: StrainChanges, limit: float) -> Excess:
+        over = np.maximum(found.values / limit - 1.0, 0.0)
+        unit = STRAIN_WEIGHT / over.size
+        value = 0.5 * unit * float((over**2).sum())
+        return cls(value, unit * over / limit, np.where(over > 0.0, unit / limit**2, 0.0), found)
+
+
+STRAIN_WEIGHT = 1.0
+NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)
 
 
 def _shifts(pull: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from .threads import one_thread
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
 REPAIR_STEPS = 6
-TOLERANCE = 1e-6  # of the equilibria on the way; Newton's last step takes them far below
+TOLERANCE = 1e-4  # of the equilibria on the way: what is left is stretch, which hardly moves anything
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +119,9 @@ def optimise(
     progress(0.0, "Starting shapes")
     points = _starts(problem, design, target, pose, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
+    # now rather than at the end, where somebody who stopped it would have to wait for this
+    nearby = points.get("given", start).equilibrium.pose
+    before = _simulated(design, target, material, physics, supports, force, nearby, progress.part(0.1, 0.12))
     trace, best, finished = Trace(), start, True
 
     def accepted(point: Point) -> None:
@@ -129,16 +132,13 @@ def optimise(
 
     accepted(start)
     try:
-        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.1, 0.8))
+        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, 0.8))
         best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
     except Cancelled:
         finished = False
         result = fitted(design.flat, design.params, *best.problem.space.design(best.x), prove=False)
     quiet = SILENT if not finished else progress.part(0.95, 1.0)
     after = _simulated(result, target, material, physics, supports, force, best.equilibrium.pose, quiet)
-    before = _simulated(
-        design, target, material, physics, supports, force, points.get("given", start).equilibrium.pose, quiet
-    )
     return Optimisation(before, after, trace, params.method, name, _at_bound(best.x), best.gradient, finished)
 
 
@@ -158,6 +158,7 @@ def _problem(
     aim = Target(assembly.pairs, target.centroids, params.laplacian, free=not loads.fixed.any())
     space = DesignSpace.of(design, assembly)
     loose = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
+    bearing = (material, params.strain_share) if params.strain_share > 0.0 else None
     problem = Problem(
         assembly,
         space,
@@ -166,6 +167,7 @@ def _problem(
         lambda a: build_model(a, material, physics.model, quick=True),
         loose,
         params.smoothness,
+        bearing,
     )
     return problem, target_pose(target, design.flat.corners)
 

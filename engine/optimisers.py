@@ -105,8 +105,9 @@ def _predicted(
     if turn > 4.0 * TURN_MOST:
         trace.unstable += 1
         return None
-    start = here.equilibrium.pose.moved(moves * min(1.0, TURN_MOST / max(turn, 1e-300)))
-    trial = problem.at(np.clip(here.x + step, 0.0, 1.0), start, progress.quiet(), INNER_ITERATIONS, here)
+    moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
+    x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
+    trial = problem.at(x, pose, progress.quiet(), INNER_ITERATIONS, here, moves)
     if not trial.equilibrium.converged:
         trace.unstable += 1
         return None

@@ -340,6 +340,13 @@ class OptimiseParams(Params):
         low=0.0,
         high=1.0,
     )
+    strain_share: float = setting(
+        1.0,
+        "Strain limit",
+        "Share of the strain which the material bears that the arms should stay below; 0 lets them be strained at will",
+        low=0.0,
+        high=10.0,
+    )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
     cg_iterations: int = setting(
         20, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
@@ -350,7 +357,7 @@ class OptimiseParams(Params):
         "Start from the present spirals, curvature-adjusted or uniform ones, whichever is nearest to the target; else only from the present ones",
     )
     stop: float = setting(
-        2e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
+        1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
     )
 
 

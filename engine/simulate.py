@@ -21,7 +21,7 @@ from .newton_system import NewtonSystem
 from .params import SimulateParams
 from .progress import SILENT, Progress
 from .rod_model import RodModel
-from .stiffness import SCALE_RANGE, peak_strain
+from .stiffness import peak_strain
 from .threads import one_thread
 
 
@@ -175,7 +175,7 @@ def arm_strains(model: ArmModel, pose: Pose, material: Material) -> np.ndarray:
     width, twist = assembly.width[assembly.pairs].ravel(), assembly.twist[assembly.pairs].ravel()
     found = peak_strain(
         local.reshape(-1, 6),
-        np.maximum(2.0 * assembly.radius.ravel(), SCALE_RANGE[0] * width),
+        2.0 * assembly.radius.ravel(),
         width,
         twist,
         thickness=assembly.thickness,

@@ -327,12 +327,49 @@ def peak_strain(
     are added as if they met in one place: usually 1.2 to 2.5 times the true strain, more where components cancel. Small
     strains; at the fillets, in the hundredth of the volume that is left out, it is higher.
     """
+    arrays = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (wrench, scale, width, twist))
+    return peak_strain_slopes(*arrays, thickness=thickness, youngs=youngs, poisson=poisson).values
+
+
+@dataclass(frozen=True, eq=False)
+class PeakStrain:
+    """Peak strains of n arms and their derivatives.
+
+    values : (n,); by_wrench : (n, 6) per N and N m; by_width : (n,) per metre, by_twist : (n,) per radian
+    """
+
+    values: np.ndarray
+    by_wrench: np.ndarray
+    by_width: np.ndarray
+    by_twist: np.ndarray
+
+
+def peak_strain_slopes(
+    wrench: np.ndarray,
+    scale: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    thickness: float,
+    youngs: float,
+    poisson: float,
+) -> PeakStrain:
+    """``peak_strain`` with its derivatives; arms shorter than the table's shortest count as that long."""
     _refuse_material(thickness, youngs)
-    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
-    found = np.exp(log_strains(scale / width, width / thickness, twist, load_table(float(poisson))))
-    found[:3] /= youngs * width**2
-    found[3:] /= youngs * width**3
-    return np.einsum("nk,kn->n", np.abs(np.asarray(wrench, dtype=float)), found)
+    stub = scale < SCALE_RANGE[0] * width
+    ratio = np.where(stub, SCALE_RANGE[0], scale / width)
+    table = load_table(float(poisson))
+    log, slopes = _interpolate(table, _locate(ratio, width / thickness, twist), slice(12, 18))
+    power = np.repeat([2.0, 3.0], 3)[:, None]
+    unit = np.exp(log) / (youngs * width**power)
+    size = np.abs(wrench).T * unit
+    by_width = slopes[1] - np.where(stub, 0.0, slopes[0]) - power
+    return PeakStrain(
+        size.sum(axis=0),
+        np.sign(wrench) * unit.T,
+        (size * by_width).sum(axis=0) / width,
+        (size * slopes[2]).sum(axis=0),
+    )
 
 
 def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:

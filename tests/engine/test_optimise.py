@@ -35,7 +35,12 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
 
 
 def problem(
-    *, laplacian: bool = True, smoothness: float = 0.0, model: str = "arm", supports: bool = False
+    *,
+    laplacian: bool = True,
+    smoothness: float = 0.0,
+    model: str = "arm",
+    supports: bool = False,
+    strain: float | None = None,
 ) -> tuple[Problem, Point]:
     design, mesh = made()
     assembly = of_design(design)
@@ -43,7 +48,10 @@ def problem(
     loads = Loads.of(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, laplacian, free=not supports)
     space = DesignSpace.of(design, assembly)
-    whole = Problem(assembly, space, aim, loads, lambda a: build_model(a, VERO, model, quick=True), EXACT, smoothness)
+    bearing = None if strain is None else (VERO, strain)
+    whole = Problem(
+        assembly, space, aim, loads, lambda a: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
+    )
     x = np.random.default_rng(4).uniform(0.2, 0.8, (assembly.size, 2))
     return whole, whole.at(x, target_pose(mesh, design.flat.corners))
 
@@ -57,6 +65,7 @@ def problem(
         {"supports": True},
         {"supports": True, "laplacian": False},
         {"model": "rod"},
+        {"strain": 0.3},
     ],
     ids=str,
 )
@@ -67,6 +76,8 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     def value(t: float) -> float:
         return whole.at(here.x + t * direction, here.equilibrium.pose, keep=here).value
 
+    if "strain" in options:  # what is tested is there at all
+        assert here.value > 1.1 * here.mismatch.value
     h = 1e-4
     slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
     assert here.equilibrium.converged

@@ -77,7 +77,7 @@ def test_more_twist_is_softer_and_more_width_stiffer():
 @pytest.mark.parametrize(
     ("scale", "width", "twist", "change"),
     [
-        (0.009, 0.002, 0.0, {}),
+        (0.0035, 0.002, 0.0, {}),
         (0.11, 0.002, 0.0, {}),
         (0.01, 0.002, 3.6, {}),
         (0.02, 0.0015, -0.1, {}),
@@ -182,3 +182,41 @@ def test_straight_cross_bends_like_its_arms():
 def test_unknown_rod_models_are_refused():
     with pytest.raises(FlexMapsError, match="pair"):
         stiffness_rods.load_network("beam")
+
+
+def test_short_arms_go_on_like_beams() -> None:
+    """Shorter than the table: steady where it begins, softer with length as beams are, derivatives exact."""
+    given = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.3}
+    width, twist = np.array([0.002]), np.array([0.5])
+    edge = 5.0 * width
+    below, above = (stiffness.tip_compliance(edge * f, width, twist, **given).values for f in (1 - 1e-9, 1 + 1e-9))
+    assert below == pytest.approx(above, rel=1e-6)
+    short = stiffness.tip_compliance(0.6 * edge, width, twist, **given)
+    assert short.values[0, 2, 2] / above[0, 2, 2] == pytest.approx(0.6**3)
+    assert short.values[0, 4, 4] / above[0, 4, 4] == pytest.approx(0.6)
+    for name, k in (("by_scale", 0), ("by_width", 1), ("by_twist", 2)):
+        at, h = [0.6 * edge, width, twist], [1e-7, 1e-8, 1e-4][k]
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = list(at)
+            moved[k] = at[k] + sign * h
+            ends.append(stiffness.tip_compliance(*moved, **given).values)
+        slope = getattr(short, name)
+        assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5, abs=1e-7 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("scale", [0.02, 0.008])
+def test_slopes_of_the_peak_strain(scale: float) -> None:
+    given = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.3}
+    rng = np.random.default_rng(3)
+    wrench = rng.normal(size=(4, 6)) * np.repeat([1.0, 0.01], 3)
+    at = [wrench, np.full(4, scale), np.full(4, 0.0018), np.linspace(0.2, 1.5, 4)]
+    found = stiffness.peak_strain_slopes(*at, **given)
+    for k, h, slope in ((2, 1e-8, found.by_width), (3, 1e-5, found.by_twist)):
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = list(at)
+            moved[k] = at[k] + sign * h
+            ends.append(stiffness.peak_strain(*moved, **given))
+        assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5)
+    assert (found.by_wrench * wrench).sum(axis=1) == pytest.approx(found.values)
