@@ -35,7 +35,7 @@ from flexmaps.engine import (
 )
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mesh import PolygonMesh
-from flexmaps.engine.params import LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.sheets import CutSheets
 
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
@@ -92,7 +92,7 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
     report = sheets.sheets_report(made)
-    thin = round(0.99e3 * SpiralParams.width_min, 3)
+    thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.least), 3)
     rows = [
         _row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
         _at_most(name, "panels too large", 0, too_large),
