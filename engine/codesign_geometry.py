@@ -1,8 +1,8 @@
 """How the flat rest shape of the patches enters an elastic model, and how its forces change with it.
 
 A spiral's flat quad matters for the equilibrium only through the ways from its centre to its joints and the directions of
-the edges there: three numbers for either side of a joint. By those the joints' forces are derived with central differences,
-all joints at once and through the model's public face, so that every elastic model is served; from the flat vertices to
+the edges there: three numbers for either side of a joint. By those what happens in the joints is derived with central
+differences, all joints at once and through the model's public face, so that every elastic model is served; from the flat vertices to
 those numbers it is geometry.
 """
 
@@ -15,27 +15,28 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from .assembly import Assembly, Pose
-from .elastic import ElasticModel
 from .layout import PatchLayout
 
 STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
 
 
-def gradient_by_geometry(assembly: Assembly, build: Callable[[Assembly], ElasticModel], pose: Pose) -> np.ndarray:
-    """(m, 12, 2, 3): derivative of every joint's share of the gradient by the rest geometry of its sides, at a fixed pose.
+Measure = Callable[[Assembly, Pose], np.ndarray]
 
-    Rows as in ``Expansion.hessian``; then the side of the joint; then x and y of its lever (per metre) and the direction of
-    its edge (per radian). build : makes the elastic model of an assembly
+
+def by_geometry(assembly: Assembly, pose: Pose, measure: Measure) -> np.ndarray:
+    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
+
+    By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian).
+    measure : (m, r) of an assembly in which every joint has two spirals of its own, and of the pose of those
     """
     alone, placed = _taken_apart(assembly, pose)
-    out = np.empty((len(assembly.pairs), 12, 2, 3))
+    parts = []
     for side in (0, 1):
-        size = STEP * assembly.radius[:, side]
         for k in range(3):
-            step = size if k < 2 else np.full_like(size, STEP)
-            ahead, behind = (_gradients(_changed(alone, side, k, s * step), build, placed) for s in (1.0, -1.0))
-            out[:, :, side, k] = (ahead - behind) / (2.0 * step[:, None])
-    return out
+            step = STEP * assembly.radius[:, side] if k < 2 else np.full(len(assembly.pairs), STEP)
+            ahead, behind = (measure(_changed(alone, side, k, sign * step), placed) for sign in (1.0, -1.0))
+            parts.append((ahead - behind) / (2.0 * step[:, None]))
+    return np.stack(parts, axis=2).reshape(*parts[0].shape, 2, 3)
 
 
 def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
@@ -60,16 +61,10 @@ def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembl
     return replace(assembly, axes=axes)
 
 
-def _gradients(alone: Assembly, build: Callable[[Assembly], ElasticModel], pose: Pose) -> np.ndarray:
-    """(m, 12) of every joint by itself."""
-    model = build(alone)
-    return model.expand(model.start(pose)).gradient.reshape(-1, 12)
-
-
 def geometry_by_points(layout: PatchLayout, points: np.ndarray) -> csr_array:
     """(6 m, 2 P): derivative of the joints' rest geometry by the flat vertices (P, 2) in metres.
 
-    Rows in the order joint, side, then as the last axis of ``gradient_by_geometry``; columns in the order vertex, x, y.
+    Rows in the order joint, side, then as the last axis of ``by_geometry``; columns in the order vertex, x, y.
     """
     mesh = layout.mesh
     inner = ~mesh.border

@@ -8,17 +8,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, vstack
+from scipy.sparse import csr_array
 
+from .arm_model import ArmModel
+from .arm_sensitivity import StrainChanges
 from .assembly import Assembly, Pose, rest_joints
-from .codesign_geometry import geometry_by_points, gradient_by_geometry
-from .elastic import summed
+from .codesign_cost import FlatCost, FlatLimits
+from .codesign_geometry import by_geometry, geometry_by_points
+from .elastic import ElasticModel, summed
 from .equilibrium import solve
 from .flatten import FlatPatches
-from .inverse import Point, Problem, _shifts
+from .inverse import Point, Problem
 from .progress import SILENT, Progress
+from .stiffness import SCALE_RANGE, twist_limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,28 +31,21 @@ class FlatRange:
     """Where the flat vertices may go, and what it costs.
 
     flat : the patches as they were; reach : (P,) metres, range of every vertex along x and along y
-    strain : (r, 2 P) per metre; half the square of its product with the displacements is the cost
+    limits : of distortion and seams; weight : of their barriers in the objective
     """
 
     flat: FlatPatches
     reach: np.ndarray
-    strain: csr_array
+    limits: FlatLimits
+    weight: float
 
     @classmethod
-    def of(cls, flat: FlatPatches, limit: float, reach: float, stiffness: float, seam: float) -> FlatRange:
-        """limit : largest distortion; reach : share of an edge; stiffness : weight of what quads are strained; seam : of what
-        the sides of seams come to differ."""
-        layout, corners = flat.layout, flat.corners
-        length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean(axis=1)
+    def of(cls, flat: FlatPatches, reach: float, energy: float, seam: float, weight: float) -> FlatRange:
+        """reach : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``"""
+        length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
-        np.minimum.at(nearest, layout.flat_corners, length[:, None])
-        # quads that are near to the limit already are held the tighter
-        room = np.clip(1.0 - flat.energy / limit, 0.05, 1.0)
-        strain = _quad_strains(flat, np.sqrt(stiffness / (len(room) * room)) / length)
-        cut = int(layout.cut.sum())
-        if cut:
-            strain = vstack([strain, np.sqrt(seam / cut) * _seam_strains(flat)])
-        return cls(flat, reach * nearest, strain.tocsr())
+        np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
+        return cls(flat, reach * nearest, FlatLimits.of(flat, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """(P, 2) metres of coordinates (P, 2)."""
@@ -57,38 +55,19 @@ class FlatRange:
         """(P, 2) metres that a change of the coordinates (P, 2) moves the vertices; its own transpose."""
         return 2.0 * self.reach[:, None] * change
 
+    def cost(self, x: np.ndarray) -> FlatCost:
+        """Of coordinates (P, 2)."""
+        return FlatCost.of(self.limits, self.points(x))
 
-def _quad_strains(flat: FlatPatches, weight: np.ndarray) -> csr_array:
-    """(8 F, 2 P): how the sides of the quads change beyond a turn of the whole quad, times (F,)."""
-    corners, count = flat.corners, len(flat.corners)
-    sides = (np.roll(corners, -1, axis=1) - corners).reshape(count, 8)
-    turned = np.stack([-sides[:, 1::2], sides[:, ::2]], axis=2).reshape(count, 8)
-    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
-    differ = np.kron(np.roll(np.eye(4), 1, axis=1) - np.eye(4), np.eye(2))
-    blocks = weight[:, None, None] * (differ - turned[:, :, None] * (turned @ differ)[:, None])
-    columns = (2 * flat.layout.flat_corners[..., None] + np.arange(2)).reshape(count, 1, 8)
-    rows = np.arange(8 * count).reshape(count, 8, 1)
-    rows, columns = np.broadcast_arrays(rows, columns)
-    shape = (8 * count, flat.points.size)
-    return coo_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
-
-
-def _seam_strains(flat: FlatPatches) -> csr_array:
-    """(C, 2 P): how the lengths of both sides of every cut edge come to differ, as a share of its length on the surface."""
-    mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
-    quad, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
-    start, end = (flat.layout.flat_corners[quad, (side + i) % 4] for i in (0, 1))
-    along = flat.points[end] - flat.points[start]
-    along /= np.linalg.norm(along, axis=2, keepdims=True) * mesh.edge_lengths[cut][:, None, None]
-    along[:, 1] *= -1.0
-    rows, ends, starts, values = np.broadcast_arrays(
-        np.arange(len(cut))[:, None, None],
-        2 * end[..., None] + np.arange(2),
-        2 * start[..., None] + np.arange(2),
-        along,
-    )
-    entries = [np.concatenate([a.ravel(), b.ravel()]) for a, b in ((values, -values), (rows, rows), (ends, starts))]
-    return coo_array((entries[0], (entries[1], entries[2])), shape=(len(cut), flat.points.size)).tocsr()
+    def within(self, x: np.ndarray, inner: np.ndarray) -> np.ndarray:
+        """(P, 2): x if it keeps the limits, else a point between it and ``inner``, which does."""
+        share = 1.0
+        while share > 1e-3:
+            found = inner + share * (x - inner)
+            if self.cost(found).inside:
+                return found
+            share *= 0.6
+        return inner
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -104,15 +83,18 @@ class FlatProblem(Problem):
         progress: Progress = SILENT,
         iterations: int | None = None,
         keep: Point | None = None,
+        step: np.ndarray | None = None,
     ) -> FlatPoint:
         """The point with stacked coordinates (n + P, 2); otherwise as ``Problem.at``."""
         n = self.assembly.size
+        if keep is not None:
+            x = np.concatenate([x[:n], self.flat.within(x[n:], keep.x[n:])])
         points = self.flat.points(x[n:])
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = replace(self.assembly, lever=lever, axes=axes).redesigned(*self.space.design(x[:n]))
+        assembly = _within_table(replace(self.assembly, lever=lever, axes=axes), *self.space.design(x[:n]))
         model, system = self.build(assembly), self.system(start, keep)
-        found = solve(model, start, self.loads, self.simulate, progress, system, iterations)
+        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
@@ -124,74 +106,98 @@ class FlatProblem(Problem):
         )
 
 
+def _within_table(assembly: Assembly, width: np.ndarray, twist: np.ndarray) -> Assembly:
+    """With these spirals, unwound where their quads have become too small for them: a rare correction of the last percents."""
+    shortest = np.full(assembly.size, np.inf)
+    np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
+    most = 0.999 * twist_limit(np.maximum(shortest / width, SCALE_RANGE[0]))
+    return assembly.redesigned(width, np.minimum(twist, most))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPoint(Point):
-    """``Point`` with stacked coordinates."""
+    """``Point`` with stacked coordinates (n + P, 2)."""
 
     problem: FlatProblem
     assembly: Assembly
 
     @cached_property
-    def spirals(self) -> Point:
-        """The same design with the spirals as its only unknowns."""
-        x = self.x[: self.assembly.size]
-        return Point(self.problem, x, self.model, self.equilibrium, self.mismatch, self.system)
-
-    @cached_property
-    def _cost(self) -> np.ndarray:
-        """(r,) strains of the flat quads and seams, weighted."""
-        return self._strained(self.x[self.assembly.size :] - 0.5)
-
-    def _strained(self, change: np.ndarray) -> np.ndarray:
-        flat = self.problem.flat
-        return flat.strain @ flat.shift(change).ravel()
-
-    def _strained_back(self, strains: np.ndarray) -> np.ndarray:
-        flat = self.problem.flat
-        return flat.shift((flat.strain.T @ strains).reshape(-1, 2))
+    def cost(self) -> FlatCost:
+        """What the flat shape costs, before its weight."""
+        return self.problem.flat.cost(self.x[self.assembly.size :])
 
     @cached_property
     def value(self) -> float:
-        """The objective: mismatch, roughness of the spirals and strain of the flat shape by their weights."""
-        return self.spirals.value + 0.5 * float((self._cost**2).sum())
-
-    def rough(self, change: np.ndarray) -> np.ndarray:
-        """(n + P, 2) product of the Hessian of roughness and strain with (n + P, 2)."""
-        n = self.assembly.size
-        strained = self._strained_back(self._strained(change[n:]))
-        return np.concatenate([self.spirals.rough(change[:n]), strained])
+        """The objective: that of the spirals alone, and the barriers of the flat shape by their weight."""
+        return super().value + self.problem.flat.weight * self.cost.value
 
     @cached_property
-    def _by_geometry(self) -> tuple[np.ndarray, csr_array]:
-        """(m, 12, 6) change of the joints' gradients with their rest geometry, and (6 m, 2 P) that with the flat vertices."""
-        problem, n = self.problem, self.assembly.size
-        by_geometry = gradient_by_geometry(self.assembly, problem.build, self.equilibrium.pose)
-        map_ = geometry_by_points(problem.flat.flat.layout, problem.flat.points(self.x[n:]))
-        return by_geometry.reshape(-1, 12, 6), map_
+    def _slopes(self) -> np.ndarray:
+        return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
+
+    @cached_property
+    def _by_geometry(self) -> np.ndarray:
+        """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
+        build, strain = self.problem.build, self._strain.found
+
+        def measure(alone: Assembly, pose: Pose) -> np.ndarray:
+            model = build(alone)
+            state = model.start(pose)
+            gradients = model.expand(state).gradient.reshape(-1, 12)
+            return gradients if strain is None else np.concatenate([gradients, self._strains(model, state)], axis=1)
+
+        found = by_geometry(self.assembly, self.equilibrium.pose, measure)
+        return found.reshape(*found.shape[:2], 6)
+
+    @cached_property
+    def _by_points(self) -> csr_array:
+        """(6 m, 2 P) change of the rest geometry with the flat vertices."""
+        flat = self.problem.flat
+        return geometry_by_points(flat.flat.layout, flat.points(self.x[self.assembly.size :]))
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
         n, pairs = self.assembly.size, self.assembly.pairs
-        by_geometry, by_points = self._by_geometry
-        geometry = (by_points @ self.problem.flat.shift(change[n:]).ravel()).reshape(-1, 6, 1)
-        force = self.spirals._forces @ change[:n][pairs].reshape(-1, 4, 1) + by_geometry @ geometry
+        geometry = (self._by_points @ self.problem.flat.shift(change[n:]).ravel()).reshape(-1, 6, 1)
+        force = self._forces @ change[pairs].reshape(-1, 4, 1) + self._by_geometry[:, :12] @ geometry
         return -self.system.solve(summed(force[..., 0], pairs, n))
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
         """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
-        pairs = self.assembly.pairs
-        by_geometry, by_points = self._by_geometry
-        answer = self.system.solve(pull)[pairs].reshape(-1, 1, 12)
-        share = (answer @ self.spirals._forces)[:, 0].reshape(-1, 2, 2)
-        out = np.zeros((self.assembly.size, 2))
-        for k in (0, 1):
-            out[:, k] = -np.bincount(pairs.ravel(), share[..., k].ravel(), len(out))
-        points = by_points.T @ (answer @ by_geometry).ravel()
-        return np.concatenate([out, -self.problem.flat.shift(points.reshape(-1, 2))])
+        answer = self.system.solve(pull)[self.assembly.pairs].reshape(-1, 1, 12)
+        by_spirals = self._gathered((answer @ self._forces)[:, 0].reshape(-1, 2, 2))
+        by_spirals[self.assembly.size :] = self._from_geometry(answer @ self._by_geometry[:, :12])
+        return -by_spirals
+
+    def _gathered(self, share: np.ndarray) -> np.ndarray:
+        index, size = self.assembly.pairs.ravel(), len(self.x)
+        return np.stack([np.bincount(index, share[..., k].ravel(), size) for k in (0, 1)], axis=1)
+
+    def _from_geometry(self, change: np.ndarray) -> np.ndarray:
+        """(P, 2) change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
+        return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2))
 
     @cached_property
     def gradient(self) -> np.ndarray:
         """(n + P, 2) of the objective by the coordinates, by one adjoint solve."""
-        n = self.assembly.size
-        by_match = self.adjoint(_shifts(self.mismatch.gradient))
-        return by_match + np.concatenate([self.spirals.rough(self.x[:n]), self._strained_back(self._cost)])
+        out, flat = super().gradient, self.problem.flat
+        out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
+        if self._strain.found is not None:
+            strained = self._strain.slope[:, None] @ self._by_geometry[:, 12:]
+            out[self.assembly.size :] += self._from_geometry(strained)
+        return out
+
+    def gauss_newton(self, change: np.ndarray) -> np.ndarray:
+        """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2).
+
+        What the geometry does to the strains at a fixed pose is left out, for it is small.
+        """
+        n, flat = self.assembly.size, self.problem.flat
+        out = super().gauss_newton(change)
+        out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
+        return out
+
+    def _strains(self, model: ElasticModel, state: Any) -> np.ndarray:
+        """(m, 2) of both arms of every joint."""
+        assert isinstance(model, ArmModel) and self.problem.bearing is not None
+        return StrainChanges.of(model.assembly, model.changes(state), self.problem.bearing[0]).values
