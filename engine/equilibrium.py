@@ -3,8 +3,9 @@
 The Hessian is indefinite almost everywhere but near a minimum. Where its Cholesky factor fails, its convex part takes its
 place and is blended out again over the next steps: far fewer iterations than with always projecting it. Stresses in it
 are those that the last step had foreseen, which lets thin shells bend far at once (see ``ElasticModel.expand``). A line
-search keeps the energy falling and survives states beyond the model; large turns are capped. What comes out is said as
-it is: a saddle is left along its falling direction, and whatever still is no minimum is no success.
+search keeps the energy below those of the last few steps and survives states beyond the model; large turns are capped.
+What comes out is said as it is: a saddle is left along its falling direction, and whatever still is no minimum is no
+success.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from .threads import one_thread
 TURN_CAP = 0.5  # radians that a hub may turn in one step
 BLEND_DECAY, BLEND_LEAST = 0.3, 0.01  # of the share of the convex part, from step to step
 ARMIJO, SHORTEST_STEP = 1e-4, 2.0**-30
+RECENT = 5  # energies, of which a step may reach the largest: along bends a thin shell gets worse before it gets better
 ROUNDING = 1e-13  # radians and metres of a step that changes nothing any more
 ESCAPES = 5  # saddles that are left before the search is given up
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle
@@ -180,9 +182,12 @@ class _Search:
         return values
 
     def _searched(self, state: Any, here: Expansion, gradient: np.ndarray, step: np.ndarray) -> Any | None:
-        """The state after the longest halved step that lowers the energy enough; None if there is none."""
+        """The state after the longest halved step that goes well enough below the largest recent energy (Grippo et al. 1986).
+
+        None if there is none.
+        """
         slope = float((gradient * step).sum())
-        base, share = self.history[-1][0], 1.0
+        base, share = max(energy for energy, _ in self.history[-RECENT:]), 1.0
         # what rounding alone may change in the energy
         noise = 1e-13 * (abs(base) + here.energy + abs(self.loads.work(state.pose.centres)))
         while share > SHORTEST_STEP:
