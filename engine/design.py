@@ -114,17 +114,23 @@ def uniform(
 def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarray) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : (F,) RMS curvature, 1/m. Both descriptors are linear in c = C / C_max, where C_max is a high percentile of
-    the curvature (``params.curvature_top``; 100 is the maximum of the publication): one sharp crease would else leave all
-    the rest of the surface at c near 0. Raises ``FlexMapsError`` with the faces that are far too small for the
-    smallest width.
+    curvature : (F,) RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    width.
+    """
+    return fitted(flat, params, *curvature_adjusted(params, curvature))
+
+
+def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Widths (F,) metres and twists (F,) radians that go with an RMS curvature (F,) in 1/m, whether they can be cut or not.
+
+    Both are linear in c = C / C_max, where C_max is a high percentile of the curvature (``params.curvature_top``; 100 is the
+    maximum of the publication): one sharp crease would else leave all the rest of the surface at c near 0.
     """
     curvature = np.asarray(curvature, dtype=float)
     top = float(np.percentile(curvature, params.curvature_top))
     c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
     width = params.width_max - c * (params.width_max - params.width_min)
-    twist = params.twist_min + c * (params.twist_max - params.twist_min)
-    return fitted(flat, params, width, twist)
+    return width, params.twist_min + c * (params.twist_max - params.twist_min)
 
 
 def fitted(

@@ -50,9 +50,11 @@ class DesignSpace:
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
         return cls(low, high, np.minimum(bound, 0.999 * twist_limit(ratio)), np.ones(len(low)), design.params.twist_min)
 
-    def capped(self, cap: np.ndarray) -> DesignSpace:
-        """With less room for the twists: (F,) shares."""
-        return replace(self, cap=cap)
+    def limited(self, width: np.ndarray, twist: np.ndarray, where: np.ndarray) -> DesignSpace:
+        """With twists (F,) radians as the largest, at widths (F,) metres, for some spirals (F,) bool."""
+        x = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
+        share = self.cap * twist / np.maximum(self._largest(x)[0], 1e-12)
+        return replace(self, cap=np.where(where, np.minimum(share, self.cap), self.cap))
 
     def design(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Widths (F,) metres and twists (F,) radians of coordinates (F, 2)."""

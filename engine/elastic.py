@@ -40,8 +40,11 @@ class ElasticModel(Protocol):
     name : "arm" or "rod"; pairs : (m, 2) int, the spirals of every joint
     """
 
-    name: str
-    pairs: np.ndarray
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def pairs(self) -> np.ndarray: ...
 
     def start(self, pose: Pose) -> Any:
         """The state at a pose, as if reached straight from rest."""

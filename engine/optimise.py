@@ -10,7 +10,7 @@ import numpy as np
 
 from . import curvature
 from .assembly import Pose, of_design, target_pose
-from .design import SpiralDesign, fitted, from_curvature, uniform
+from .design import SpiralDesign, curvature_adjusted, fitted
 from .design_space import DesignSpace
 from .errors import Cancelled, FlexMapsError
 from .inverse import Point, Problem
@@ -173,25 +173,20 @@ def _problem(
 
 
 def _starts(
-    problem: Problem,
-    design: SpiralDesign,
-    target: QuadMesh,
-    pose: Pose,
-    params: OptimiseParams,
-    progress: Progress,
+    problem: Problem, design: SpiralDesign, target: QuadMesh, pose: Pose, params: OptimiseParams, progress: Progress
 ) -> dict[str, Point]:
     """The starts that have an equilibrium, by name; only the given design if it is to be improved further."""
-    designs = {"given": design}
+    space = problem.space
+    places = {"given": space.coordinates(design.width, design.twist)}
     if params.restart:
-        designs["curvature"] = from_curvature(design.flat, design.params, curvature.rms_curvature(target))
-        designs["uniform"] = uniform(design.flat, design.params)
+        adjusted = curvature_adjusted(design.params, curvature.rms_curvature(target))
+        places["curvature"] = space.coordinates(*adjusted)
+        places["uniform"] = np.full_like(places["given"], 0.5)
     points: dict[str, Point] = {}
-    for k, (name, one) in enumerate(designs.items()):
-        part = progress.part(k / len(designs), (k + 1) / len(designs))
-        x = problem.space.coordinates(one.width, one.twist)
+    for k, (name, x) in enumerate(places.items()):
+        progress(k / len(places), "Starting shapes")
         best = min(points.values(), key=lambda p: p.value, default=None)
-        part(0.0, "Starting shapes")
-        point = problem.at(x, pose, part.quiet(), keep=best)
+        point = problem.at(x, pose, progress.quiet(), keep=best)
         if point.equilibrium.converged:
             points[name] = point
     if not points:
@@ -211,24 +206,23 @@ def _repaired(
     progress: Progress,
 ) -> tuple[Point, SpiralDesign]:
     """The best point as a design that can be cut; where spirals had to give way to their neighbours, the rest is adapted."""
-    result = design
-    for k in range(REPAIRS + 1):
+    for k in range(REPAIRS):
         part = progress.part(k / (REPAIRS + 1), (k + 1) / (REPAIRS + 1))
         wanted = problem.space.design(best.x)
-        result = fitted(design.flat, design.params, *wanted)
+        result = fitted(design.flat, design.params, *wanted, prove=False)
         given_way = result.twist < 0.999 * wanted[1]
-        if not given_way.any() or k == REPAIRS:
+        if not given_way.any():
             break
-        share = np.where(given_way, result.twist / np.maximum(wanted[1], 1e-12), 1.0)
-        space = problem.space.capped(problem.space.cap * share)
-        problem = replace(problem, space=space)
-        start = problem.at(space.coordinates(result.width, result.twist), best.equilibrium.pose, part.quiet())
+        problem = replace(problem, space=problem.space.limited(result.width, result.twist, given_way))
+        x = problem.space.coordinates(result.width, result.twist)
+        start = problem.at(x, best.equilibrium.pose, part.quiet())
         if not start.equilibrium.converged:
             break
-        short = replace(params, iterations=min(REPAIR_STEPS, params.iterations))
         accepted(start)
+        short = replace(params, iterations=min(REPAIR_STEPS, params.iterations))
         best = METHODS[params.method](problem, start, short, trace, accepted, part)
-    return best, result
+    progress(0.9, "Proving that it can be cut")
+    return best, fitted(design.flat, design.params, *problem.space.design(best.x))
 
 
 def _laid(pose: Pose, problem: Problem) -> Pose:

@@ -36,14 +36,14 @@ import bpy
 zip_file, out = sys.argv[-2:]
 bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
 import bl_ext.user_default.flexmaps as flexmaps
-heavy = {"scipy", "shapely", "igl", "ezdxf", "xatlas", "spyrrow"}
+heavy = {"cvxopt", "scipy", "shapely", "igl", "ezdxf", "xatlas", "spyrrow"}
 early = sorted(heavy & set(sys.modules))
 
 from bl_ext.user_default.flexmaps.bridge import scene
 from bl_ext.user_default.flexmaps.engine import shapes
 obj = scene.add_model(bpy.context.scene, shapes.make("dome"), "dome")
 done = {}
-for stage in ("check", "regularise", "trace", "merge", "spirals"):
+for stage in ("check", "regularise", "trace", "merge", "spirals", "simulate"):
     done[stage] = sorted(getattr(bpy.ops.flexmaps, stage)())
 obj.flexmaps.export.folder = out
 done["export"] = sorted(bpy.ops.flexmaps.export())
@@ -82,7 +82,7 @@ def test_wheels(zip_file: Path) -> None:
     wheels = [Path(name).name for name in zipfile.ZipFile(zip_file).namelist() if name.endswith(".whl")]
     packages = {wheel.split("-")[0] for wheel in wheels}
     assert "numpy" not in packages
-    assert {"scipy", "shapely", "libigl", "ezdxf", "xatlas", "spyrrow", "typing_extensions"} <= packages
+    assert {"cvxopt", "scipy", "shapely", "libigl", "ezdxf", "xatlas", "spyrrow", "typing_extensions"} <= packages
     for package in packages:
         tags = [wheel.split("-")[2] for wheel in wheels if wheel.startswith(package + "-")]
         both = {"cp311", "cp313"} <= set(tags) or {"cp311", "cp312"} <= set(tags)  # cp312: a stable ABI, fits 3.13
@@ -119,7 +119,7 @@ def test_main_job_from_the_installed_extension(zip_file: Path, tmp_path: Path) -
     assert set(map(tuple, result["done"].values())) == {("FINISHED",)}
     user = str(tmp_path / "user")
     assert result["package"].startswith(user)
-    assert {"scipy", "shapely", "igl"} <= set(result["places"])
+    assert {"cvxopt", "scipy", "shapely", "igl"} <= set(result["places"])
     assert all(place.startswith(user) for place in result["places"].values()), result["places"]
     written = sorted(path.suffix for path in (tmp_path / "out").iterdir())
     assert ".svg" in written
