@@ -68,6 +68,12 @@ def _joint(
         reach = a.size.pad + a.size.length + abs(a.back)
         window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
         left = shapely.clip_by_rect(panels[half.patch], *window).buffer(-0.5 * kerf, quad_segs=64)
+        if halves[0].patch == halves[1].patch:
+            # the other side of the cut lies in the same panel, and elsewhere once the cut is closed: this arm alone
+            through = Through(half, halves[0] if half is halves[1] else halves[1])
+            behind = through.centre(through.tau(a.back + a.size.length + a.size.wall - sign * a.shift))[0]
+            at = shapely.Point(pairs(half.placed(np.array([behind]))))
+            left = min(shapely.get_parts(left), key=lambda p, at=at: p.distance(at))
         into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)) - point) / way)  # noqa: E731
         parts.append(shapely.transform(left, into))
     if a.kind == "key":
