@@ -9,6 +9,7 @@ from bench_layout import EDGE
 from flexmaps.engine import design, flatten, job, shapes, trace
 from flexmaps.engine.arm_model import ArmModel
 from flexmaps.engine.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.curvature import rms_curvature
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
 from flexmaps.engine.mesh import PolygonMesh, QuadMesh
@@ -68,10 +69,11 @@ def rods(assembly: Assembly) -> tuple[RodModel, int]:
 
 
 def of_mesh(name: str, polygons: PolygonMesh) -> Subject:
-    """The design that the main job makes of a mesh; raises FlexMapsError where it refuses it."""
-    result = job.run(polygons, Settings(), edge=EDGE, stop_after="spirals")
-    assert result.design is not None
-    return subject(name, of_design(result.design), target_pose(result.mesh, result.design.flat.corners))
+    """The curvature-adjusted design of a mesh in its merged patches, of whatever size; raises FlexMapsError if refused."""
+    result = job.run(polygons, Settings(), edge=EDGE, stop_after="merge")
+    assert result.flat is not None
+    spirals = design.from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
+    return subject(name, of_design(spirals), target_pose(result.mesh, result.flat.corners))
 
 
 def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
@@ -83,9 +85,14 @@ def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
 
 
 def torus(count: int) -> Subject:
-    """A torus of about ``count`` spirals."""
+    """A torus of about ``count`` spirals. Its long strips are flattened with strains at the limit, so that it buckles."""
     across = round(np.sqrt(count / 2.5))
     return of_shape(f"torus {count}", shapes.torus(round(2.5 * across), across))
+
+
+def dome(count: int) -> Subject:
+    """Half a sphere of about ``count`` spirals."""
+    return of_shape(f"dome {count}", shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
 
 
 def straight_row(count: int) -> Subject:
