@@ -60,6 +60,7 @@ class Moving:
 
     def __init__(self, vertices: np.ndarray, quads: np.ndarray):
         self._vertices, self._quads = vertices, quads
+        self._arrays: tuple[Any, ...] | None = None
         self._batches: tuple[Any, Any, Any] | None = None
 
     @property
@@ -71,16 +72,24 @@ class Moving:
         """What is drawn in dark on the quads: points (N, 3) in the scene's units and triangles (T, 3)."""
         return None
 
+    def prepared(self, unit: float) -> Moving:
+        """The same, with all that is computed for drawing done: to be called beside the window's thread."""
+        self._arrays = (*self.drawn(unit), self.bands(unit))
+        return self
+
     def batches(self, unit: float) -> tuple[Any, Any, Any]:
         """What the graphics card draws: faces, bands or ``None``, lines; made once."""
         if self._batches is None:
             import gpu
             from gpu_extras.batch import batch_for_shader
 
-            points, rgba, ends = self.drawn(unit)
+            if self._arrays is None:
+                self.prepared(unit)
+            assert self._arrays is not None
+            points, rgba, ends, found = self._arrays
             faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
             lines = batch_for_shader(gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR"), "LINES", {"pos": ends})
-            found, bands = self.bands(unit), None
+            bands = None
             if found is not None:
                 ink = gpu.shader.from_builtin("UNIFORM_COLOR")
                 bands = batch_for_shader(ink, "TRIS", {"pos": found[0]}, indices=found[1])

@@ -41,6 +41,7 @@ LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 EDIT_ALPHA = 0.55
 LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
+ROW = 18  # height of a line of the legend, in pixels at the usual size
 LIFT = 0.005  # how far the colours float above the surface, in edges
 
 
@@ -272,44 +273,49 @@ def _draw_colours() -> None:
 
 
 def _draw_legend() -> None:
+    """Lower left: the title, below it a bar with its ends or a list, on a dark plate that any view lets read."""
     import blf
-    import gpu
-    from gpu_extras.batch import batch_for_shader
 
     moving, shown = live.shown(), _shown(bpy.context)
     legend = moving.legend if moving is not None else None if shown is None else shown[3]
     if legend is None:
         return
     unit = bpy.context.preferences.system.ui_scale
-    x, y, width, height = 90 * unit, 30 * unit, 180 * unit, 12 * unit
+    x, y, width = 90 * unit, 30 * unit, 180 * unit
     blf.size(0, 12 * unit)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
-    title = y + height + 22 * unit + 18 * unit * max(len(legend.entries) - 1, 0)
-    _text(x, title, legend.title)
-    for k, (rgb, text) in enumerate(legend.entries):
-        low = title - (22 + 18 * k) * unit
-        _rectangle(x, low, 12 * unit, 12 * unit, rgb)
-        _text(x + 20 * unit, low + unit, text)
-    if legend.scale is None:
-        return
-    steps = np.linspace(0.0, 1.0, 25)
-    anchors = np.linspace(0.0, 1.0, len(legend.scale))
-    rgb = np.stack([np.interp(steps, anchors, legend.scale[:, k]) for k in range(3)], axis=1)
-    strip = np.stack(
-        [np.repeat(x + width * steps, 2), np.tile([y + 14 * unit, y + 14 * unit + height], len(steps))], axis=1
-    )
-    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0)
+    below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
+    broad = blf.dimensions(0, legend.title)[0]
+    if legend.scale is not None:
+        broad = max(broad, width)
+    for _, text in legend.entries:
+        broad = max(broad, 20 * unit + blf.dimensions(0, text)[0])
+    _rectangle(x - 10 * unit, y - 10 * unit, broad + 20 * unit, below + 32 * unit, (0.1, 0.1, 0.1), 0.5)
+    _text(x, y + below, legend.title)
+    for k, (rgb, text) in enumerate(reversed(legend.entries)):
+        _rectangle(x, y + ROW * k * unit, 12 * unit, 12 * unit, rgb)
+        _text(x + 20 * unit, y + (ROW * k + 1) * unit, text)
+    if legend.scale is not None:
+        _bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
+        _text(x, y, legend.low)
+        _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+
+
+def _bar(x: float, y: float, width: float, height: float, scale: np.ndarray) -> None:
+    """A scale (n, 3) of sRGB colours from left to right."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    steps, anchors = np.linspace(0.0, 1.0, 25), np.linspace(0.0, 1.0, len(scale))
+    rgb = np.stack([np.interp(steps, anchors, scale[:, k]) for k in range(3)], axis=1)
+    points = np.zeros((2 * len(steps), 3), np.float32)
+    points[:, 0], points[:, 1] = np.repeat(x + width * steps, 2), np.tile([y, y + height], len(steps))
+    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0).astype(np.float32)
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch_for_shader(
-        shader,
-        "TRI_STRIP",
-        {"pos": np.c_[strip, np.zeros(len(strip))].astype(np.float32), "color": rgba.astype(np.float32)},
-    ).draw(shader)
-    _text(x, y, legend.low)
-    _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+    batch_for_shader(shader, "TRI_STRIP", {"pos": points, "color": rgba}).draw(shader)
 
 
-def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...]) -> None:
+def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...], alpha: float = 1.0) -> None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -317,8 +323,10 @@ def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float
     corners = [(x, y, 0), (x + width, y, 0), (x, y + height, 0), (x + width, y + height, 0)]
     batch = batch_for_shader(shader, "TRI_STRIP", {"pos": corners})
     shader.bind()
-    shader.uniform_float("color", (*rgb, 1.0))
+    shader.uniform_float("color", (*rgb, alpha))
+    gpu.state.blend_set("ALPHA")
     batch.draw(shader)
+    gpu.state.blend_set("NONE")
 
 
 def _text(x: float, y: float, text: str) -> None:

@@ -29,7 +29,9 @@ def icon(rmse: Sequence[float]) -> int:
         _kept["icon"].image_size = (SIZE, SIZE)
     if tuple(rmse) != _kept.get("values"):
         _kept["values"] = tuple(rmse)
-        pixels = np.round(255 * picture(rmse)).astype(np.uint8)
+        shown = picture(rmse)
+        shown[..., :3] *= shown[..., 3:]  # as Blender's icons want it
+        pixels = np.round(255 * shown).astype(np.uint8)
         _kept["icon"].image_pixels.foreach_set(pixels.view(np.int32).ravel())
     return int(_kept["icon"].icon_id)
 

@@ -17,7 +17,7 @@ from .spirals import Drawn
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
-    from ..bridge.designing import Designing
+    from ..bridge.live import Moving
     from ..engine.optimise import Look
 
 
@@ -26,7 +26,7 @@ class Optimise(Stage, bpy.types.Operator):
 
     bl_idname = "flexmaps.optimise"
     bl_label = "Optimise"
-    on_stop = "the best spirals so far are kept"
+    on_stop = "the best so far is kept"
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
@@ -48,6 +48,7 @@ class Optimise(Stage, bpy.types.Operator):
         force = supports.force(obj, surface, settings.loads)
         material = settings.material.chosen
         block = notes.read(obj.data).get("spirals")
+        unit = bpy.context.scene.unit_settings.scale_length
 
         def work(progress: Progress) -> Any:
             from ..engine import check, design, optimise, reach
@@ -57,9 +58,9 @@ class Optimise(Stage, bpy.types.Operator):
             start = mesh.start_of(surface, mesh.current_flat(surface, quads), settings.spiral, block)
             began, history = time.perf_counter(), list[tuple[float, float]]()
 
-            def seen(look: Look) -> Designing:
+            def seen(look: Look) -> Moving:
                 history.append((time.perf_counter() - began, look.rmse))
-                return designing.Designing(look, quads.quads, settings.spiral, tuple(history))
+                return designing.Designing(look, quads.quads, settings.spiral, tuple(history)).prepared(unit)
 
             found = optimise.optimise(
                 start,

@@ -10,7 +10,7 @@ from ..bridge import equilibrium, job, notes, plot
 from ..engine.params import OptimiseParams
 from .rows import choice_row, more, number, numbers, wrapped
 
-PLOT = 6.0  # height of the plot, in rows
+PLOT = 8.0  # size of the plot, in rows
 
 
 def rows(layout: bpy.types.UILayout, context: bpy.types.Context, obj: bpy.types.Object) -> None:
