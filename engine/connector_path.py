@@ -204,6 +204,14 @@ class Tip:
         return self.through.own.patch
 
     @property
+    def beside(self) -> Any:
+        """Its polygon in the frame of the other half's patch, both panels lying side by side."""
+        import shapely
+
+        own, other = self.through.own, self.through.other
+        return shapely.transform(self.polygon, lambda p: pairs(other.placed(-own.local(complexes(p)))))
+
+    @property
     def rest(self) -> Any:
         """The remaining arm, shapely's polygon in the patch's frame."""
         import shapely

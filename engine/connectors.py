@@ -182,7 +182,7 @@ def _next(room: Room, joint: int, start: int) -> _Choice | None:
 
 
 def _crowded(room: Room, chosen: list[_Choice | None]) -> dict[int, int]:
-    """Joints that have to give way because two tips of one panel are nearer than the smallest slot; and what they tried last."""
+    """Joints that have to give way because two tips are nearer than the smallest slot; and what they tried last."""
     import shapely
 
     owners = [(joint, c.number) for joint, c in enumerate(chosen) if c is not None for _ in c.tips]
@@ -190,9 +190,16 @@ def _crowded(room: Room, chosen: list[_Choice | None]) -> dict[int, int]:
     if not tips:
         return {}
     polygons = np.array([t.polygon for t in tips])
-    one, two = shapely.STRtree(polygons).query(polygons, predicate="dwithin", distance=0.999 * room.slot)
+    tree = shapely.STRtree(polygons)
+    one, two = tree.query(polygons, predicate="dwithin", distance=0.999 * room.slot)
+    near = {(a, b) for a, b in zip(one.tolist(), two.tolist()) if a < b and tips[a].patch == tips[b].patch}
+    # and of two panels that lie side by side along their joint
+    one, two = tree.query([t.beside for t in tips], predicate="dwithin", distance=0.999 * room.slot)
+    near |= {
+        (a, b)
+        for a, b in zip(one.tolist(), two.tolist())
+        if owners[a] != owners[b] and tips[a].through.other.patch == tips[b].patch
+    }
     giving = []
-    for a, b in zip(one.tolist(), two.tolist()):
-        if a < b and tips[a].patch == tips[b].patch:
-            giving.append(owners[a] if polygons[a].area > polygons[b].area else owners[b])
+    giving = [owners[a] if polygons[a].area > polygons[b].area else owners[b] for a, b in sorted(near)]
     return dict(giving)
