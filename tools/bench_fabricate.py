@@ -6,7 +6,6 @@ python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME .
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 import time
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from bench_layout import EDGE, Row, _at_most, _print, _row, surfaces
+from bench_layout import EDGE, surfaces
 from flexmaps.engine import (
     check,
     curvature,
@@ -37,6 +36,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.sheets import CutSheets
+from rows import Row, Table, at_most, row
 
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
 SECONDS = {"bunny": 30.0}
@@ -56,22 +56,15 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--only", nargs="*", help="only meshes of these names")
     parser.add_argument("--nesting", type=float, default=20.0, help="seconds of the search for fewer sheets")
     options = parser.parse_args(arguments)
-    rows: list[Row] = []
-    print(f"{'mesh':<18}{'row':<24}{'asked':>12}{'measured':>14}  ok   peers")
+    table = Table()
     for name, polygons in surfaces(options.meshes):
         if options.only and name not in options.only:
             continue
         try:
-            found = measure(name, polygons, options.nesting)
+            table.add(*measure(name, polygons, options.nesting))
         except FlexMapsError as error:
-            found = [_row(name, "refused", "", str(error)[:90], True)]
-        for row in found:
-            _print(row)
-        rows += found
-        if options.json is not None:
-            options.json.write_text(json.dumps(rows, indent=1) + "\n")
-    missed = [r for r in rows if r["ok"] is False]
-    print(f"{len(rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))
+            table.add(row(name, "refused", "", str(error)[:90], True))
+    table.finish(options.json)
     return 0
 
 
@@ -92,15 +85,15 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
     report = sheets.sheets_report(made)
-    thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.least), 3)
+    thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.thinnest), 3)
     rows = [
-        _row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
-        _at_most(name, "panels too large", 0, too_large),
-        _at_most(name, "mesh to sheets, seconds", SECONDS.get(name), round(seconds, 1)),
-        _at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
-        _row(name, "nodes per metre", "", report["nodes_per_m"], None),
-        _row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
-        _row(name, "narrowest bridge, mm", f">= {thin:g}", report["bridge_min_mm"], report["bridge_min_mm"] >= thin),
+        row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
+        at_most(name, "panels too large", 0, too_large),
+        at_most(name, "mesh to sheets, seconds", SECONDS.get(name), round(seconds, 1)),
+        at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
+        row(name, "nodes per metre", "", report["nodes_per_m"], None),
+        row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
+        row(name, "narrowest bridge, mm", f">= {thin:g}", report["bridge_min_mm"], report["bridge_min_mm"] >= thin),
     ]
     rows += fill_rows(name, made, quick, nested, flat)
     with tempfile.TemporaryDirectory() as folder:
@@ -129,11 +122,11 @@ def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat
     asked = ">= 0.6" if len(shapes) >= 8 else ""
     counts = {"quick": quick.count, "least by area": int(np.ceil(area / (0.59 * 0.39)))}
     return [
-        _row(name, "fill of a strip", asked, in_strip, in_strip >= 0.6 if asked else None, peers),
-        _row(name, "sheets", "<= quick", made.count, made.count <= quick.count, counts),
-        _row(name, "fill of the sheets", "", sheets.sheets_report(made)["fill"], None,
+        row(name, "fill of a strip", asked, in_strip, in_strip >= 0.6 if asked else None, peers),
+        row(name, "sheets", "<= quick", made.count, made.count <= quick.count, counts),
+        row(name, "fill of the sheets", "", sheets.sheets_report(made)["fill"], None,
              {"quick": sheets.sheets_report(quick)["fill"]}),
-        _row(name, "nesting, wall seconds", "", round(seconds, 1), None),
+        row(name, "nesting, wall seconds", "", round(seconds, 1), None),
     ]  # fmt: skip
 
 
@@ -179,12 +172,12 @@ def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     rows = []
     paths = svg.write(made, base.with_suffix(".svg"))
     size = sum(os.path.getsize(p) for p in paths) / 1e6
-    rows.append(_at_most(name, "SVG, megabytes", MEGABYTES.get(name), round(size, 2)))
+    rows.append(at_most(name, "SVG, megabytes", MEGABYTES.get(name), round(size, 2)))
     rows += shape_rows(name, "SVG by svgelements", [svg_polygons(p) for p in paths], made, close=True)
     for version in ("R2010", "R12"):
         paths = dxf.write(made, base.with_name(f"sheet-{version}.dxf"), version)
         rows += shape_rows(name, f"DXF {version} by ezdxf", [dxf_polygons(p) for p in paths], made)
-    rows.append(_at_most(name, "PDF by PDFium, mm off", 0.001, pdf_error(made, base.with_suffix(".pdf"))))
+    rows.append(at_most(name, "PDF by PDFium, mm off", 0.001, pdf_error(made, base.with_suffix(".pdf"))))
     return rows + solid_rows(name, made, base)
 
 
@@ -204,21 +197,21 @@ def shape_rows(
                 near = min(near, shapely.Polygon(one.exterior).distance(shapely.Polygon(two.exterior)))
                 overlaps += one.intersects(two)
     rows = [
-        _row(name, f"{kind}: whole", "all", f"{sum(p.is_valid for p in panels)}/{len(wanted)}", all(p.is_valid for p in panels)),
-        _at_most(name, f"{kind}: overlaps", 0, overlaps),
-        _at_most(name, f"{kind}: area off", 1e-3, off),
+        row(name, f"{kind}: whole", "all", f"{sum(p.is_valid for p in panels)}/{len(wanted)}", all(p.is_valid for p in panels)),
+        at_most(name, f"{kind}: overlaps", 0, overlaps),
+        at_most(name, f"{kind}: area off", 1e-3, off),
     ]  # fmt: skip
     if np.isfinite(near):
         least = made.params.spacing * 1e3
-        rows.append(_row(name, f"{kind}: apart, mm", f">= {least:g}", round(near, 3), near >= least - 0.05))
+        rows.append(row(name, f"{kind}: apart, mm", f">= {least:g}", round(near, 3), near >= least - 0.05))
     if close:
         # both sides of a slot may stray by the tolerance of the curves, and a little by being read in chords
         slot, bridge = (0.5e3 * x - 1.5e3 * made.params.tolerance for x in (made.slot_min, made.bridge_min))
         broken = sum(not isinstance(p.buffer(-bridge, quad_segs=2), shapely.Polygon) for p in panels)
         holes = np.array([shapely.Polygon(r) for p in panels for r in p.interiors])
         narrow = shapely.buffer(holes, -slot, quad_segs=2)
-        rows.append(_at_most(name, "bridges below", 0, broken))
-        rows.append(_at_most(name, "slots below", 0, int((shapely.get_num_geometries(narrow) > 1).sum())))
+        rows.append(at_most(name, "bridges below", 0, broken))
+        rows.append(at_most(name, "slots below", 0, int((shapely.get_num_geometries(narrow) > 1).sum())))
     return rows
 
 
@@ -300,9 +293,9 @@ def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     again = trimesh.load_mesh(base.with_suffix(".stl"))
     whole = bool(again.is_watertight) and zipfile.ZipFile(base.with_suffix(".3mf")).testzip() is None
     return [
-        _row(name, "solids watertight", "all", f"{tight}/{len(chosen)}", tight == len(chosen), {"seconds": round(seconds, 1)}),
-        _at_most(name, "solids: volume off", 1e-3, off),
-        _row(name, "STL and 3MF read back", "whole", "whole" if whole else "broken", whole),
+        row(name, "solids watertight", "all", f"{tight}/{len(chosen)}", tight == len(chosen), {"seconds": round(seconds, 1)}),
+        at_most(name, "solids: volume off", 1e-3, off),
+        row(name, "STL and 3MF read back", "whole", "whole" if whole else "broken", whole),
     ]  # fmt: skip
 
 

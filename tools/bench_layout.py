@@ -23,14 +23,13 @@ from flexmaps.engine.flatten import FlatPatches
 from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.progress import SILENT
+from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres, median quad edge of every mesh here
 PATCHES = {"cubesphere": 1, "three_holes": 11, "bunny": 10, "vault": 2, "spot": 25}
 SECONDS = {"bunny": 4.0, "spot": 8.0}
 REPORTED = {"flower_cmc1", "amo_quad"}
 SYMMETRIC = {"vault", "torus", "cubesphere"}
-
-Row = dict[str, Any]
 
 
 def main(arguments: list[str]) -> int:
@@ -49,29 +48,20 @@ def main(arguments: list[str]) -> int:
 
 def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
     """Rows {mesh, row, asked, measured, peer, ok} of every mesh of a folder and of the self-made ones."""
-    rows: list[Row] = []
-    print(f"{'mesh':<18}{'row':<24}{'asked':>12}{'measured':>14}  ok   peers")
+    table = Table()
     for name, polygons in surfaces(meshes_dir):
         try:
-            found = measure(name, polygons)
+            table.add(*measure(name, polygons))
         except FlexMapsError as error:
-            found = [_row(name, "refused", "", str(error)[:60], True)]
-        for row in found:
-            _print(row)
-        rows += found
+            table.add(row(name, "refused", "", str(error)[:60], True))
     for name, source, memory in (
         ("made:demo", "shape:demo", None),
         ("bunny", meshes_dir and meshes_dir / "bunny.obj", 1500),
     ):
         if source is not None and (memory is None or source.is_file()):
-            for row in whole_job(name, str(source), memory):
-                _print(row)
-                rows.append(row)
-    if json_path is not None:
-        json_path.write_text(json.dumps(rows, indent=1) + "\n")
-    missed = [r for r in rows if r["ok"] is False]
-    print(f"{len(rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))
-    return rows
+            table.add(*whole_job(name, str(source), memory))
+    table.finish(json_path)
+    return table.rows
 
 
 def surfaces(meshes_dir: Path | None) -> list[tuple[str, PolygonMesh]]:
@@ -97,36 +87,36 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     strict = kind not in REPORTED
     small = report["smallest_patch"] >= min(params.patch_min, len(mesh.quads)) or "forced" in report
     rows = [
-        _row(name, "quads", "", len(mesh.quads), None),
-        _at_most(name, "patches", PATCHES.get(name), report["patches"]),
-        _at_most(name, "seconds", SECONDS.get(kind, 2.0), round(seconds, 2)),
-        _at_most(name, "energy_max", 0.035 if strict else None, report["energy_max"], peers(flat)),
-        _row(name, "square_median", "", report["square_median"], None),
-        _at_most(name, "compactness_max", 5.0, report["compactness_max"]),
-        _row(name, "disks", "all", "all" if report["disks"] else "not all", report["disks"]),
-        _at_most(name, "flips", 0, report["flips"]),
-        _at_most(name, "overlaps", 0, report["overlaps"], {"shapely": _overlap(flat)}),
-        _row(
+        row(name, "quads", "", len(mesh.quads), None),
+        at_most(name, "patches", PATCHES.get(name), report["patches"]),
+        at_most(name, "seconds", SECONDS.get(kind, 2.0), round(seconds, 2)),
+        at_most(name, "energy_max", 0.035 if strict else None, report["energy_max"], peers(flat)),
+        row(name, "square_median", "", report["square_median"], None),
+        at_most(name, "compactness_max", 5.0, report["compactness_max"]),
+        row(name, "disks", "all", "all" if report["disks"] else "not all", report["disks"]),
+        at_most(name, "flips", 0, report["flips"]),
+        at_most(name, "overlaps", 0, report["overlaps"], {"shapely": _overlap(flat)}),
+        row(
             name,
             "neck_min_quads",
             ">= 2",
             report["neck_min_quads"],
             report["neck_min_quads"] >= 2 or "forced" in report,
         ),
-        _row(name, "isthmus_min", "", round(_isthmus(flat), 3), None),
-        _row(name, "smallest_patch", ">= 6", report["smallest_patch"], small),
-        _at_most(name, "seam_mismatch_median", 0.03 if strict else None, report["seam_mismatch_median"]),
-        _at_most(name, "seam_mismatch_max", 0.15 if strict else None, report["seam_mismatch_max"]),
-        _row(name, "cut_edges", "", report["cut_edges"], None),
+        row(name, "isthmus_min", "", round(_isthmus(flat), 3), None),
+        row(name, "smallest_patch", ">= 6", report["smallest_patch"], small),
+        at_most(name, "seam_mismatch_median", 0.03 if strict else None, report["seam_mismatch_median"]),
+        at_most(name, "seam_mismatch_max", 0.15 if strict else None, report["seam_mismatch_max"]),
+        row(name, "cut_edges", "", report["cut_edges"], None),
     ]
     if "symmetry" in report or kind in SYMMETRIC:
         kept = f"{report.get('symmetries_kept', 1)} of {report.get('symmetries', 1)}"
-        rows.append(_row(name, "symmetries", "kept or said", kept, "symmetry" in report or None))
+        rows.append(row(name, "symmetries", "kept or said", kept, "symmetry" in report or None))
     for text in report.get("forced", []):
-        rows.append(_row(name, "forced", "", text, None))
+        rows.append(row(name, "forced", "", text, None))
     if len(flat.layout.patches) > 1:
         limit = 100.0 if kind == "bunny" else None
-        rows.append(_at_most(name, "edit_ms_worst", limit, round(1e3 * _worst_edit(flat, params), 1)))
+        rows.append(at_most(name, "edit_ms_worst", limit, round(1e3 * _worst_edit(flat, params), 1)))
     return rows
 
 
@@ -140,8 +130,8 @@ def whole_job(name: str, source: str, memory: float | None) -> list[Row]:
         seconds = time.monotonic() - started
         report = json.loads((Path(folder) / "report.json").read_text())
     return [
-        _at_most(name, "whole job, seconds", 120.0, round(seconds, 1)),
-        _at_most(name, "whole job, megabytes", memory, report["memory_mb"]),
+        at_most(name, "whole job, seconds", 120.0, round(seconds, 1)),
+        at_most(name, "whole job, megabytes", memory, report["memory_mb"]),
     ]
 
 
@@ -311,30 +301,6 @@ def blender(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
     points = np.zeros((len(vertices), 2))
     points[corners.ravel()] = uv.reshape(-1, 2)
     return points
-
-
-# -- rows ------------------------------------------------------------------------------------------------------------
-
-
-def _row(mesh: str, row: str, asked: str, measured: Any, ok: bool | None, peer: dict[str, Any] | None = None) -> Row:
-    return {"mesh": mesh, "row": row, "asked": asked, "measured": measured, "peer": peer or {}, "ok": ok}
-
-
-def _at_most(mesh: str, row: str, limit: float | None, measured: float, peer: dict[str, Any] | None = None) -> Row:
-    measured = round(float(measured), 5) if isinstance(measured, float) else int(measured)
-    if limit is None:
-        return _row(mesh, row, "", measured, None, peer)
-    return _row(mesh, row, f"<= {limit:g}", measured, measured <= limit * (1 + 1e-9), peer)
-
-
-def _print(row: Row) -> None:
-    mark = {True: "yes", False: "NO", None: ""}[row["ok"]]
-    peer = "; ".join(
-        f"{name} " + (" ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value))
-        for name, value in row["peer"].items()
-    )
-    measured = f"{row['measured']:.5g}" if isinstance(row["measured"], float) else str(row["measured"])
-    print(f"{row['mesh']:<18}{row['row']:<24}{row['asked']:>12}{measured:>14}  {mark:<4} {peer}", flush=True)
 
 
 __all__ = ["bench", "main"]
