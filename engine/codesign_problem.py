@@ -158,8 +158,7 @@ class FlatPoint(Point):
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
         n, pairs = self.assembly.size, self.assembly.pairs
-        geometry = (self._by_points @ self.problem.flat.shift(change[n:]).ravel()).reshape(-1, 6, 1)
-        force = self._forces @ change[pairs].reshape(-1, 4, 1) + self._by_geometry[:, :12] @ geometry
+        force = self._forces @ change[pairs].reshape(-1, 4, 1) + self._by_geometry[:, :12] @ self._geometry(change)
         return -self.system.solve(summed(force[..., 0], pairs, n))
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
@@ -169,6 +168,11 @@ class FlatPoint(Point):
         by_spirals[self.assembly.size :] = self._from_geometry(answer @ self._by_geometry[:, :12])
         return -by_spirals
 
+    def _geometry(self, change: np.ndarray) -> np.ndarray:
+        """(m, 6, 1) change of the joints' rest geometry with the coordinates by (n + P, 2)."""
+        shift = self.problem.flat.shift(change[self.assembly.size :])
+        return (self._by_points @ shift.ravel()).reshape(-1, 6, 1)
+
     def _gathered(self, share: np.ndarray) -> np.ndarray:
         index, size = self.assembly.pairs.ravel(), len(self.x)
         return np.stack([np.bincount(index, share[..., k].ravel(), size) for k in (0, 1)], axis=1)
@@ -177,21 +181,25 @@ class FlatPoint(Point):
         """(P, 2) change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
         return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2))
 
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
+        out = super()._back(pull, strained)
+        if self._strain.found is not None:
+            out[self.assembly.size :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:])
+        return out
+
+    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        geometry = self._geometry(change)
+        return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
+
     @cached_property
     def gradient(self) -> np.ndarray:
         """(n + P, 2) of the objective by the coordinates, by one adjoint solve."""
         out, flat = super().gradient, self.problem.flat
         out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
-        if self._strain.found is not None:
-            strained = self._strain.slope[:, None] @ self._by_geometry[:, 12:]
-            out[self.assembly.size :] += self._from_geometry(strained)
         return out
 
     def gauss_newton(self, change: np.ndarray) -> np.ndarray:
-        """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2).
-
-        What the geometry does to the strains at a fixed pose is left out, for it is small.
-        """
+        """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
         n, flat = self.assembly.size, self.problem.flat
         out = super().gauss_newton(change)
         out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))

@@ -153,11 +153,14 @@ class Point:
         strain = self._strain
         if strain.found is None:
             return self.adjoint(pull) + self.rough(change)
+        return self._back(pull, strain.curvature * self._grown(strain.found, moves, change)) + self.rough(change)
+
+    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(m, 2) how the arms' strains change when the coordinates change by (n, 2) and the hubs move by (n, 6)."""
         pairs = self.problem.assembly.pairs
-        grown = (strain.found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
         design = (self._slopes @ change[pairs][..., None])[..., 0]
-        grown += np.einsum("eaks,eks->ea", strain.found.by_design, design)
-        return self._back(pull, strain.curvature * grown) + self.rough(change)
+        through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
+        return through + np.einsum("eaks,eks->ea", found.by_design, design)
 
     def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
         """(n, 2) change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
