@@ -69,5 +69,5 @@ def _limits(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> N
         layout,
         context.window_manager,
         "flexmaps_overlay",
-        (("REACH", "What limits it"), ("WIDTH", "Width"), ("TWIST", "Twist")),
+        (("REACH", "Limits"), ("WIDTH", "Width"), ("TWIST", "Twist")),
     )
