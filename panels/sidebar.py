@@ -9,6 +9,8 @@ import bpy
 from ..bridge import equilibrium, job, notes
 from ..bridge.objects import changed_by_modifiers, unusable
 from ..engine.params import (
+    ConnectorParams,
+    CutParams,
     ExportParams,
     LayoutParams,
     LoadParams,
@@ -25,6 +27,7 @@ from .rows import choice_row, more, number, numbers, settings_rows, wrapped
 SPIRAL = ("thickness", "width_min", "width_max")
 LOADS = ("gravity", "clamped")
 SHEET = ("sheet_width", "sheet_height")
+CONNECT, CONNECTOR_FIT = ("connector",), ("clearance",)
 
 
 class Sidebar:
@@ -218,9 +221,16 @@ class ExportPanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        settings_rows(layout.column(align=True), obj.flexmaps.sheet, SheetParams, SHEET)
-        more(layout, "flexmaps_sheet", obj.flexmaps.sheet, SheetParams, SHEET)
-        settings_rows(layout.column(align=True), obj.flexmaps.export, ExportParams)
+        settings = obj.flexmaps
+        settings_rows(layout.column(align=True), settings.sheet, SheetParams, SHEET)
+        more(layout, "flexmaps_sheet", settings.sheet, SheetParams, SHEET)
+        column = layout.column(align=True)
+        settings_rows(column, settings.connect, ConnectorParams, CONNECT)
+        if settings.connect.connector != "none":
+            settings_rows(column, settings.connect, ConnectorParams, CONNECTOR_FIT)
+            more(layout, "flexmaps_connect", settings.connect, ConnectorParams, CONNECT + CONNECTOR_FIT)
+        settings_rows(layout.column(align=True), settings.cut, CutParams)
+        settings_rows(layout.column(align=True), settings.export, ExportParams)
         layout.operator("flexmaps.export", icon="EXPORT")
         block = notes.read(obj.data).get("sheets")
         if block is None:
@@ -234,6 +244,8 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         number(grid, "Mass", _decimals(block, "mass_g", 0, " g"))
         number(grid, "Narrowest arm", _decimals(block, "bridge_min_mm", 2, " mm"))
         number(grid, "Joints", str(block.get("joints", "-")))
+        if block.get("unsolved"):
+            number(grid, "Without connector", str(len(block["unsolved"])), alert=True)
         if block.get("joints"):
             number(grid, "Assembly, about", _duration(block.get("assembly_minutes", 0)))
         number(grid, "Files", str(len(block.get("files", ()))))

@@ -341,6 +341,23 @@ def test_export_says_what_is_missing(dome: Any, tmp_path: Path) -> None:
     assert "sheets" not in report(dome)
 
 
+def test_export_follows_the_connectors_and_the_kerf(dome: Any, tmp_path: Path) -> None:
+    press("merge")
+    press("spirals")
+    dome.flexmaps.export.folder, dome.flexmaps.export.dxf = str(tmp_path), "NONE"
+    dome.flexmaps.connect.connector, dome.flexmaps.connect.clearance = "tab", 0.1
+    dome.flexmaps.cut.kerf_outline, dome.flexmaps.cut.kerf_holes = 0.2, 0.1
+    press("export")
+    found = report(dome)["sheets"]
+    assert found["connector_kinds"] == {"tab": found["connectors"]}
+    assert found["connectors"] + len(found["unsolved"]) == found["joints"]
+    assert found["connector_clearance_mm"] == pytest.approx(0.1)
+    assert found["kerf_mm"] == pytest.approx([0.2, 0.1])
+    dome.flexmaps.connect.connector = "none"
+    press("export")
+    assert report(dome)["sheets"]["connectors"] == 0
+
+
 # -- overlay -----------------------------------------------------------------------------------------------------------
 
 
