@@ -56,7 +56,7 @@ class Loads:
         """(n, 6) bool: what is fixed while the equilibrium is sought.
 
         Every piece without supports is held at its middle spiral, which only fixes where it floats. Raises FlexMapsError
-        with the faces of such a piece if forces would carry it away.
+        with the faces of such a piece if forces would carry it away or turn it.
         """
         n = len(self.fixed)
         count, piece = connected_components(
@@ -66,14 +66,14 @@ class Loads:
         floating = np.bincount(piece, weights=self.fixed[:, 0], minlength=count) == 0
         for k in np.flatnonzero(floating):
             members = np.flatnonzero(piece == k)
-            total, each = (
-                np.linalg.norm(self.force[members].sum(axis=0)),
-                np.linalg.norm(self.force[members], axis=1).sum(),
-            )
-            if total > 1e-9 * each:
+            reach = centres[members] - centres[members].mean(axis=0)
+            pull, turn = self.force[members].sum(axis=0), np.cross(reach, self.force[members]).sum(axis=0)
+            each = np.linalg.norm(self.force[members], axis=1)
+            carried = np.linalg.norm(pull) > 1e-9 * each.sum()
+            if carried or np.linalg.norm(turn) > 1e-6 * (each * np.linalg.norm(reach, axis=1)).sum():
                 raise FlexMapsError(
-                    f"Weight or forces act on a piece of {len(members)} spirals that nothing holds; name supports there "
-                    "or take the forces away",
+                    f"Weight or forces {'carry away' if carried else 'turn'} a piece of {len(members)} spirals that nothing "
+                    "holds; name supports there or take the forces away",
                     faces=members,
                 )
             middle = centres[members].mean(axis=0)

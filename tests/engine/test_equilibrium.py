@@ -310,6 +310,18 @@ def test_weight_without_supports_names_the_piece() -> None:
     assert caught.value.faces == [3, 4, 5]
 
 
+def test_forces_that_turn_an_unsupported_piece_are_refused() -> None:
+    model, force = ArmModel.of(row(4), VERO), np.zeros((4, 3))
+    force[0, 2], force[3, 2] = 0.01, -0.01
+    with pytest.raises(FlexMapsError, match="turn a piece"):
+        solve(model, straight(4), Loads.of(4, force=force), SimulateParams())
+    # pulled apart along its length it only grows longer
+    force[:] = 0.0
+    force[0, 0], force[3, 0] = -0.01, 0.01
+    found = solve(model, straight(4), Loads.of(4, force=force), SimulateParams())
+    assert found.converged and np.ptp(found.pose.centres[:, 0]) > 3 * SPACING
+
+
 def test_a_spiral_outside_the_table_is_named() -> None:
     assembly = row(4)
     width = assembly.width.copy()
