@@ -102,7 +102,9 @@ def _write(
             progress(0.1, "drawing the assembly sheet")
             title = Path(name).stem
             written.append(
-                assembly_sheet.write(result.design, result.sheets, result.estimates, out / GUIDE, title, new)
+                assembly_sheet.write(
+                    result.design, result.sheets, result.estimates, out / GUIDE, title, new, result.assembly
+                )
             )
     progress(0.2, "building the Blender file")
     model = scene.show(result, name, settings)

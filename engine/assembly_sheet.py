@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .arcs import Curve
+from .assembly_check import AssemblyCheck
 from .assembly_order import Join, Step, steps
 from .colours import hexadecimal, of_patches, of_seams
 from .design import SpiralDesign
@@ -35,13 +36,14 @@ def write(
     target: str | os.PathLike[str],
     title: str,
     new: NewFile | None = None,
+    checked: AssemblyCheck | None = None,
 ) -> Path:
     """Write the assembly sheet of a design; returns its path.
 
-    ``title`` names the object. ``new`` comes from ``files.replacing_many`` where it shall appear together with other files.
+    ``title`` names the object; ``checked`` tells how hard every seam is to join. ``new`` comes from ``files.replacing_many`` where it shall appear together with other files.
     Raises ``FlexMapsError`` where it cannot be written.
     """
-    data = document(pages(design, sheets, figures, title), f"{title}: assembly")
+    data = document(pages(design, sheets, figures, title, checked), f"{title}: assembly")
     if new is None:
         with replacing(target) as place:
             place.write_bytes(data)
@@ -50,14 +52,16 @@ def write(
     return Path(target)
 
 
-def pages(design: SpiralDesign, sheets: CutSheets, figures: Estimates, title: str) -> list[Page]:
+def pages(
+    design: SpiralDesign, sheets: CutSheets, figures: Estimates, title: str, checked: AssemblyCheck | None = None
+) -> list[Page]:
     """The pages: an overview, where every panel lies on its sheet, and the steps."""
     flat = design.flat
     look = _Look(
         hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
     )
     order = steps(flat.layout)
-    found = [_overview(flat, sheets, figures, title, look)]
+    found = [_overview(flat, sheets, figures, title, look, checked)]
     for first in range(0, len(order), ROWS):
         page = Page(WIDTH, HEIGHT)
         height = (HEIGHT - 2 * MARGIN) / ROWS
@@ -91,7 +95,9 @@ class _Box:
 # -- the pages -----------------------------------------------------------------------------------------------------
 
 
-def _overview(flat: FlatPatches, sheets: CutSheets, figures: Estimates, title: str, look: _Look) -> Page:
+def _overview(
+    flat: FlatPatches, sheets: CutSheets, figures: Estimates, title: str, look: _Look, checked: AssemblyCheck | None
+) -> Page:
     page, layout = Page(WIDTH, HEIGHT), flat.layout
     page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
     page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
@@ -113,7 +119,7 @@ def _overview(flat: FlatPatches, sheets: CutSheets, figures: Estimates, title: s
         page.text(line, (0.135, y), 0.0025, INK)
         y -= 0.0042
     _thumbnails(page, _Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look)
-    _seam_list(page, _Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look)
+    _seam_list(page, _Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
     return page
 
 
@@ -176,11 +182,14 @@ def _middle(points: np.ndarray) -> np.ndarray:
     return np.array([place.x, place.y])
 
 
-def _seam_list(page: Page, box: _Box, flat: FlatPatches, look: _Look) -> None:
-    """Every seam with its panels and joints, in columns."""
-    page.text("Seams: panels and number of joints", (box.x, box.y + box.height), 0.0032, GREY)
-    layout = flat.layout
-    line, columns = 0.0042, 6
+def _seam_list(page: Page, box: _Box, flat: FlatPatches, look: _Look, checked: AssemblyCheck | None) -> None:
+    """Every seam with its panels and joints, and what the check found, in columns."""
+    layout, seams = flat.layout, () if checked is None else checked.seams
+    forces = any(s.force is not None for s in seams)
+    title = "Seams: panels, number of joints" + ", largest force" * forces
+    title += "; ! is hard to join" * any(s.hard for s in seams)
+    page.text(title, (box.x, box.y + box.height), 0.0032, GREY)
+    line, columns = 0.0042, 5 if forces else 6
     most = columns * int(box.height / line - 1)
     for number, edges in enumerate(layout.seams[: most if len(layout.seams) <= most else most - 1]):
         row, column = number % (most // columns), number // (most // columns)
@@ -192,6 +201,9 @@ def _seam_list(page: Page, box: _Box, flat: FlatPatches, look: _Look) -> None:
             if one != two
             else f"{seam_name(number)}: in {one}, {len(edges)}"
         )
+        if seams:
+            seam = seams[number]
+            text += ("" if seam.force is None else f", {seam.force:.2g} N") + " !" * bool(seam.hard)
         page.text(text, (x + 0.004, y), 0.0026, INK)
     if len(layout.seams) > most:
         page.text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from . import (
+    assembly_check,
     check,
     curvature,
     design,
@@ -25,6 +26,7 @@ from . import (
     split,
     trace,
 )
+from .assembly_check import AssemblyCheck
 from .check import Finding
 from .design import SpiralDesign
 from .errors import FlexMapsError
@@ -63,7 +65,7 @@ class Result:
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; also ``None``, with a finding, where its spirals are outside
         of what the elastic model knows and the job went on to the sheets; limits : what keeps it from the target
-    sheets : the sheets to cut; estimates : what making them takes
+    sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
     seconds : wall time of every stage that ran
     """
 
@@ -77,6 +79,7 @@ class Result:
     limits: Reach | None = None
     sheets: CutSheets | None = None
     estimates: Estimates | None = None
+    assembly: AssemblyCheck | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -165,7 +168,9 @@ def run(
     with stage("sheets") as part:
         assert result.design is not None
         made = sheets.make_sheets(result.design, settings.sheet, part, settings.connect, settings.cut)
-    return replace(result, sheets=made, estimates=estimates.estimate(made, result.design, settings.material.chosen))
+        figures = estimates.estimate(made, result.design, settings.material.chosen)
+        assembly = assembly_check.check_assembly(result.design, made.connections, result.simulation)
+    return replace(result, sheets=made, estimates=figures, assembly=assembly)
 
 
 def _tried(

@@ -47,6 +47,8 @@ def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[st
         report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
         if result.estimates is not None:
             report["sheets"] |= estimates_report(result.estimates)
+    if result.assembly is not None:
+        report["assembly"] = result.assembly.report()
     report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
     peak = peak_memory()
     if peak is not None:

@@ -33,7 +33,7 @@ class Export(Stage, bpy.types.Operator):
         base = _folder(settings.export.folder) / _file_name(name)
 
         def work(progress: Progress) -> Any:
-            from ..engine import assembly_sheet, check, estimates, export, files, sheets
+            from ..engine import assembly_check, assembly_sheet, check, estimates, export, files, sheets
 
             progress(0.0, "Reading the spirals")
             flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
@@ -48,7 +48,8 @@ class Export(Stage, bpy.types.Operator):
                 if settings.export.guide:
                     progress(0.9, "Drawing the assembly sheet")
                     guide = base.with_name(f"{base.name}-assembly.pdf")
-                    written.append(assembly_sheet.write(design, made, figures, guide, name, new))
+                    checked = assembly_check.check_assembly(design, made.connections)
+                    written.append(assembly_sheet.write(design, made, figures, guide, name, new, checked))
             block = sheets.sheets_report(made) | estimates.estimates_report(figures)
             return block | {"files": [file.name for file in written]}, base.parent
 
