@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from .arm_model import ArmModel
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .design import SpiralDesign, fitted
+from .errors import FlexMapsError
 from .flatten import FlatPatches, measured, overlapping, seam_mismatch
 from .inverse import Point, Problem
 from .optimisers import Accepted, Trace
@@ -39,7 +41,12 @@ def refine(
     """The best spirals and flat shapes near to a design whose equilibrium is ``start``.
 
     method : one of ``optimisers``; trace, accepted : as there. ``designed`` makes a design of what is returned.
+    Raises FlexMapsError for the rod model, whose rods answer to the size of the whole spiral.
     """
+    if not isinstance(start.model, ArmModel):
+        raise FlexMapsError(
+            "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
+        )
     flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, WEIGHT * start.mismatch.value)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     x = np.concatenate([start.x, np.full((len(design.flat.points), 2), 0.5)])
@@ -55,15 +62,15 @@ def designed(point: Point, design: SpiralDesign, *, prove: bool = True) -> Spira
     Patches that came to overlap themselves, which nothing on the way forbids, keep their former shape.
     """
     if not isinstance(point, FlatPoint):
-        return fitted(design.flat, design.params, *point.problem.space.design(point.x), prove=prove)
-    n, layout = point.assembly.size, design.flat.layout
-    points = point.problem.flat.points(point.x[n:])
+        return fitted(design.flat, design.params, *point.spirals, prove=prove)
+    layout = design.flat.layout
+    points = point.problem.flat.points(point.x[point.assembly.size :])
     bad = overlapping(measured(layout, points))
     for patch in bad:
         of_patch = layout.flat_corners[layout.patches[patch]]
         points[of_patch] = design.flat.points[of_patch]
     flat = measured(layout, centred(design.flat, points))
-    return fitted(flat, design.params, *point.problem.space.design(point.x[:n]), prove=prove)
+    return fitted(flat, design.params, *point.spirals, prove=prove)
 
 
 def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from .arap import NEXT, PREVIOUS, CornerTriangles, corner_triangles
 from .flatten import FlatPatches, seam_mismatch
 from .layout import PatchLayout
 
-SLACK = 1.1  # how far quads and seams that were beyond the limit may go above what they were
+SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were
 
 
 @dataclass(frozen=True, eq=False)

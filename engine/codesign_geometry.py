@@ -2,7 +2,7 @@
 
 A spiral's flat quad matters for the equilibrium only through the ways from its centre to its joints and the directions of
 the edges there: three numbers for either side of a joint. By those what happens in the joints is derived with central
-differences, all joints at once and through the model's public face, so that every elastic model is served; from the flat vertices to
+differences, all joints at once and through the model's public face, as long as no joint asks for the geometry of others; from the flat vertices to
 those numbers it is geometry.
 """
 

@@ -121,6 +121,10 @@ class FlatPoint(Point):
     problem: FlatProblem
     assembly: Assembly
 
+    @property
+    def spirals(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.problem.space.design(self.x[: self.assembly.size])
+
     @cached_property
     def cost(self) -> FlatCost:
         """What the flat shape costs, before its weight."""

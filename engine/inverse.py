@@ -86,6 +86,11 @@ class Point:
         return self.mismatch.value + rough + self._strain.value
 
     @property
+    def spirals(self) -> tuple[np.ndarray, np.ndarray]:
+        """Widths (n,) metres and twists (n,) radians."""
+        return self.problem.space.design(self.x)
+
+    @property
     def _steps(self) -> np.ndarray:
         a, b = self.problem.assembly.pairs.T
         return self.x[b] - self.x[a]

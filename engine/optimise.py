@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from . import curvature
+from . import codesign, curvature
 from .assembly import Pose, of_design, target_pose
 from .design import SpiralDesign, curvature_adjusted, fitted
 from .design_space import DesignSpace
@@ -27,6 +27,7 @@ from .threads import one_thread
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
 REPAIR_STEPS = 6
+POLISH_STEPS = 8  # of the spirals alone, after the flat shapes have moved with them
 TOLERANCE = 1e-4  # of the equilibria on the way: what is left is stretch, which hardly moves anything
 
 
@@ -72,6 +73,8 @@ class Optimisation:
     def report(self) -> dict[str, Any]:
         """The ``optimise`` block of report.json."""
         before, after = self.before.report(), self.after.report()
+        flat = (self.before.design.flat, self.after.design.flat)
+        moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
         return {
             "method": self.method,
             "start": self.start,
@@ -90,6 +93,7 @@ class Optimisation:
                 {"seconds": round(seconds, 3), "objective": value, "rmse_mm": 1e3 * rmse}
                 for seconds, value, rmse in self.trace.rows
             ],
+            **moved,
         }
 
 
@@ -108,7 +112,7 @@ def optimise(
     """Improve a design until its equilibrium matches the target as well as the method finds.
 
     Arguments as in ``simulate``. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
-    is nearest to the target. Shows a ``Look`` after every step. When it is stopped it returns the best design so far,
+    is nearest to the target. With ``codesign`` the flat shapes move too. Shows a ``Look`` after every step. When it is stopped it returns the best design so far,
     or raises Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
     if len(target.quads) != len(design.width):
@@ -128,18 +132,33 @@ def optimise(
         nonlocal best
         best = point
         vertices = carried(design, _laid(point.equilibrium.pose, problem), target)
-        progress.show(Look(vertices, *point.problem.space.design(point.x), point.mismatch.rmse, len(trace.rows)))
+        progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
     accepted(start)
     try:
-        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, 0.8))
+        share = 0.3 if params.codesign else 0.8
+        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, share))
+        if params.codesign:
+            alone, part = best, progress.part(share, 0.75)
+            codesign.refine(problem, best, design, params, METHODS[params.method], trace, accepted, part)
+            moved = codesign.designed(best, design)
+            other = _problem(moved, target, material, params, physics, supports, force)[0]
+            start = other.at(other.space.coordinates(moved.width, moved.twist), best.equilibrium.pose, progress.quiet())
+            if start.equilibrium.converged and start.value < alone.value:
+                problem, design = other, moved
+                accepted(start)
+                short = replace(params, iterations=min(POLISH_STEPS, params.iterations))
+                METHODS[params.method](problem, start, short, trace, accepted, progress.part(0.75, 0.8))
+            else:
+                accepted(alone)
         best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
     except Cancelled:
         finished = False
-        result = fitted(design.flat, design.params, *best.problem.space.design(best.x), prove=False)
+        result = codesign.designed(best, design, prove=False)
     quiet = SILENT if not finished else progress.part(0.95, 1.0)
     after = _simulated(result, target, material, physics, supports, force, best.equilibrium.pose, quiet)
-    return Optimisation(before, after, trace, params.method, name, _at_bound(best.x), best.gradient, finished)
+    n = len(design.width)
+    return Optimisation(before, after, trace, params.method, name, _at_bound(best.x[:n]), best.gradient[:n], finished)
 
 
 def _problem(

@@ -356,6 +356,14 @@ class OptimiseParams(Params):
         "Try other starts",
         "Start from the present spirals, curvature-adjusted or uniform ones, whichever is nearest to the target; else only from the present ones",
     )
+    codesign: bool = setting(
+        False,
+        "Flat shapes too",
+        "Also move the vertices of the flat patches a little where that lowers the mismatch; several times slower",
+    )
+    distortion_limit: float = setting(
+        0.035, "Flat distortion", "Largest ARAP energy of a quad whose flat shape may move", low=0.001, high=1.0
+    )
     stop: float = setting(
         1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
     )

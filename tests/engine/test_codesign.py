@@ -1,0 +1,224 @@
+"""Co-design: derivatives by the flat vertices against finite differences, limits that hold, a better match that can be cut."""
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from flexmaps.engine import codesign, job, optimise, shapes
+from flexmaps.engine.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.codesign_cost import FlatCost, FlatLimits
+from flexmaps.engine.codesign_geometry import by_geometry, geometry_by_points
+from flexmaps.engine.codesign_problem import FlatPoint, FlatProblem, FlatRange
+from flexmaps.engine.design import SpiralDesign, fitted
+from flexmaps.engine.design_space import DesignSpace
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.flatten import flips, measured, overlapping, seam_mismatch
+from flexmaps.engine.inverse import Problem
+from flexmaps.engine.loads import Loads
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.objective import Target
+from flexmaps.engine.optimisers import Trace, gauss_newton
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.simulate import build_model, simulate
+
+VERO = MATERIALS["vero"]
+EXACT = SimulateParams(tolerance=1e-11)
+LIMIT, SEAM = 0.035, 0.06
+
+
+@lru_cache(maxsize=2)
+def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
+    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
+    """share : of the material's strain, 0 where it does not count"""
+    design, mesh = made()
+    assembly = of_design(design)
+    whole = FlatProblem(
+        assembly=assembly,
+        space=DesignSpace.of(design, assembly),
+        target=Target(assembly.pairs, mesh.centroids),
+        loads=Loads.of(assembly.size),
+        build=lambda a: build_model(a, VERO, model, quick=True),
+        simulate=EXACT,
+        bearing=(VERO, share) if share else None,
+        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3),
+    )
+    return whole, target_pose(mesh, design.flat.corners)
+
+
+def anywhere(whole: FlatProblem, spread: float = 0.01) -> np.ndarray:
+    rng = np.random.default_rng(4)
+    spirals = rng.uniform(0.2, 0.8, (whole.assembly.size, 2))
+    return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, (len(whole.flat.reach), 2))])
+
+
+def slope(value: object, h: float) -> float:
+    """Of a function of one number at 0, by differences of the fourth order."""
+    return float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("options", [{}, {"share": 0.3}], ids=str)
+def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
+    whole, pose = problem(**options)
+    here = whole.at(anywhere(whole), pose)
+    n = whole.assembly.size
+    assert here.equilibrium.converged and here.cost.inside
+    assert (here._strain.value > 0.0) == ("share" in options)
+    for part in (slice(n), slice(n, None)):
+        direction = np.zeros_like(here.x)
+        direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
+        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose, keep=here).value, 2e-5)
+        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+
+
+def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
+    whole, pose = problem(share=0.3)
+    here = whole.at(anywhere(whole), pose)
+    rng = np.random.default_rng(6)
+    change, other, pull = (
+        rng.normal(size=(rows, k)) for rows, k in ((len(here.x), 2), (len(here.x), 2), (whole.assembly.size, 6))
+    )
+    moves = here.moves(change)
+    assert (moves * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
+    assert (other * here.gauss_newton(change)).sum() == pytest.approx(
+        (change * here.gauss_newton(other)).sum(), rel=1e-8
+    )
+    assert (change * here.gauss_newton(change)).sum() > 0.0
+    h = 1e-5
+    ahead, behind = (whole.at(here.x + s * change, here.equilibrium.pose, keep=here).equilibrium.pose for s in (h, -h))
+    assert (ahead.centres - behind.centres) / (2 * h) == pytest.approx(
+        moves[:, :3], abs=1e-5 * np.abs(moves[:, :3]).max()
+    )
+
+
+def test_geometry_of_the_joints_follows_the_vertices() -> None:
+    design, _ = made()
+    layout, points = design.flat.layout, design.flat.points
+    step = np.random.default_rng(7).normal(size=points.shape)
+    h = 1e-7
+
+    def numbers(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        made_of = of_design(dataclasses.replace(design, flat=measured(layout, p)))
+        along = made_of.axes[..., 1]
+        return made_of.lever[..., :2], np.arctan2(along[..., 1], along[..., 0])
+
+    ahead, behind = numbers(points + h * step), numbers(points - h * step)
+    found = (geometry_by_points(layout, points) @ step.ravel()).reshape(*ahead[1].shape, 3)
+    assert found[..., :2] == pytest.approx((ahead[0] - behind[0]) / (2 * h), abs=1e-7)
+    turned = (ahead[1] - behind[1] + np.pi) % (2 * np.pi) - np.pi
+    assert found[..., 2] == pytest.approx(turned / (2 * h), rel=1e-5, abs=1e-4)
+
+
+def test_derivatives_by_geometry_of_a_known_function() -> None:
+    design, mesh = made()
+    assembly = of_design(design)
+
+    def measure(alone: Assembly, pose: Pose) -> np.ndarray:
+        lever, along = alone.lever, alone.axes[..., 1]
+        angle = np.arctan2(along[..., 1], along[..., 0])
+        return np.stack([lever[:, 0, 0] * lever[:, 1, 1], np.sin(angle[:, 1]) + 0.0 * pose.centres[::2, 0]], axis=1)
+
+    found = by_geometry(assembly, target_pose(mesh, design.flat.corners), measure)
+    wanted = np.zeros((len(assembly.pairs), 2, 2, 3))
+    wanted[:, 0, 0, 0], wanted[:, 0, 1, 1] = assembly.lever[:, 1, 1], assembly.lever[:, 0, 0]
+    wanted[:, 1, 1, 2] = assembly.axes[:, 1, 1, 1] * 0.0 + assembly.axes[:, 1, 0, 1]
+    assert found == pytest.approx(wanted, abs=1e-8)
+
+
+def test_barriers() -> None:
+    design, _ = made()
+    flat = design.flat
+    limits = FlatLimits.of(flat, LIMIT, SEAM)
+    rng = np.random.default_rng(8)
+    points = flat.points + 1e-4 * rng.normal(size=flat.points.shape)
+    cost, step = FlatCost.of(limits, points), 1e-3 * rng.normal(size=points.shape)
+    # the same measures as those of the layout
+    known = measured(flat.layout, points)
+    assert cost.energy == pytest.approx(known.energy, rel=1e-12)
+    assert np.abs(cost.apart) == pytest.approx(seam_mismatch(known), abs=1e-12)
+    found = slope(lambda t: FlatCost.of(limits, points + t * step).value, 1e-3)
+    assert found == pytest.approx(float((cost.gradient * step).sum()), rel=1e-8)
+    # the product is the Hessian where nothing is strained, and positive everywhere
+    other = rng.normal(size=points.shape)
+    assert (cost.product(step) * other).sum() == pytest.approx((cost.product(other) * step).sum(), rel=1e-9)
+    assert (cost.product(step) * step).sum() > 0.0
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    assert FlatCost.of(limits, points @ turn.T + 0.3).value == pytest.approx(cost.value, rel=1e-9)
+    assert not FlatCost.of(limits, 1.2 * points).inside
+
+
+def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
+    design, mesh = made()
+    whole, pose = problem()
+    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    params, trace = OptimiseParams(iterations=12), Trace()
+    start = alone.at(alone.space.coordinates(design.width, design.twist), pose)
+    spirals = gauss_newton(alone, start, params, Trace(), lambda point: None)
+    points: list[FlatPoint] = []
+    found = codesign.refine(alone, spirals, design, params, gauss_newton, trace, points.append)
+    assert points[-1] is found and len(points) == len(trace.rows)
+    assert found.mismatch.rmse < 0.9 * spirals.mismatch.rmse
+    better = codesign.designed(found, design)
+    flat = better.flat
+    assert flat.energy.max() < LIMIT and seam_mismatch(flat).max() < max(SEAM, 1.02 * seam_mismatch(design.flat).max())
+    assert overlapping(flat) == [] and not flips(flat.corners @ np.array([1.0, 1.0j])).any()
+    # it is the simulated object that is nearer, and fitting it again changes nothing
+    before = simulate(fitted(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams())
+    after = simulate(better, mesh, VERO, SimulateParams(), start=found.equilibrium.pose)
+    assert after.report()["laplacian_rmse_mm"] < 0.9 * before.report()["laplacian_rmse_mm"]
+    assert fitted(flat, better.params, better.width, better.twist).twist == pytest.approx(better.twist, abs=1e-6)
+    report = codesign.flat_report(design.flat, flat)
+    assert 0.0 < report["flat_strain_median"] < 0.1
+
+
+def test_optimise_moves_the_flat_shapes_where_asked() -> None:
+    design, mesh = made()
+    params = OptimiseParams(iterations=5, strain_share=0.0)
+    alone = optimise.optimise(design, mesh, VERO, params, SimulateParams()).report()
+    looks: list[object] = []
+    params = dataclasses.replace(params, codesign=True)
+    found = optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(shown=looks.append))
+    report = found.report()
+    assert found.finished and found.after.equilibrium.converged and found.design.flat is not design.flat
+    assert report["laplacian_rmse_mm"] < 0.97 * alone["laplacian_rmse_mm"]
+    assert found.at_bound.shape == found.gradient.shape == (len(mesh.quads), 2)
+    assert report["flat"]["energy_max"] < LIMIT and "flat" not in alone
+    # stopped while the flat shapes move: what has moved so far is kept
+    count, seen = len(looks), []
+    stopping = Progress(shown=seen.append, stopped=lambda: len(seen) >= 8)
+    assert count > 10
+    stopped = optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=stopping)
+    assert not stopped.finished and stopped.design.flat is not design.flat
+    assert stopped.report()["laplacian_rmse_mm"] < stopped.report()["laplacian_rmse_mm_before"]
+
+
+def test_rods_are_refused() -> None:
+    design, mesh = made()
+    whole, pose = problem(model="rod")
+    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    start = alone.at(np.full((len(mesh.quads), 2), 0.5), pose)
+    with pytest.raises(FlexMapsError, match="Arms"):
+        codesign.refine(alone, start, design, OptimiseParams(), gauss_newton, Trace(), lambda point: None)
+
+
+def test_patches_that_overlap_keep_their_shape() -> None:
+    design, mesh = made()
+    whole, pose = problem()
+    x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full((len(whole.flat.reach), 2), 0.5)])
+    here = whole.at(x, pose)
+    # one vertex pulled far across its patch
+    folded = dataclasses.replace(whole.flat, reach=40.0 * whole.flat.reach)
+    x[whole.assembly.size + design.flat.layout.flat_corners[0, 0]] = 1.0
+    broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
+    assert overlapping(measured(design.flat.layout, folded.points(x[whole.assembly.size :])))
+    found = codesign.designed(broken, design)
+    assert overlapping(found.flat) == []
+    assert found.flat.corners == pytest.approx(design.flat.corners, abs=1e-9)
+    assert simulate(found, mesh, VERO, SimulateParams()).equilibrium.converged
