@@ -196,12 +196,14 @@ def _optimised(result: Result, settings: Settings, progress: Progress) -> Result
     found = optimise.optimise(
         result.design, result.mesh, settings.material.chosen, settings.optimise, settings.simulate, progress=progress
     )
-    return replace(result, design=found.design, optimisation=found)
+    return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
 
 
 def _simulated(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     better = result.optimisation
+    if better is not None and not settings.simulate.restarts:
+        return replace(result, simulation=better.after, limits=reach.reach(better))
     start = None if better is None else better.after.equilibrium.pose
     found = simulate.simulate(
         result.design, result.mesh, settings.material.chosen, settings.simulate, start=start, progress=progress

@@ -39,6 +39,7 @@ def _progress(layout: Any, rmse: list[float], step: str, now: float, seconds: fl
     row = layout.box().row()
     row.template_icon(icon_value=plot.icon(rmse), scale=PLOT)
     column = row.column(align=True)
+    column.separator(factor=3.0)  # about the plot's middle
     column.label(text=step)
     column.label(text=f"{seconds:.1f} s")
     column.separator()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-DEMO = ["shape:demo", "--out", "out"]
+DEMO = ["shape:demo", "--optimise", "--out", "out"]
 
 
 def main(argv: list[str]) -> int:
