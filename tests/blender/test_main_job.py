@@ -35,7 +35,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--out", out) == 0
+    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out) == 0
     report = json.loads((out / "report.json").read_text())
     assert report["schema"] == 1
     assert report["input"]["quads"] == len(shapes.make("dome").quads)
@@ -60,7 +60,7 @@ def test_a_stage_that_has_not_run_is_absent(dome: Path, tmp_path: Path) -> None:
 
 def test_files_of_an_earlier_run_that_are_no_longer_true_go(dome: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--out", out, "--no-pictures") == 0
+    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out, "--no-pictures") == 0
     (out / "notes.txt").write_text("mine")
     assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "merge") == 0
     assert {p.name for p in out.iterdir()} == {"report.json", "model.blend", "notes.txt"}
@@ -119,7 +119,7 @@ def test_a_folder_that_is_a_file(dome: Path, tmp_path: Path) -> None:
 
 def test_full_disk_leaves_the_earlier_run(dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--out", out, "--no-pictures") == 0
+    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out, "--no-pictures") == 0
     before = contents(out)
 
     def full(*_: object) -> None:
