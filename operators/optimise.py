@@ -51,7 +51,7 @@ class Optimise(Stage, bpy.types.Operator):
         unit = bpy.context.scene.unit_settings.scale_length
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, design, optimise, reach
+            from ..engine import check, design, flatten, optimise, reach
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)
@@ -75,7 +75,9 @@ class Optimise(Stage, bpy.types.Operator):
             with suppress(Cancelled):  # stopped or not, there is a result to keep
                 progress(0.95, "Drawing outlines")
             panels = Drawn.of(found.design, settings)
-            return panels, found.after, found.report(), reach.reach(found), design.design_report(found.design)
+            flat = found.design.flat
+            layout = None if flat is start.flat else flatten.layout_report(flat)
+            return panels, found.after, found.report(), reach.reach(found), design.design_report(found.design), layout
 
         return work
 
@@ -85,7 +87,10 @@ class Optimise(Stage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import equilibrium, mesh
 
-        panels, simulation, report, limits, block = result
+        panels, simulation, report, limits, block, layout = result
+        if layout is not None:  # the flat shapes moved too
+            mesh.write_flat(obj, surface, panels.design.flat, panels.centres)
+            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
         mesh.write_design(obj, panels.design)
         notes.write(obj.data, "spirals", block)
         equilibrium.write(obj, context.scene, surface, simulation, limits)

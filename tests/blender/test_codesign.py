@@ -1,0 +1,42 @@
+"""Optimise with moving flat shapes: what is written is what was simulated."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.bridge import attributes, mesh, notes, settings
+from flexmaps.engine import check, shapes
+from flexmaps.engine.flatten import layout_report
+from flexmaps.engine.materials import material
+from flexmaps.engine.params import SimulateParams, SpiralParams
+from flexmaps.engine.simulate import simulate
+
+
+def press(name: str) -> None:
+    assert getattr(bpy.ops.flexmaps, name)() == {"FINISHED"}
+
+
+def test_flat_shapes_that_moved_are_written(add: Any) -> None:
+    obj = add(shapes.make("dome", 0.03))
+    press("merge")
+    press("spirals")
+    before = np.array(attributes.get(obj.data, "flexmaps_flat"))
+    obj.flexmaps.optimise.iterations = 4
+    press("optimise")
+    assert np.array(attributes.get(obj.data, "flexmaps_flat")) == pytest.approx(before, abs=1e-4)
+    obj.flexmaps.optimise.codesign = True
+    press("optimise")
+    after = np.array(attributes.get(obj.data, "flexmaps_flat"))
+    assert np.abs(after - before).max() > 0.05  # millimetres
+    found = notes.read(obj.data)
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    assert found["layout"]["energy_max"] == pytest.approx(layout_report(flat)["energy_max"], rel=1e-3)
+    assert found["layout"]["energy_max"] < obj.flexmaps.optimise.distortion_limit
+    # read back from the mesh, the piece takes the shape that the report tells
+    design = mesh.design_of(surface, flat, settings.read(obj.flexmaps.spiral, SpiralParams))
+    again = simulate(design, flat.layout.mesh, material(obj.flexmaps.material.material), SimulateParams())
+    assert again.report()["laplacian_rmse_mm"] == pytest.approx(found["optimise"]["laplacian_rmse_mm"], rel=2e-3)
