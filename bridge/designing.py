@@ -65,10 +65,24 @@ class Designing(Moving):
         beside = np.cross(normal[:, None, None], tangent)
         beside /= np.maximum(np.linalg.norm(beside, axis=-1, keepdims=True), 1e-30)
         beside *= (0.5 / unit * self._width)[:, None, None, None]
-        lift = LIFT * middle_edge(corners) * normal
-        line = line + (centre + lift)[:, None, None]
-        points = np.stack([line - beside, line + beside], axis=3).reshape(-1, 3)
+        points = np.stack([line - beside, line + beside], axis=3)  # (F, 4, steps + 1, 2, 3)
+        points += _warped(points.reshape(count, -1, 3), corners, out).reshape(points.shape)
+        points += (centre + LIFT * middle_edge(corners) * normal)[:, None, None, None]
         first = np.arange(4 * count)[:, None] * 2 * (steps + 1) + 2 * np.arange(steps)
         one = np.stack([first, first + 1, first + 3], axis=-1)
         two = np.stack([first, first + 3, first + 2], axis=-1)
-        return points.astype(np.float32), np.concatenate([one, two], axis=1).reshape(-1, 3).astype(np.int32)
+        return points.reshape(-1, 3).astype(np.float32), np.concatenate([one, two], axis=1).reshape(-1, 3).astype(
+            np.int32
+        )
+
+
+def _warped(points: np.ndarray, corners: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """(F, N, 3) what brings points of the quads' mean planes, from the middles, onto the four triangles that are drawn."""
+    one, two = out[:, 0], out[:, 1]  # to the middles of two sides; those of the others lie opposite
+    a, b, c = ((x * y).sum(axis=1)[:, None] for x, y in ((one, one), (one, two), (two, two)))
+    along, across = (np.einsum("fnk,fk->fn", points, x) for x in (one, two))
+    scale = 1.0 / np.maximum(a * c - b * b, 1e-30)
+    u, v = scale * (c * along - b * across), scale * (a * across - b * along)
+    warp = 0.25 * (corners[:, 1] + corners[:, 3] - corners[:, 0] - corners[:, 2])
+    share = np.minimum(np.abs(u), np.abs(v)) * np.sign(u * v)
+    return share[..., None] * warp[:, None]

@@ -103,13 +103,18 @@ class Moving:
         return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
 
     def drawn(self, unit: float) -> tuple[Any, Any, Any]:
-        """Triangles (6 F, 3) in the scene's units, their colours (6 F, 4), and the ends of lines (8 F, 3)."""
+        """Triangles (12 F, 3) in the scene's units, their colours (12 F, 4), and the ends of lines (8 F, 3).
+
+        Four triangles a quad, about its middle, so that neither diagonal of a warped one stands out.
+        """
         corners, normal = self.frame(unit)
         rgb = self.colours * (0.74 + 0.26 * normal @ _LIGHT)[:, None]
-        rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 6, axis=0).astype(np.float32)
+        rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 12, axis=0).astype(np.float32)
         lifted = corners + LIFT * middle_edge(corners) * normal[:, None]
         ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2).reshape(-1, 3)
-        return corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32), rgba, ends.astype(np.float32)
+        middle = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+        fan = np.stack([corners, np.roll(corners, -1, axis=1), middle], axis=2).reshape(-1, 3)
+        return fan.astype(np.float32), rgba, ends.astype(np.float32)
 
 
 def middle_edge(corners: np.ndarray) -> float:

@@ -345,6 +345,27 @@ def test_arms_are_drawn_where_they_are() -> None:
     assert "RMSE 1.2 mm" in shape.legend.title and "step 1" in shape.legend.title
 
 
+def test_arms_lie_on_warped_quads() -> None:
+    """Everywhere as high above the triangles that are drawn as on a flat quad."""
+    vertices = np.array([[0, 0, 0.2], [1, 0, -0.15], [1.2, 1, 0.25], [0, 1, -0.2]]) * EDGE
+    quads = np.array([[0, 1, 2, 3]])
+    look = engine.Look(vertices, np.array([0.001]), np.array([4.0]), 0.001, 0)
+    shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.001),))
+    triangles = shape.drawn(1.0)[0].reshape(-1, 3, 3).astype(float)
+    corners, normal = shape.frame(1.0)
+    found = shape.bands(1.0)[0].astype(float)
+    heights = []
+    for point in found:
+        for a, b, c in triangles:  # where the line through the point along the quad's normal meets the triangle
+            u, v, height = np.linalg.solve(np.stack([b - a, c - a, normal[0]], axis=1), point - a)
+            if min(u, v, 1 - u - v) > -1e-6:
+                heights.append(height)
+                break
+    assert len(heights) > 0.9 * len(found)  # but for the corners of the tips
+    lift = designing.LIFT * float(np.linalg.norm(corners[0, 1] - corners[0, 0]))
+    assert heights == pytest.approx([lift] * len(heights), rel=0.01)
+
+
 def test_plot_of_the_history() -> None:
     def height(picture: np.ndarray, share: float) -> int:
         """The row of the highest point of the curve at a share of the way."""

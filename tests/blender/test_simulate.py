@@ -373,7 +373,7 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
             time.sleep(0.01)
         assert isinstance(running.shown, live.Moving)
         points, rgba, lines = running.shown.drawn(1.0)
-        assert points.shape == (6 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
+        assert points.shape == (12 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
         assert np.isfinite(points).all() and ((rgba >= 0) & (rgba <= 1)).all()
         assert "residual" in running.text
     finally:
