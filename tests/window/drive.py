@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 FOUND = {"stages": {}, "errors": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
 CHECK = (1091, 393)  # where the button is on a screen of 1500 x 1400 before anything was checked
 ASIDE = (600, 1150)  # a place in the 3D view that nothing covers
-STAGES = ("check", "regularise", "trace", "merge", "spirals", "simulate", "export")
+STAGES = ("check", "regularise", "trace", "merge", "spirals", "simulate", "optimise", "export")
 
 
 def view():
@@ -113,6 +113,8 @@ def walk():
         yield 1.0
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
     bpy.context.object.flexmaps.sheet.nesting = "FAST"
+    bpy.context.object.flexmaps.optimise.restart = False
+    bpy.context.object.flexmaps.optimise.iterations = 2
     for stage in STAGES:
         press(stage)
         if stage == "merge":
@@ -127,6 +129,10 @@ def walk():
             bpy.ops.flexmaps.overlay(kind="DISTANCE")
             yield 1.0
             shot("5-simulated")
+        if stage == "optimise":
+            bpy.ops.flexmaps.overlay(kind="REACH")
+            yield 1.0
+            shot("5-limits")
     bpy.ops.flexmaps.overlay(kind="TWIST")
     if not bpy.app.background:
         with in_view():

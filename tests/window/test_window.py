@@ -32,7 +32,7 @@ def drive(real_blender: ModuleType, zip_file: Path, work: Path, *, window: bool)
 
 def check_work(found: dict[str, Any], work: Path) -> None:
     whole = found["whole"]
-    assert {"layout", "spirals", "equilibrium", "sheets"} <= set(whole["blocks"])
+    assert {"layout", "spirals", "equilibrium", "optimise", "reach", "sheets"} <= set(whole["blocks"])
     assert whole["seams"] > 0
     assert {"flexmaps_flat", "flexmaps_patch", "flexmaps_width", "flexmaps_twist"} <= set(whole["attributes"])
     user = str(work / "user")
