@@ -139,18 +139,19 @@ def optimise(
         share = 0.3 if params.codesign else 0.8
         METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, share))
         if params.codesign:
-            alone, part = best, progress.part(share, 0.75)
+            alone, part = (problem, design, best), progress.part(share, 0.75)
             codesign.refine(problem, best, design, params, METHODS[params.method], trace, accepted, part)
             moved = codesign.designed(best, design)
             other = _problem(moved, target, material, params, physics, supports, force)[0]
             start = other.at(other.space.coordinates(moved.width, moved.twist), best.equilibrium.pose, progress.quiet())
-            if start.equilibrium.converged and start.value < alone.value:
+            if start.equilibrium.converged:
                 problem, design = other, moved
                 accepted(start)
                 short = replace(params, iterations=min(POLISH_STEPS, params.iterations))
                 METHODS[params.method](problem, start, short, trace, accepted, progress.part(0.75, 0.8))
-            else:
-                accepted(alone)
+            if not start.equilibrium.converged or best.value > alone[2].value:
+                problem, design, _ = alone
+                accepted(alone[2])
         best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
     except Cancelled:
         finished = False
