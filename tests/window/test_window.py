@@ -21,7 +21,7 @@ def zip_file(build_zip: ModuleType) -> Path:
 
 def drive(real_blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
     shutil.copy2(zip_file, work)
-    done = real_blender.run(DRIVE, work, window=window)
+    done = real_blender.run(DRIVE, work, window=window, timeout=480)  # drawn by software
     result = work / "result.json"
     assert result.is_file(), done.stdout[-3000:] + done.stderr[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
