@@ -95,11 +95,12 @@ class Optimise(Stage, bpy.types.Operator):
         notes.write(obj.data, "spirals", block)
         equilibrium.write(obj, context.scene, surface, simulation, limits)
         notes.write(obj.data, "optimise", report | equilibrium.mark(obj, context.scene))
-        self.level = "WARNING" if equilibrium.sentences(simulation.report())[1] else "INFO"
+        text, warning = equilibrium.sentences(simulation.report())
+        self.level = "WARNING" if warning else "INFO"
         return (
             f"{'' if report['finished'] else 'Stopped; the best so far is kept. '}RMSE "
             f"{report['laplacian_rmse_mm_before']:.3g} to {report['laplacian_rmse_mm']:.3g} mm "
-            f"in {report['iterations']} steps"
+            f"in {report['iterations']} steps{'. ' + text if warning else ''}"
         )
 
 
