@@ -156,8 +156,9 @@ def optimise(
     except Cancelled:
         finished = False
         result = codesign.designed(best, design, prove=False)
-    quiet = SILENT if not finished else progress.part(0.95, 1.0)
-    after = _simulated(result, target, material, physics, supports, force, best.equilibrium.pose, quiet)
+    # whoever has stopped it does not want to wait
+    quiet, pose = progress.part(0.95, 1.0) if finished else SILENT, best.equilibrium.pose
+    after = _simulated(result, target, material, physics, supports, force, pose, quiet, quick=not finished)
     n = len(design.width)
     return Optimisation(before, after, trace, params.method, name, _at_bound(best.x[:n]), best.gradient[:n], finished)
 
@@ -262,8 +263,17 @@ def _simulated(
     force: np.ndarray | None,
     start: Pose,
     progress: Progress,
+    quick: bool = False,
 ) -> Simulation:
-    quick = replace(physics, restarts=0)
+    once = replace(physics, restarts=0)
     return simulate(
-        design, target, material, quick, supports=supports, force=force, start=start, progress=progress.quiet()
+        design,
+        target,
+        material,
+        once,
+        supports=supports,
+        force=force,
+        start=start,
+        quick=quick,
+        progress=progress.quiet(),
     )

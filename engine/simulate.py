@@ -128,16 +128,19 @@ def simulate(
     supports: np.ndarray | None = None,
     force: np.ndarray | None = None,
     start: Pose | None = None,
+    quick: bool = False,
     progress: Progress = SILENT,
 ) -> Simulation:
     """The shape that a design takes when it is assembled, sought from a pose, else from the target's shape.
+
+    ``quick`` takes the elastic model that optimising works with, which leaves out what matters under strong forces only.
 
     supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the spirals.
     Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where a spiral is outside the
     elastic model's range, or where weight or forces meet no support.
     """
     assembly = of_design(design)
-    model = build_model(assembly, material, params.model)
+    model = build_model(assembly, material, params.model, quick=quick)
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     aim = target_pose(target, design.flat.corners)
