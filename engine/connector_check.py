@@ -73,7 +73,8 @@ def _joint(
             through = Through(half, halves[0] if half is halves[1] else halves[1])
             behind = through.centre(through.tau(a.back + a.size.length + a.size.wall - sign * a.shift))[0]
             at = shapely.Point(pairs(half.placed(np.array([behind]))))
-            left = min(shapely.get_parts(left), key=lambda p, at=at: p.distance(at))
+            pieces = shapely.get_parts(left)
+            left = pieces[int(np.argmin(shapely.distance(pieces, at)))]
         into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)) - point) / way)  # noqa: E731
         parts.append(shapely.transform(left, into))
     if a.kind == "key":

@@ -93,7 +93,9 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     solid = trimesh.Trimesh(shape.vertices, np.array(fans), process=False)
     assert solid.is_watertight and solid.is_winding_consistent
     assert solid.body_count == len(flat.layout.patches)
-    plain = sheets.make_sheets(made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector="none"))
+    plain = sheets.make_sheets(
+        made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector="none")
+    )
     area = sum(panel.area for panel in plain.panels)
     assert solid.volume == pytest.approx(area * made.params.thickness, rel=0.005)
     quad = np.repeat(shape.quad_of, shape.sizes)
