@@ -143,7 +143,7 @@ def make_sheets(
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     shapes = [p.outline.sampled(2e-5) for p in panels]
-    packing = _with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
+    packing = with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
     panels += tuple(Panel(0, -1, k.outer, (), (), k.outer.area) for k in made.keys)
     slot, bridge = design.narrowest
     return CutSheets(
@@ -181,7 +181,7 @@ def _check_kerf(design: SpiralDesign, panels: tuple[Panel, ...], params: SheetPa
         raise FlexMapsError(f"{len(where)} places cannot be cut: {remedy}", faces=nearest_quads(design.flat, where))
 
 
-def _with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
+def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
     """The loose keys in rows on a last sheet, no larger than they need: they can be cut from a remnant."""
     if not keys:
         return packing

@@ -8,7 +8,9 @@ smallest slot over the outer third of every arm, so that there is a slot at all 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
 # loses slot at the hub: about here its arms are free over their greatest length.
 DEPTH = 1.0 / 3.0
 PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
+_CLOSER = 3  # times that the search for the nearest points of two arms looks closer, by a third each
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
 
 
@@ -92,19 +95,15 @@ def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarr
     mate, side = mates(mesh)
     own = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
     beyond = mate[own], side[own]
-    t, s = (
-        np.broadcast_to(np.linspace(0.0, 0.4, 8), (len(own[0]), 1, 8)),
-        np.broadcast_to(np.linspace(0.0, 0.9, 32), (len(own[0]), 1, 32)),
-    )
-    one = arms.one_by_one(*own)
-    p, half = _beside(centre_line(one, t)[0][:, 0], corners, own), 0.5 * width_at(one, t)[0][:, 0]
-    gap = np.full(len(own[0]), CLEAR)
+    one, gap = arms.one_by_one(*own), np.full(len(own[0]), CLEAR)
     for step in (1, 3):
         two = arms.one_by_one(beyond[0], (beyond[1] + step) % 4)
-        q, half_two = _beside(centre_line(two, s)[0][:, 0], corners, beyond), 0.5 * width_at(two, s)[0][:, 0]
         # the frames of both quads differ by half a turn
-        apart = np.hypot(p[:, :, None, 0] + q[:, None, :, 0], p[:, :, None, 1] + q[:, None, :, 1])
-        gap = np.minimum(gap, (apart - half[:, :, None] - half_two[:, None]).min(axis=(1, 2)))
+        found = _least(
+            one, lambda p: _beside(p, corners, own), np.linspace(0.0, 0.4, 8),
+            two, lambda q: -_beside(q, corners, beyond), np.linspace(0.0, 0.9, 32),
+        )  # fmt: skip
+        gap = np.minimum(gap, found)
     return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
 
 
@@ -118,14 +117,7 @@ def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray) -> np.ndarray
     joined = ~layout.outline_sides
     quad, corner = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
     gap, whole = np.full(len(quad), CLEAR), np.ones(len(quad), dtype=bool)
-    t = np.broadcast_to(np.linspace(0.0, 0.6, 13), (len(quad), 1, 13))
-
-    def pair(of_quad: np.ndarray, of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        both = [arms.one_by_one(of_quad, (of_corner + k) % 4) for k in (-1, 0)]
-        lines = np.concatenate([centre_line(a, t)[0][:, 0] for a in both], axis=1)
-        return lines, 0.5 * np.concatenate([width_at(a, t)[0][:, 0] for a in both], axis=1)
-
-    p, half = pair(quad, corner)
+    t = np.linspace(0.0, 0.6, 13)
     at, to = quad, corner
     for step in range(1, 4):  # round the vertex, as far as nothing is cut
         whole = whole & joined[at, to]
@@ -133,11 +125,44 @@ def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray) -> np.ndarray
         # the next quad is no concern of this, nor is the last one before the circle closes
         before = mate[at, to] == quad
         far = np.flatnonzero(whole & (step > 1) & ~before & (at != quad))
-        if len(far):
-            q, half_q = pair(at, to)
-            apart = np.hypot(p[far, :, None, 0] - q[far, None, :, 0], p[far, :, None, 1] - q[far, None, :, 1])
-            gap[far] = np.minimum(gap[far], (apart - half[far, :, None] - half_q[far, None]).min(axis=(1, 2)))
+        for k, j in product((-1, 0), repeat=2) if len(far) else ():
+            one = arms.one_by_one(quad[far], (corner[far] + k) % 4)
+            two = arms.one_by_one(at[far], (to[far] + j) % 4)
+            gap[far] = np.minimum(gap[far], _least(one, _as_it_is, t, two, _as_it_is, t))
     return gap.reshape(-1, 4)
+
+
+def _least(
+    one: Arms, placed: Callable[[np.ndarray], np.ndarray], t: np.ndarray,
+    two: Arms, laid: Callable[[np.ndarray], np.ndarray], s: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """(N,) metres: narrowest gap between N single arms and N others at the parameters t and s and between them.
+
+    ``placed`` and ``laid`` bring points (N, M, 2) into one frame. Samples may lie a width apart, so the search goes on
+    round the nearest two of them.
+    """
+    ranges, rows = ((t[0], t[-1]), (s[0], s[-1])), np.arange(len(one.radius))
+    steps = [t[1] - t[0], s[1] - s[0]]
+    at = [np.broadcast_to(x, (len(rows), len(x))) for x in (t, s)]
+    gap = np.full(len(rows), CLEAR)
+    for turn in range(_CLOSER + 1):
+        p, q = placed(centre_line(one, at[0][:, None])[0][:, 0]), laid(centre_line(two, at[1][:, None])[0][:, 0])
+        half = [0.5 * width_at(a, x[:, None])[0][:, 0] for a, x in zip((one, two), at, strict=True)]
+        apart = np.hypot(p[:, :, None, 0] - q[:, None, :, 0], p[:, :, None, 1] - q[:, None, :, 1])
+        apart = (apart - half[0][:, :, None] - half[1][:, None]).reshape(len(rows), -1)
+        gap = np.minimum(gap, apart.min(axis=1))
+        if turn == _CLOSER:
+            break
+        nearest = np.divmod(apart.argmin(axis=1), at[1].shape[1])
+        for k in range(2):
+            middle = at[k][rows, nearest[k]]
+            at[k] = np.clip(middle[:, None] + steps[k] * np.linspace(-1.0, 1.0, 7), *ranges[k])
+            steps[k] /= 3.0
+    return gap
+
+
+def _as_it_is(points: np.ndarray) -> np.ndarray:
+    return points
 
 
 def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:

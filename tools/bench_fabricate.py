@@ -1,6 +1,6 @@
 """Measures the way from a mesh to files for the cutter, read back by programs that had no part in writing them.
 
-python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME ...] [--nesting SECONDS]
+python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME ...] [--nesting SECONDS | FAST]
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import tempfile
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import shapely
 from bench_layout import EDGE, surfaces
 from flexmaps.engine import (
     check,
+    connector_check,
     curvature,
     design,
     dxf,
@@ -32,6 +34,8 @@ from flexmaps.engine import (
     svg,
     trace,
 )
+from flexmaps.engine.connectors import Connections
+from flexmaps.engine.design import SpiralDesign
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
@@ -41,6 +45,7 @@ from rows import Row, Table, at_most, row
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
 SECONDS = {"bunny": 30.0}
 MEGABYTES = {"bunny": 15.0}
+KERFS = (0.0, 1e-4, 2e-4)  # metres
 COLOURS = {"#000000": "engrave", "#0000ff": "inner", "#ff0000": "outer"}
 
 
@@ -54,23 +59,28 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("--json", type=Path, help="write the rows here too")
     parser.add_argument("--only", nargs="*", help="only meshes of these names")
-    parser.add_argument("--nesting", type=float, default=20.0, help="seconds of the search for fewer sheets")
+    parser.add_argument("--nesting", default="20", help="seconds of the search for fewer sheets, or FAST for none")
     options = parser.parse_args(arguments)
     table = Table()
     for name, polygons in surfaces(options.meshes):
         if options.only and name not in options.only:
             continue
         try:
-            table.add(*measure(name, polygons, options.nesting))
+            table.add(*measure(name, polygons, asked_nesting(options.nesting)))
         except FlexMapsError as error:
             table.add(row(name, "refused", "", str(error)[:90], True))
     table.finish(options.json)
     return 0
 
 
-def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Row]:
+def asked_nesting(text: str) -> SheetParams:
+    """The settings of the sheets that go with ``--nesting``."""
+    return SheetParams(nesting="FAST") if text == "FAST" else SheetParams(nesting_seconds=float(text))
+
+
+def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     """All rows of one mesh, at quads of 20 mm and a sheet of 600 x 400 x 2 mm."""
-    params, layout_params = SheetParams(nesting_seconds=nesting_seconds), LayoutParams()
+    layout_params = LayoutParams()
     started = time.process_time()
     mesh = regularise.regularise(check.as_quad_mesh(check.scaled(polygons, edge=EDGE)), RegulariseParams())
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
@@ -79,15 +89,17 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
     spirals = design.from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
     quick = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     seconds = time.process_time() - started
-    shapes = [p.outline.sampled(2e-5) for p in quick.panels]
+    # loose keys lie in rows on a sheet of their own
+    shapes = [p.outline.sampled(2e-5) for p in quick.panels if p.patch >= 0]
     started = time.monotonic()
-    made = CutSheets(**{**quick.__dict__, "packing": nesting.nest(shapes, params), "params": params})
+    packed = sheets.with_keys(nesting.nest(shapes, params), quick.connections.keys, params)
+    made = CutSheets(**{**quick.__dict__, "packing": packed, "params": params})
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
     report = sheets.sheets_report(made)
     thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.thinnest), 3)
     rows = [
-        row(name, "panels", "", len(made.panels), None, {"before cutting to size": len(merged.layout.patches)}),
+        row(name, "panels", "", len(shapes), None, {"before cutting to size": len(merged.layout.patches)}),
         at_most(name, "panels too large", 0, too_large),
         at_most(name, "mesh to sheets, seconds", SECONDS.get(name), round(seconds, 1)),
         at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
@@ -95,9 +107,36 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
         row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
         row(name, "narrowest bridge, mm", f">= {thin:g}", report["bridge_min_mm"], report["bridge_min_mm"] >= thin),
     ]
+    rows += connector_rows(name, spirals, made.connections)
     rows += fill_rows(name, made, quick, nested, flat)
     with tempfile.TemporaryDirectory() as folder:
         rows += file_rows(name, made, Path(folder) / "sheet")
+    return rows
+
+
+# -- connectors ------------------------------------------------------------------------------------------------------
+
+
+def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[Row]:
+    """Whether every joint has one connector of two parts that fit, and the clearance that three cutters leave."""
+    layout = spirals.flat.layout
+    named = [c.name for c in made.connectors] + [n for n, *_ in made.unsolved]
+    sides = {frozenset(zip(c.faces, c.sides, strict=True)) for c in made.connectors}
+    pairs, ends = layout.mesh.edge_quads, layout.mesh.edge_sides
+    cuts = {frozenset(zip(pairs[e].tolist(), ends[e].tolist(), strict=True)) for e in np.flatnonzero(layout.cut)}
+    partners = {"dovetail": {"head", "socket"}, "key": {"socket"}, "tab": {"face"}}
+    alone = sum(set(c.roles) != partners[c.kind] for c in made.connectors) + len(made.connectors) - len(sides & cuts)
+    given_way = {"shrunk": sum(c.shrunk for c in made.connectors), "swapped": sum(c.swapped for c in made.connectors)}
+    rows = [
+        row(name, "connectors", "", len(made.connectors), None, given_way),
+        at_most(name, "without their partner", 0, alone + len(cuts) - len(set(named))),
+        at_most(name, "joints without connector", 0, len(made.unsolved)),
+    ]
+    for kerf in KERFS if made.connectors else ():
+        found = connector_check.fit(spirals, made, kerf)
+        off = max(float(np.abs(gap - made.clearance).max()) for gap in (found.least, found.most))
+        overlap = {"overlaps": int((found.overlap > 0.0).sum())}
+        rows.append(at_most(name, f"clearance off, kerf {kerf * 1e3:g}", 0.01, off * 1e3, overlap))
     return rows
 
 
@@ -106,9 +145,9 @@ def measure(name: str, polygons: PolygonMesh, nesting_seconds: float) -> list[Ro
 
 def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat: Any) -> list[Row]:
     """How full the sheets are; and one long strip of the sheet's height, where the size of the panels matters less."""
-    shapes = [p.outline.sampled(2e-5) for p in made.panels]
-    area = sum(p.outline.area for p in made.panels)
-    strip = SheetParams(sheet_width=10.0, nesting_seconds=made.params.nesting_seconds)
+    panels = [p for p in made.panels if p.patch >= 0]
+    shapes, area = [p.outline.sampled(2e-5) for p in panels], sum(p.outline.area for p in panels)
+    strip = replace(made.params, sheet_width=10.0)
 
     def filled(found: packing.Packing) -> float:
         return round(area / (0.4 * packing.used_length(found, shapes, 0)), 3)
