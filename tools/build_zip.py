@@ -1,4 +1,4 @@
-"""``build`` of tools/dev.py: the extension's zip, one a platform, with the wheels that it needs inside."""
+"""``build`` of tools/dev.py: the extension's zips, one a platform and Python, with the wheels that it needs inside."""
 
 from __future__ import annotations
 
@@ -8,34 +8,68 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parent.parent
 WHEELS, BUILD, DIST = ROOT / "wheels", ROOT / "build", ROOT / "dist"
-PYTHONS = ("3.11", "3.13")  # Blender 4.2 to 5.0, and 5.1 onwards: it unpacks the wheels that fit
 
-# the tags that pip needs to hear, newest first; pip takes each literally
+# the tags that pip needs to hear, the preferred first; pip takes each literally. On macOS the oldest system comes first,
+# for a wheel made for an older one runs on all
 PLATFORMS = {
     "linux-x64": [f"manylinux_2_{n}_x86_64" for n in (28, 27, 24, 17)] + ["manylinux2014_x86_64"],
     "windows-x64": ["win_amd64"],
-    "macos-arm64": [f"macosx_{n}_0_arm64" for n in (15, 14, 13, 12, 11)] + ["macosx_10_9_universal2"],
+    "macos-arm64": [f"macosx_{n}_0_arm64" for n in (11, 12, 13, 14, 15)] + ["macosx_10_9_universal2"],
 }
+
+
+class Line(NamedTuple):
+    """Blenders that share a Python: from ``first`` on, and older than ``before``, where that is known."""
+
+    python: str
+    first: str
+    before: str | None
+
+
+# in the words that stand in a zip's name
+LINES = {
+    "blender-4.2-to-5.0": Line("3.11", "4.2.0", "5.1.0"),
+    "blender-5.1-or-newer": Line("3.13", "5.1.0", None),
+    "debian-13-blender": Line("3.13", "4.2.0", "5.1.0"),  # Debian's own Blender, 4.3, runs on the system's Python
+}
+USUAL = ("blender-4.2-to-5.0", "blender-5.1-or-newer")
 
 
 def main(argv: list[str]) -> int:
     """Build the zips that are asked for; the exit status is 0 when Blender's own validator accepts all of them."""
-    parser = argparse.ArgumentParser(prog="build", description="Make the extension's zip in dist/.")
-    parser.add_argument("--platform", choices=[*PLATFORMS, "all"], default="all")
-    wanted = parser.parse_args(argv).platform
-    for platform in PLATFORMS if wanted == "all" else [wanted]:
-        path = build(platform)
-        print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1e6:.1f} MB", flush=True)
+    parser = argparse.ArgumentParser(prog="build", description="Make the extension's zips in dist/.")
+    own = own_platform()
+    parser.add_argument(
+        "--platform", choices=[*PLATFORMS, "all"], default=own or "all", help=f"default: {own or 'all'}"
+    )
+    parser.add_argument("--line", choices=LINES, action="append", help=f"default: {' and '.join(USUAL)}")
+    wanted = parser.parse_args(argv)
+    for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
+        for line in wanted.line or USUAL:
+            path = build(platform, line)
+            print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1e6:.1f} MB", flush=True)
     return 0
 
 
-def build(platform: str) -> Path:
+def own_platform() -> str | None:
+    """This machine's name among ``PLATFORMS``; ``None`` where no zip is made for its system."""
+    return {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform)
+
+
+def own_line() -> str:
+    """Name of the line whose Blenders have the Python that runs now."""
+    here = "{}.{}".format(*sys.version_info[:2])
+    return next(name for name in USUAL if LINES[name].python == here)
+
+
+def build(platform: str, line: str) -> Path:
     """Make and validate one zip; returns its path. Raises ``CalledProcessError`` with the reason printed."""
-    wheels = fetch(platform)
-    stage = BUILD / platform
+    wheels = fetch(platform, LINES[line].python)
+    stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
     for name in _sources():
         target = stage / name
@@ -44,45 +78,44 @@ def build(platform: str) -> Path:
     (stage / "wheels").mkdir()
     for wheel in wheels:
         shutil.copy2(wheel, stage / "wheels")
-    manifest = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
-    listed = "".join(f'  "./wheels/{wheel.name}",\n' for wheel in wheels)
-    head, marker, rest = manifest.partition("[permissions]")
-    added = f'platforms = ["{platform}"]\nwheels = [\n{listed}]\n\n'
-    (stage / "blender_manifest.toml").write_text(head + added + marker + rest, encoding="utf-8")
+    text = manifest(platform, line, [wheel.name for wheel in wheels])
+    (stage / "blender_manifest.toml").write_text(text, encoding="utf-8")
     DIST.mkdir(exist_ok=True)
-    target = DIST / f"flexmaps-{_version(manifest)}-{platform}.zip"
-    _blender_ext("build", "--source-dir", str(stage), "--output-filepath", str(target))
-    _blender_ext("validate", str(target))
+    version = re.search(r'^version = "(.+)"', text, re.MULTILINE).group(1)  # type: ignore[union-attr]
+    target = DIST / f"flexmaps-{version}-{line}-{platform}.zip"
+    blender_ext("build", "--source-dir", str(stage), "--output-filepath", str(target))
+    blender_ext("validate", str(target))
     shutil.rmtree(stage)
     return target
 
 
-def fetch(platform: str) -> list[Path]:
-    """Download the pinned wheels for a platform into wheels/ unless they are there; returns their paths, sorted."""
+def manifest(platform: str, line: str, wheels: list[str]) -> str:
+    """Text of the manifest of one zip: the checkout's, with the Blenders, the platform and the wheels that it is for."""
+    text = (ROOT / "blender_manifest.toml").read_text(encoding="utf-8")
+    _, first, before = LINES[line]
+    bounds = f'blender_version_min = "{first}"\n' + (f'blender_version_max = "{before}"\n' if before else "")
+    text, count = re.subn(r"^blender_version_min = .*\n", bounds, text, flags=re.MULTILINE)
+    assert count == 1
+    listed = "".join(f'  "./wheels/{wheel}",\n' for wheel in wheels)
+    head, marker, rest = text.partition("[permissions]")
+    return f'{head}platforms = ["{platform}"]\nwheels = [\n{listed}]\n\n{marker}{rest}'
+
+
+def fetch(platform: str, python: str) -> list[Path]:
+    """Download the pinned wheels for a platform and Python into wheels/ unless they are there; returns their paths, sorted."""
     pins = re.findall(r"^([\w.-]+==[\w.]+)", (ROOT / "requirements" / "runtime.txt").read_text(), re.MULTILINE)
-    tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
-    found: set[Path] = set()
-    for python in PYTHONS:
-        folder = WHEELS / platform / python
-        if not _complete(folder, pins):
-            print(f"Fetching wheels for {platform}, Python {python}", flush=True)
-            folder.mkdir(parents=True, exist_ok=True)
-            pip = [
-                sys.executable,
-                "-m",
-                "pip",
-                "--disable-pip-version-check",
-                "--no-input",
-                "download",
-                "-q",
-                "--no-deps",
-            ]
-            only = ["--only-binary=:all:", "--implementation", "cp", "--python-version", python]
-            subprocess.run([*pip, *only, *tags, "-d", str(folder), *pins], check=True)
-        found |= set(folder.glob("*.whl"))
-    by_name = {path.name: path for path in sorted(found)}  # pure wheels come once
-    assert not any(name.startswith("numpy-") for name in by_name), "Blender brings its own numpy"
-    return [by_name[name] for name in sorted(by_name)]
+    folder = WHEELS / platform / python
+    if not _complete(folder, pins):
+        print(f"Fetching wheels for {platform}, Python {python}", flush=True)
+        shutil.rmtree(folder, ignore_errors=True)  # no wheel of an earlier pin stays
+        folder.mkdir(parents=True)
+        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "download", "-q", "--no-deps"]
+        only = ["--only-binary=:all:", "--implementation", "cp", "--python-version", python]
+        tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
+        subprocess.run([*pip, *only, *tags, "-d", str(folder), *pins], check=True)
+    found = sorted(folder.glob("*.whl"))
+    assert not any(path.name.startswith("numpy-") for path in found), "Blender brings its own numpy"
+    return found
 
 
 def _complete(folder: Path, pins: list[str]) -> bool:
@@ -98,11 +131,7 @@ def _sources() -> list[str]:
     return [name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
 
 
-def _version(manifest: str) -> str:
-    return re.search(r'^version = "(.+)"', manifest, re.MULTILINE).group(1)  # type: ignore[union-attr]
-
-
-def _blender_ext(*arguments: str) -> None:
+def blender_ext(*arguments: str) -> None:
     """Blender's own tool for extensions, from the embedded Blender."""
     import bpy
 

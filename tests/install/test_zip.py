@@ -9,6 +9,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -56,20 +57,20 @@ os._exit(0)
 
 
 @pytest.fixture(scope="session")
-def platform() -> str:
-    name = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform)
+def platform(build_zip: ModuleType) -> str:
+    name = build_zip.own_platform()
     if name is None:
         pytest.skip(f"the extension is not built for {sys.platform}")
     return name
 
 
 @pytest.fixture(scope="session")
-def zip_file(build_zip, platform: str) -> Path:
-    """The zip for this platform; Blender's own validator has accepted it, or this raises."""
-    return build_zip.build(platform)
+def zip_file(build_zip: ModuleType, platform: str) -> Path:
+    """The zip for this platform and this Python; Blender's own validator has accepted it, or this raises."""
+    return build_zip.build(platform, build_zip.own_line())
 
 
-def test_listing(zip_file: Path, build_zip) -> None:
+def test_listing(zip_file: Path) -> None:
     names = zipfile.ZipFile(zip_file).namelist()
     tops = {name.split("/")[0] for name in names}
     shipped = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md"}
@@ -80,13 +81,38 @@ def test_listing(zip_file: Path, build_zip) -> None:
 
 def test_wheels(zip_file: Path) -> None:
     wheels = [Path(name).name for name in zipfile.ZipFile(zip_file).namelist() if name.endswith(".whl")]
-    packages = {wheel.split("-")[0] for wheel in wheels}
+    packages = [wheel.split("-")[0] for wheel in wheels]
+    assert len(set(packages)) == len(packages)
     assert "numpy" not in packages
-    assert {"cvxopt", "scipy", "shapely", "libigl", "ezdxf", "xatlas", "spyrrow", "typing_extensions"} <= packages
-    for package in packages:
-        tags = [wheel.split("-")[2] for wheel in wheels if wheel.startswith(package + "-")]
-        both = {"cp311", "cp313"} <= set(tags) or {"cp311", "cp312"} <= set(tags)  # cp312: a stable ABI, fits 3.13
-        assert both or all(tag.startswith(("py3", "py2")) for tag in tags), tags
+    assert {"cvxopt", "scipy", "shapely", "libigl", "ezdxf", "xatlas", "spyrrow", "typing_extensions"} <= set(packages)
+    ours, running = [wheel for wheel in wheels if "none-any" not in wheel], sys.version_info[1]
+    for wheel in ours:
+        python, abi = wheel.split("-")[2:4]
+        oldest = int(python.removeprefix("cp3"))
+        assert oldest <= running if abi == "abi3" else oldest == running, wheel
+    assert zip_file.stat().st_size <= 90e6, "what a user has to download"
+
+
+def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path) -> None:
+    """Blender's own tool makes the repository's list; it refuses zips of which two fit the same Blender."""
+    for platform in build_zip.PLATFORMS:
+        for line in build_zip.USUAL:
+            with zipfile.ZipFile(tmp_path / f"{line}-{platform}.zip", "w") as file:
+                file.writestr("__init__.py", "")
+                file.writestr(
+                    "blender_manifest.toml", build_zip.manifest(platform, line, []).replace("wheels = [\n]", "")
+                )
+    build_zip.blender_ext("server-generate", "--repo-dir", str(tmp_path))
+    listed = json.loads((tmp_path / "index.json").read_text())["data"]
+    for version, fitting in (("4.2.0", 1), ("4.5.9", 1), ("5.0.3", 1), ("5.1.0", 1), ("6.0.0", 1), ("4.1.1", 0)):
+        for platform in build_zip.PLATFORMS:
+            fits = [entry for entry in listed if entry["platforms"] == [platform] and _serves(entry, version)]
+            assert len(fits) == fitting, (version, platform)
+
+
+def _serves(entry: dict[str, str], version: str) -> bool:
+    """As Blender decides: the upper bound itself is outside."""
+    return entry["blender_version_min"] <= version < entry.get("blender_version_max", "9")
 
 
 def test_the_version_is_said_alike_everywhere() -> None:

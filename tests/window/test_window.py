@@ -16,7 +16,7 @@ DRIVE = Path(__file__).with_name("drive.py")
 
 @pytest.fixture(scope="session")
 def zip_file(build_zip: ModuleType) -> Path:
-    return build_zip.build("linux-x64")
+    return build_zip.build("linux-x64", "debian-13-blender")
 
 
 def drive(real_blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
