@@ -20,6 +20,7 @@ PLATFORMS = {
     "windows-x64": ["win_amd64"],
     "macos-arm64": [f"macosx_{n}_0_arm64" for n in (11, 12, 13, 14, 15)] + ["macosx_10_9_universal2"],
 }
+PURE = ("ezdxf", "fonttools")  # their compiled wheels are four times as large and no faster at what they do here
 
 
 class Line(NamedTuple):
@@ -110,9 +111,12 @@ def fetch(platform: str, python: str) -> list[Path]:
         shutil.rmtree(folder, ignore_errors=True)  # no wheel of an earlier pin stays
         folder.mkdir(parents=True)
         pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "download", "-q", "--no-deps"]
-        only = ["--only-binary=:all:", "--implementation", "cp", "--python-version", python]
+        pip += ["--only-binary=:all:", "--python-version", python, "-d", str(folder)]
         tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
-        subprocess.run([*pip, *only, *tags, "-d", str(folder), *pins], check=True)
+        pure = [pin for pin in pins if pin.startswith(PURE)]
+        anywhere = ["--implementation", "py", "--abi", "none", "--platform", "any"]
+        subprocess.run([*pip, *anywhere, *pure], check=True)
+        subprocess.run([*pip, "--implementation", "cp", *tags, *(pin for pin in pins if pin not in pure)], check=True)
     found = sorted(folder.glob("*.whl"))
     assert not any(path.name.startswith("numpy-") for path in found), "Blender brings its own numpy"
     return found

@@ -26,7 +26,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
                                                 main job on your mesh (.obj .off .ply .stl .blend), 20 mm quads
   python3 tools/dev.py test [engine|database|blender|install|window ...] [-k NAME]
                                                 lint, types and tests
-  python3 tools/dev.py build [--platform NAME]  the extension's zip, in dist/
+  python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
