@@ -12,7 +12,6 @@ What is written:
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -20,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from ..engine.params import LoadParams, MaterialParams, SimulateParams, SpiralParams
-from . import attributes, notes, settings
+from . import attributes, notes, states
 
 if TYPE_CHECKING:
     from ..engine.reach import Reach
@@ -30,8 +28,6 @@ if TYPE_CHECKING:
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 NAMES, REACH = ("distance", "strain_energy", "strain"), "reach"
-SETTINGS = {"spiral": SpiralParams, "material": MaterialParams, "simulate": SimulateParams, "loads": LoadParams}
-MADE_FROM = "made_from"  # in the block of the notes: fingerprint of what was simulated
 
 
 # -- the shape key -----------------------------------------------------------------------------------------------------
@@ -111,8 +107,9 @@ def write(
             attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
     attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     obj.data.update()
-    notes.write(obj.data, "equilibrium", simulation.report() | mark(obj, scene))
+    notes.write(obj.data, "equilibrium", simulation.report())
     notes.write(obj.data, "reach", limits.report())
+    states.stamp(obj, scene)
 
 
 def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
@@ -170,35 +167,6 @@ def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     return text, strain > 1.0 or not sound(block)
 
 
-def fingerprint(obj: bpy.types.Object, scene: bpy.types.Scene) -> str:
-    """What a simulation depends on, as a short text: shape, spirals, size and settings. Quick: raw bytes, one checksum."""
-    mesh = obj.data
-    positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
-    mesh.vertices.foreach_get("co", positions)
-    mesh.loops.foreach_get("vertex_index", corners)
-    check = zlib.crc32(corners.tobytes(), zlib.crc32(positions.tobytes()))
-    for name in ("width", "twist"):
-        values = attributes.get(mesh, attributes.PREFIX + name)
-        check = zlib.crc32(b"" if values is None else values.tobytes(), check)
-    frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
-    given: list[Any] = []
-    if hasattr(obj, "flexmaps"):  # else the extension is not enabled, and there are no settings
-        given = [settings.read(getattr(obj.flexmaps, name), kind) for name, kind in SETTINGS.items()]
-    if not (given and (obj.flexmaps.simulate.gravity or any(given[-1].force))):
-        frame = frame.T @ frame  # a turn of the whole changes nothing where nothing pulls
-    size = max(float(np.abs(frame).max()), 1e-30)
-    text = f"{given} {size:.5g} {(np.round(frame / size, 4) + 0.0).tolist()}"
-    return f"{zlib.crc32(text.encode(), check):08x}"
-
-
-def mark(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
-    """What a block of the notes gets so that ``out_of_date`` can tell."""
-    return {MADE_FROM: fingerprint(obj, scene)}
-
-
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
-    """Whether there is a simulation that the mesh or the settings have left behind; not asked in edit mode."""
-    block = notes.read(obj.data).get(stage)
-    if block is None or obj.data.is_editmode:
-        return False
-    return block.get(MADE_FROM) != fingerprint(obj, scene)
+    """Whether there is a simulation that the mesh or the settings have left behind."""
+    return states.is_old(obj, scene, stage)

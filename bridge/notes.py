@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..engine.check import Finding
 
 NAME = "flexmaps_report"
+FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
 # how late a stage comes: running it makes everything that comes later out of date
 ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "reach": 3, "optimise": 3, "sheets": 3}
 
@@ -37,6 +38,7 @@ def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
     kept = {name: value for name, value in read(mesh).items() if name != stage and ORDER[name] <= ORDER[stage]}
     kept[stage] = block
     mesh[NAME] = json.dumps(kept)
+    _note_fresh(mesh, stage)
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
@@ -49,3 +51,16 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
     """Put the findings of the check, with their edges; they make nothing out of date."""
     blocks = [finding.as_dict() | {"edges": list(finding.edges)} for finding in findings]
     mesh[NAME] = json.dumps(dict(read(mesh)) | {"checks": blocks})
+    _note_fresh(mesh, "checks")
+
+
+def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
+    mesh[FRESH] = " ".join({*str(mesh.get(FRESH, "")).split(), stage})
+
+
+def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
+    """The stages whose blocks were written since this was last asked, those dropped since left out."""
+    fresh = set(str(mesh.get(FRESH, "")).split())
+    if FRESH in mesh:
+        del mesh[FRESH]
+    return fresh & set(read(mesh))

@@ -17,7 +17,7 @@ from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import Settings
 from ..engine.sheets import sheets_report
 from ..engine.slots import slot_needed
-from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids
+from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -75,10 +75,11 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
         if result.optimisation is not None:
-            notes.write(obj.data, "optimise", result.optimisation.report() | equilibrium.mark(obj, scene))
+            notes.write(obj.data, "optimise", result.optimisation.report())
         equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     if result.sheets is not None:
         notes.write(obj.data, "sheets", sheets_report(result.sheets))
+    states.stamp(obj, scene)
     return obj
 
 

@@ -91,6 +91,18 @@ def write(properties: Any, settings: Any) -> None:
             setattr(properties, f.name, value)
 
 
+def changed(properties: Any) -> str:
+    """The settings of a group that are not at their defaults, as a text to compare with; cheap enough for a panel."""
+    found = []
+    for name, prop in properties.bl_rna.properties.items():
+        if name in {"rna_type", "name"} or prop.type == "POINTER":
+            continue
+        value = getattr(properties, name)
+        if value != prop.default:
+            found.append(f"{name}={value:.6g}" if prop.type == "FLOAT" else f"{name}={value}")
+    return " ".join(found)
+
+
 def register() -> None:
     bpy.types.Object.flexmaps = PointerProperty(type=group(ObjectSettings), name="FlexMaps")
 

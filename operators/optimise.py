@@ -94,7 +94,7 @@ class Optimise(Stage, bpy.types.Operator):
         mesh.write_design(obj, panels.design)
         notes.write(obj.data, "spirals", block)
         equilibrium.write(obj, context.scene, surface, simulation, limits)
-        notes.write(obj.data, "optimise", report | equilibrium.mark(obj, context.scene))
+        notes.write(obj.data, "optimise", report)
         text, warning = equilibrium.sentences(simulation.report())
         self.level = "WARNING" if warning else "INFO"
         return (

@@ -146,7 +146,7 @@ class Stage:
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
-        from ..bridge import mesh
+        from ..bridge import mesh, states
         from ..bridge.objects import find
 
         assert self._surface is not None
@@ -155,7 +155,10 @@ class Stage:
             raise FlexMapsError(
                 f"'{obj.name}' was changed while {self.bl_label} ran; nothing was written, run it again"
             )
-        message = self.finish(context, obj, self._surface, result)
+        try:
+            message = self.finish(context, obj, self._surface, result)
+        finally:  # a check writes what it found, then complains
+            states.stamp(obj, context.scene)
         redraw(context)
         yield
         with suppress(FlexMapsError):  # where the object is gone there is nothing more to draw

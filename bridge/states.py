@@ -1,0 +1,231 @@
+"""How far every stage of an object is, and which button comes next; cheap enough to be asked at every redraw.
+
+A stage is done while everything that its result was made from is as it was. ``stamp`` notes that, part by part (the shape,
+the seams, a group of settings), as checksums beside the notes; ``of`` compares them with the present. A stamp outlives the
+note that an earlier stage dropped, and so tells a stage that has to be run again from one that never ran.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import bpy
+import numpy as np
+
+from . import attributes, notes, settings
+
+TODO, DONE, OLD = "TODO", "DONE", "OLD"
+NAME = "flexmaps_made_from"  # on the mesh, JSON: stage -> part -> checksum
+
+# stage -> what its result is made from, the likeliest change first; settings by the name of their group
+PARTS: dict[str, tuple[str, ...]] = {
+    "checks": ("shape",),
+    "layout": ("seams", "shape", "layout"),
+    "spirals": ("seams", "shape", "spiral"),
+    "equilibrium": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
+    "reach": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
+    "optimise": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
+    "sheets": ("seams", "shape", "design", "spiral", "material", "sheet", "connect", "cut", "export"),
+}
+# stage -> the one that it goes on from
+AFTER = {"spirals": "layout", "equilibrium": "spirals", "optimise": "spirals", "sheets": "spirals"}
+WHY = {
+    "seams": "The seams were edited since",
+    "shape": "The mesh was changed since",
+    "design": "The spirals were changed since",
+    "down": "The object was turned since",
+}
+SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
+EDGES = 64  # so many edges, evenly picked, tell the size of the quads well enough
+SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
+MENDED_BY_HAND = {"inconsistent-orientation", "size-ratio", "zero-edge", "zero-area", "not-finite", "loose-vertices"}
+
+
+@dataclass(frozen=True)
+class State:
+    """One stage: ``TODO``, ``DONE`` or ``OLD`` (out of date); ``part`` is what changed, "" where an earlier stage did."""
+
+    kind: str
+    part: str = ""
+
+    @property
+    def reason(self) -> str:
+        """Why it is out of date, as a sentence without its full stop; "" where it is not."""
+        if self.kind != OLD:
+            return ""
+        return WHY.get(self.part, SETTING) if self.part else EARLIER
+
+
+# -- checksums ---------------------------------------------------------------------------------------------------------
+
+
+class _Present:
+    """The checksums of an object as it is now, each computed when it is first asked for."""
+
+    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
+        self._obj, self._scene = obj, scene
+        self._known: dict[str, str] = {}
+        self._frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
+
+    def __getitem__(self, part: str) -> str:
+        if part not in self._known:
+            own: dict[str, Callable[[], bytes]] = {
+                "shape": self._shape,
+                "seams": self._seams,
+                "design": self._design,
+                "down": self._down,
+            }
+            data = own[part]() if part in own else self._settings(part)
+            self._known[part] = f"{zlib.crc32(data):08x}"
+        return self._known[part]
+
+    def _shape(self) -> bytes:
+        """Vertices, faces and size; where it stands and how it is turned do not matter."""
+        mesh = self._obj.data
+        positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+        mesh.vertices.foreach_get("co", positions)
+        mesh.loops.foreach_get("vertex_index", corners)
+        mirrored = bool(np.linalg.det(self._frame) < 0)
+        rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {len(mesh.polygons)}"
+        return positions.tobytes() + corners.tobytes() + rest.encode()
+
+    def _seams(self) -> bytes:
+        seams = np.empty(len(self._obj.data.edges), bool)
+        self._obj.data.edges.foreach_get("use_seam", seams)
+        return seams.tobytes()
+
+    def _design(self) -> bytes:
+        found = (attributes.get(self._obj.data, attributes.PREFIX + name) for name in ("width", "twist"))
+        return b"".join(b"" if values is None else values.tobytes() for values in found)
+
+    def _down(self) -> bytes:
+        """Where weight and forces pull; nothing where there are none."""
+        given = getattr(self._obj, "flexmaps", None)
+        if given is None or not (
+            given.simulate.gravity or given.loads.force_x or given.loads.force_y or given.loads.force_z
+        ):
+            return b""
+        return _rounded(self._frame).encode()
+
+    def _settings(self, name: str) -> bytes:
+        given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
+        return b"" if given is None else settings.changed(getattr(given, name)).encode()
+
+
+def _rounded(matrix: np.ndarray) -> str:
+    """A matrix without the noise of its last digits."""
+    size = max(float(np.abs(matrix).max()), 1e-30)
+    return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"
+
+
+# -- stamps ------------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str) -> dict[str, dict[str, str]]:
+    return json.loads(text)
+
+
+def _stamps(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
+    text = mesh.get(NAME)
+    return _parsed(text) if isinstance(text, str) else {}
+
+
+def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Note what the results that were written since the last stamp are made from; call it after writing."""
+    mesh = obj.data
+    fresh = notes.take_fresh(mesh)
+    if not fresh:
+        return
+    if mesh.is_editmode:
+        obj.update_from_editmode()
+    now = _Present(obj, scene)
+    made = {stage: {part: now[part] for part in PARTS[stage]} for stage in fresh if stage in PARTS}
+    mesh[NAME] = json.dumps(_stamps(mesh) | made)
+
+
+# -- states ------------------------------------------------------------------------------------------------------------
+
+
+def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
+    """The state of every stage. In edit mode: as the mesh was when edit mode or the last stage wrote it."""
+    blocks, stamps, now = notes.read(obj.data), _stamps(obj.data), _Present(obj, scene)
+    found: dict[str, State] = {}
+    for stage, parts in PARTS.items():
+        made = stamps.get(stage)
+        earlier = found.get(AFTER.get(stage, ""))
+        if stage not in blocks:
+            found[stage] = State(TODO if made is None else OLD)
+            continue
+        changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
+        if changed is not None:
+            found[stage] = State(OLD, changed)
+        else:
+            found[stage] = State(OLD if earlier is not None and earlier.kind != DONE else DONE)
+    return found
+
+
+def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
+    """Whether there is a result of a stage that what it was made from has left behind; earlier stages are not looked at."""
+    made = _stamps(obj.data).get(stage)
+    if made is None or stage not in notes.read(obj.data):
+        return False
+    now = _Present(obj, scene)
+    return any(made.get(part) != now[part] for part in PARTS[stage])
+
+
+# -- what comes next ---------------------------------------------------------------------------------------------------
+
+
+def next_button(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[str, State]) -> str:
+    """The operator that a person would press next, by its idname; "" when the sheets are up to date."""
+    mesh = obj.data
+    if not len(mesh.polygons):
+        return ""
+    if len(mesh.loops) != 4 * len(mesh.polygons):
+        return "flexmaps.quad_remesh"
+    if found["layout"].kind == TODO:
+        preparing = _before_layout(obj, scene, found)
+        if preparing:
+            return preparing
+    if found["layout"].kind != DONE:
+        edited = found["layout"].part == "seams" and "layout" in notes.read(mesh)
+        return "flexmaps.update_from_seams" if edited else "flexmaps.merge"
+    for stage, idname in (("spirals", "flexmaps.spirals"), ("sheets", "")):
+        if found[stage].kind != DONE and idname:
+            return idname
+    if found["sheets"].kind == DONE:
+        return ""
+    for stage, idname in (("equilibrium", "flexmaps.simulate"), ("optimise", "flexmaps.optimise")):
+        if found[stage].kind != DONE:
+            return idname
+    return "flexmaps.export"
+
+
+def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[str, State]) -> str:
+    """What a mesh of quads still needs before it is cut; "" where it is fit."""
+    edge, wanted = quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
+    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0:
+        return "flexmaps.set_size"
+    if found["checks"].kind != DONE:
+        return "flexmaps.check"
+    errors = {finding["code"] for finding in notes.read(obj.data)["checks"] if finding["severity"] == "error"}
+    if errors:
+        return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
+    return ""
+
+
+def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """About the median edge length in metres, from a few edges."""
+    mesh, matrix = obj.data, obj.matrix_world.to_3x3()
+    lengths = []
+    for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // EDGES)):
+        a, b = mesh.edges[k].vertices
+        lengths.append((matrix @ (mesh.vertices[a].co - mesh.vertices[b].co)).length)
+    lengths.sort()
+    return lengths[len(lengths) // 2] * scene.unit_settings.scale_length if lengths else 0.0
