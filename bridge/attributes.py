@@ -24,6 +24,7 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
     "INT": ("value", 1, np.int32, "int"),
     "BOOLEAN": ("value", 1, np.bool_, "bool"),
     "FLOAT2": ("vector", 2, np.float32, "uv"),
+    "FLOAT_VECTOR": ("vector", 3, np.float32, "float_vector"),
     "FLOAT_COLOR": ("color", 4, np.float32, "float_color"),
 }
 
@@ -47,7 +48,7 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 
 
 def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """The values of an attribute, (N,) or (N, 2 or 4); ``None`` where there is none of a kind we write."""
+    """The values of an attribute, (N,) or (N, 2 to 4); ``None`` where there is none of a kind we write."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
