@@ -8,6 +8,7 @@ What is written:
     flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
     flexmaps_reach           face        what limits the match with the target, a number into ``engine/reach.py``'s kinds
+    flexmaps_hub             face        where the hubs are, see ``pose``
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from . import attributes, notes, states
+from . import attributes, notes, pose, states
 
 if TYPE_CHECKING:
     from ..engine.reach import Reach
@@ -55,6 +56,7 @@ def forget(obj: bpy.types.Object) -> None:
     """Remove everything that a simulation wrote: an earlier stage made it out of date."""
     for name in (*NAMES, REACH):
         attributes.remove(obj, attributes.PREFIX + name)
+    pose.forget(obj)
     _remove(obj, keys_of(obj.data))
 
 
@@ -106,6 +108,7 @@ def write(
         else:
             attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
     attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
+    pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
     obj.data.update()
     notes.write(obj.data, "equilibrium", simulation.report())
     notes.write(obj.data, "reach", limits.report())
