@@ -8,8 +8,9 @@ the command line.
 from __future__ import annotations
 
 import math
-from dataclasses import Field, dataclass, field, fields
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import Field, dataclass, field, fields, replace
+from typing import Any, TypeVar
 
 from .errors import FlexMapsError
 from .materials import MATERIALS, Material, material
@@ -448,9 +449,111 @@ class LoadParams(Params):
 
 
 @dataclass(frozen=True)
+class PreviewParams(Params):
+    """The assembled piece with its true spirals, to look at."""
+
+    detail: str = setting(
+        "MEDIUM",
+        "Detail",
+        "How finely the spirals are drawn",
+        choices=(
+            ("LINES", "Lines", "Round wires along the arms; the lightest"),
+            ("COARSE", "Coarse", "True arms and hubs in few pieces; for thousands of spirals"),
+            ("MEDIUM", "Medium", "True arms and hubs; smooth from afar"),
+            ("FINE", "Fine", "True arms and hubs with their inner corners; for close-ups"),
+        ),
+    )
+    colour: str = setting(
+        "PATCH",
+        "Colour",
+        "What the colours of the spirals tell",
+        choices=(
+            ("PATCH", "Patches", "One colour per patch"),
+            ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
+            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            ("DISTANCE", "Distance", "How far every spiral is from the target"),
+            ("MATERIAL", "Material", "The look of the chosen material"),
+        ),
+    )
+    place: str = setting(
+        "BESIDE",
+        "Place",
+        "Where the assembled piece is shown",
+        choices=(
+            ("BESIDE", "Beside", "To the left of the model"),
+            ("ON", "On the model", "Where the model is, to compare both; hide the model to see all of it"),
+        ),
+    )
+
+
+@dataclass(frozen=True)
 class ObjectSettings(Settings):
     """All settings that an object in Blender carries with it."""
 
     loads: LoadParams = field(default_factory=LoadParams)
     remesh: RemeshParams = field(default_factory=RemeshParams)
     export: ExportParams = field(default_factory=ExportParams)
+    preview: PreviewParams = field(default_factory=PreviewParams)
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def changed(settings: S, values: Mapping[str, Any]) -> S:
+    """The settings with other values, given by "section.name" in the units that people are shown: millimetres, degrees.
+
+    Values may be texts, as they come from a command line. Raises ``FlexMapsError`` for what is no setting, or is out of bounds.
+    """
+    blocks: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        block = getattr(settings, section, None)
+        if not isinstance(block, Params):
+            names = ", ".join(f.name for f in fields(settings))
+            raise FlexMapsError(
+                f"There is no setting '{key}'; give it as section.name, with one of the sections {names}"
+            )
+        known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
+        if name not in known:
+            raise FlexMapsError(f"There is no setting '{key}'; the settings of {section} are {', '.join(known)}")
+        blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
+    made = {section: replace(getattr(settings, section), **given) for section, given in blocks.items()}
+    return replace(settings, **made)
+
+
+def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
+    """Every setting in the units that people are shown, by section and name: what ``changed`` takes."""
+    return {
+        block.name: {
+            f.name: _as_shown(f, getattr(getattr(settings, block.name), f.name))
+            for f in fields(getattr(settings, block.name))
+        }
+        for block in fields(settings)
+    }
+
+
+def _as_shown(f: Field, value: Any) -> Any:
+    return float(f"{value * SHOWN[f.metadata['unit']][0]:.9g}") if isinstance(value, float) else value
+
+
+SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+
+
+def _from_shown(f: Field, value: Any) -> Any:
+    """The value of a field from one that a person gives, perhaps as text."""
+    default: Any = f.default
+    if isinstance(default, str):
+        return str(value)
+    if isinstance(default, bool):
+        if str(value).lower() not in SWITCHES:
+            raise FlexMapsError(f"{f.metadata['label']} '{value}': give on or off")
+        return SWITCHES[str(value).lower()]
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise FlexMapsError(f"{f.metadata['label']} '{value}': give a number") from None
+    if isinstance(default, int):
+        if number != round(number, 0):
+            raise FlexMapsError(f"{f.metadata['label']} {value}: give a whole number")
+        return int(number)
+    return number / SHOWN[f.metadata["unit"]][0]

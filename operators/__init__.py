@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..bridge import job
-from . import check, export, layout, optimise, overlay, regularise, remesh, simulate, spirals
+from . import check, export, layout, optimise, overlay, presets, preview, regularise, remesh, simulate, spirals
 
-MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, export, overlay)
+MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, preview, export, overlay, presets)
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 
@@ -16,10 +16,12 @@ def register() -> None:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(_before_load)
     overlay.register()
+    presets.register()
 
 
 def unregister() -> None:
     job.stop_current()
+    presets.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)
     for cls in reversed(CLASSES):

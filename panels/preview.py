@@ -1,0 +1,37 @@
+"""The Preview panel: the assembled piece with its true spirals."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..bridge import preview
+from ..engine.params import PreviewParams
+from .rows import number, numbers, settings_rows, wrapped
+from .sidebar import StagePanel
+
+
+class PreviewPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_preview"
+    bl_label = "Preview"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings_rows(layout.column(align=True), obj.flexmaps.preview, PreviewParams)
+        layout.operator("flexmaps.preview", icon="HIDE_OFF")
+        figures = preview.note_of(obj)
+        if not figures:
+            return
+        if figures["made_from"] != preview.made_from(obj):
+            wrapped(layout, context, "The spirals or their shape are others now; press Preview again", icon="INFO")
+            return
+        grid = numbers(layout)
+        number(grid, "Spirals", str(figures["spirals"]))
+        if figures["triangles"]:
+            number(grid, "Triangles", f"{figures['triangles']:,}".replace(",", "\N{THIN SPACE}"))
+        number(grid, "Made in", f"{figures['seconds']:.1f} s")
+        if not figures["simulated"]:
+            number(grid, "Not simulated", "on the target")
+
+
+CLASSES = (PreviewPanel,)

@@ -1,0 +1,141 @@
+"""The assembled preview: what its button makes, replaces, colours and refuses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.bridge import mesh, notes, pose, preview
+from flexmaps.engine import check, shapes
+
+
+def press(name: str, **properties: Any) -> None:
+    assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
+
+
+@pytest.fixture
+def piece(add: Any) -> Any:
+    """A dome with its spirals, ready to be shown."""
+    obj = add(shapes.make("dome"))
+    for stage in ("trace", "spirals"):
+        press(stage)
+    return obj
+
+
+def points_of(obj: Any) -> np.ndarray:
+    found = np.empty(3 * len(obj.data.vertices), np.float32)
+    obj.data.vertices.foreach_get("co", found)
+    matrix = np.array(obj.matrix_world)
+    return found.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def test_needs_spirals(add: Any) -> None:
+    add(shapes.make("dome"))
+    assert not bpy.ops.flexmaps.preview.poll()
+
+
+def test_before_a_simulation_it_lies_on_the_target(piece: Any) -> None:
+    piece.flexmaps.preview.place = "ON"
+    press("preview")
+    made = preview.existing(piece)
+    assert made.name == "piece Assembled" and made.type == "MESH"
+    assert not preview.note_of(piece)["simulated"]
+    bpy.context.view_layer.update()
+    size = np.linalg.norm(np.ptp(points_of(piece), axis=0))
+    assert points_of(made).min(axis=0) == pytest.approx(points_of(piece).min(axis=0), abs=0.03 * size)
+    assert points_of(made).max(axis=0) == pytest.approx(points_of(piece).max(axis=0), abs=0.03 * size)
+
+
+def test_after_a_simulation_it_follows_the_hubs(piece: Any) -> None:
+    press("simulate")
+    piece.flexmaps.preview.place = "ON"
+    piece.flexmaps.preview.detail = "COARSE"
+    press("preview")
+    made, figures = preview.existing(piece), preview.note_of(piece)
+    assert figures["simulated"] and figures["spirals"] == len(piece.data.polygons)
+    assert figures["triangles"] == sum(len(p.vertices) - 2 for p in made.data.polygons)
+    surface = mesh.read_surface(piece, bpy.context.scene)
+    hubs = pose.read(piece, surface.to_metres)
+    assert hubs is not None
+    # the two plates of a hub are its largest faces; between their middles lies its centre
+    quad = np.empty(len(made.data.polygons), np.int32)
+    made.data.attributes["flexmaps_quad"].data.foreach_get("value", quad)
+    bpy.context.view_layer.update()
+    points = points_of(made)
+    for k in (0, len(hubs.centres) // 2):
+        plates = [p for p in made.data.polygons if quad[p.index] == k and len(p.vertices) == 8]
+        assert len(plates) == 2
+        normal = np.array(plates[0].normal)
+        assert abs(normal @ hubs.rotations[k, :, 2]) == pytest.approx(1.0, abs=1e-4)
+        away = points[list(plates[0].vertices)] - hubs.centres[k]
+        assert np.abs(away @ hubs.rotations[k, :, 2]) == pytest.approx(
+            0.5e-3 * piece.flexmaps.spiral.thickness, abs=1e-7
+        )
+
+
+def test_the_pose_moves_with_the_object(piece: Any) -> None:
+    press("simulate")
+    scene = bpy.context.scene
+    before = pose.read(piece, mesh.to_metres(piece, scene))
+    piece.rotation_euler, piece.location = (0.3, -0.2, 1.0), (1.0, 2.0, 3.0)
+    bpy.context.view_layer.update()
+    after = pose.read(piece, mesh.to_metres(piece, scene))
+    turn, shift = np.array(piece.matrix_world)[:3, :3], np.array(piece.matrix_world)[:3, 3]
+    assert before is not None and after is not None
+    assert after.centres == pytest.approx(before.centres @ turn.T + shift, abs=1e-6)
+    assert after.rotations == pytest.approx(turn @ before.rotations, abs=1e-5)
+
+
+def test_pressed_again_it_is_replaced(piece: Any) -> None:
+    counts = []
+    for detail, colour in (("COARSE", "PATCH"), ("FINE", "MATERIAL"), ("LINES", "PATCH"), ("COARSE", "PATCH")):
+        piece.flexmaps.preview.detail, piece.flexmaps.preview.colour = detail, colour
+        press("preview")
+        counts.append((len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.curves)))
+    assert counts[0] == counts[1] == counts[3]
+    assert len([o for o in bpy.data.objects if o.name.startswith("piece Assembled")]) == 1
+    assert {o.name for o in bpy.data.objects} == {o.name for o in bpy.data.objects if ".0" not in o.name}
+
+
+def test_it_says_when_it_is_old(piece: Any) -> None:
+    press("preview")
+    assert preview.note_of(piece)["made_from"] == preview.made_from(piece)
+    press("simulate")
+    assert preview.note_of(piece)["made_from"] != preview.made_from(piece)
+
+
+def test_colours_that_are_not_there_are_refused(piece: Any) -> None:
+    piece.flexmaps.preview.colour = "SAFETY"
+    with pytest.raises(RuntimeError, match="press Simulate first"):
+        bpy.ops.flexmaps.preview()
+    assert preview.existing(piece) is None
+    press("simulate")
+    press("preview")
+    made = preview.existing(piece)
+    assert len(set(np.round([c.color[0] for c in made.data.attributes["flexmaps_colour"].data], 4))) > 3
+
+
+def test_scene_units_and_a_mirrored_object(add: Any) -> None:
+    """A piece of the same size in other units, mirrored: the preview has its true size and place all the same."""
+    obj = add(shapes.make("dome"))
+    bpy.context.scene.unit_settings.scale_length = 0.001
+    obj.scale = (-1000.0, 1000.0, 1000.0)
+    bpy.context.view_layer.update()
+    for stage in ("trace", "spirals", "simulate"):
+        press(stage)
+    obj.flexmaps.preview.place = "ON"
+    press("preview")
+    made = preview.existing(obj)
+    bpy.context.view_layer.update()
+    # the shape that was simulated, as the shape key has it
+    key = np.array(
+        [tuple(obj.matrix_world @ p.co) for p in obj.data.shape_keys.key_blocks["FlexMaps equilibrium"].data]
+    )
+    assert points_of(made).mean(axis=0) == pytest.approx(key.mean(axis=0), abs=0.05 * np.ptp(key, axis=0).max())
+    assert np.ptp(points_of(made), axis=0) == pytest.approx(np.ptp(key, axis=0), rel=0.1)
+    assert notes.read(obj.data)["equilibrium"]["converged"]
+    assert check.as_quad_mesh(mesh.read_surface(obj, bpy.context.scene).polygons).median_edge == pytest.approx(
+        0.02, rel=0.1
+    )
