@@ -40,6 +40,14 @@ def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
     return None
 
 
+def shared(obj: bpy.types.Object) -> str:
+    """The names of the other objects that use the same mesh, as a short text; "" where there are none."""
+    if obj.data.users < 2:
+        return ""
+    others = [f"'{o.name}'" for o in bpy.data.objects if o.data == obj.data and o != obj]
+    return ", ".join(others[:2]) + (f" (+{len(others) - 2})" if len(others) > 2 else "")
+
+
 def find(uid: int) -> bpy.types.Object:
     """The object read earlier, whatever its name is now; raises ``FlexMapsError`` where it was deleted."""
     for obj in bpy.data.objects:

@@ -1,37 +1,41 @@
-"""Rows of the Optimise panel: while it runs, and what it found."""
+"""The Optimise panel: while it runs, and what it found."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import equilibrium, job, notes, plot
+from ..bridge import job, notes, plot, states
 from ..engine.params import OptimiseParams
-from .rows import choice_row, more, number, numbers, wrapped
+from .rows import choice_row, fold, more, number, numbers, wrapped
+from .stages import StagePanel, button, look, result
 
 PLOT = 8.0  # size of the plot, in rows
 
 
-def rows(layout: bpy.types.UILayout, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Settings, button, and the last result."""
-    more(layout, "flexmaps_optimise", obj.flexmaps.optimise, OptimiseParams)
-    running = job.current()
-    history = getattr(running.shown, "history", None) if running is not None else None
-    if history:
-        seconds, rmse = history[-1]
-        _progress(layout, [r for _, r in history], f"Step {len(history) - 1}", 1e3 * rmse, seconds)
-        return
-    layout.operator("flexmaps.optimise", icon="SHADERFX")
-    blocks = notes.read(obj.data)
-    if "optimise" in blocks:
-        if equilibrium.out_of_date(obj, context.scene, "optimise"):
-            text = "The mesh or a setting was changed since; press Optimise to go on from here"
-            wrapped(layout, context, text, icon="INFO")
-        else:
-            _found(layout, blocks["optimise"])
-    if "reach" in blocks and not equilibrium.out_of_date(obj, context.scene):
-        _limits(layout, context, blocks["reach"])
+class OptimisePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_optimise"
+    bl_label = "Optimise"
+    stage = "optimise"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        running = job.current()
+        history = getattr(running.shown, "history", None) if running is not None else None
+        if history:
+            seconds, rmse = history[-1]
+            step = iface_("Step {}").format(len(history) - 1)
+            _progress(layout, [r for _, r in history], step, 1e3 * rmse, seconds)
+            return
+        button(layout, context, "flexmaps.optimise", icon="SHADERFX")
+        more(layout, "flexmaps_optimise", obj.flexmaps.optimise, OptimiseParams)
+        blocks = notes.read(obj.data)
+        if "optimise" in blocks:
+            _found(result(layout, context, "optimise"), blocks["optimise"])
+        if "reach" in blocks and look(context).states["reach"].kind == states.DONE:
+            _limits(layout, context, blocks["reach"])
 
 
 def _progress(layout: Any, rmse: list[float], step: str, now: float, seconds: float) -> None:
@@ -52,15 +56,19 @@ def _found(layout: Any, block: dict[str, Any]) -> None:
     before, after = block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     if history:
         rmse = [before, *(row["rmse_mm"] for row in history)]
-        _progress(layout, rmse, f"{len(history)} steps", after, history[-1]["seconds"])
+        _progress(layout, rmse, iface_("{} steps").format(len(history)), after, history[-1]["seconds"])
     grid = numbers(layout)
-    number(grid, "Finished" if block["finished"] else "Stopped", "" if block["finished"] else "press again to go on")
+    if not block["finished"]:
+        number(grid, "Stopped", iface_("press again to go on"))
     number(grid, "RMSE before", f"{before:.3g} mm")
     number(grid, "RMSE now", f"{after:.3g} mm")
     number(grid, "RMS distance", f"{block['rms_percent']:.2f} %")
-    number(grid, "Largest distance", f"{block['max_percent']:.2f} %")
-    number(grid, "Widths, twists at a bound", f"{100 * block['at_bound']:.0f} %")
-    number(grid, "Steps refused", f"{block['rejected'] + block['unstable']}, {block['unstable']} unstable")
+    rest = fold(layout, "flexmaps_optimise_rest", "More figures")
+    if rest is not None:
+        number(rest, "Largest distance", f"{block['max_percent']:.2f} %")
+        number(rest, "At a bound", f"{100 * block['at_bound']:.0f} %")
+        refused = iface_("{}, {} unstable").format(block["rejected"] + block["unstable"], block["unstable"])
+        number(rest, "Steps refused", refused)
 
 
 def _limits(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
 
 def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
@@ -16,13 +17,18 @@ def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names:
             layout.prop(properties, f.name)
 
 
-def more(layout: bpy.types.UILayout, idname: str, properties: Any, cls: type, but: tuple[str, ...] = ()) -> None:
-    """A fold, closed at first, with the settings of a dataclass that are not named in ``but``."""
+def fold(layout: bpy.types.UILayout, idname: str, label: str) -> bpy.types.UILayout | None:
+    """A column under a heading that opens and closes, closed at first; ``None`` while it is closed."""
     header, body = layout.panel(idname, default_closed=True)
-    header.label(text="More settings")
+    header.label(text=label)
+    return None if body is None else body.column(align=True)
+
+
+def more(layout: bpy.types.UILayout, idname: str, properties: Any, cls: type, but: tuple[str, ...] = ()) -> None:
+    """A fold with the settings of a dataclass that are not named in ``but``."""
+    body = fold(layout, idname, "More settings")
     if body is not None:
-        names = tuple(f.name for f in fields(cls) if f.name not in but)
-        settings_rows(body.column(align=True), properties, cls, names)
+        settings_rows(body, properties, cls, tuple(f.name for f in fields(cls) if f.name not in but))
 
 
 def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:
@@ -37,13 +43,13 @@ def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False)
     row.label(text=label)
     right = row.row()
     right.alignment = "RIGHT"
-    right.label(text=value)
+    right.label(text=value, translate=False)
 
 
 def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[tuple[str, str], ...]) -> None:
     """Buttons that switch the overlay; the one that is on is pressed in."""
     row = layout.row(align=True)
-    row.label(text="Show", icon="OVERLAY")
+    row.label(text="", icon="OVERLAY")
     for kind, label in kinds:
         row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
 
@@ -55,5 +61,28 @@ def wrapped(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, i
     width = region.width if region is not None else 240
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(text, max(16, int((width / unit - 60) / 6.5)))):
-        column.label(text=line, icon=icon if k == 0 else "BLANK1")
+    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, int((width / unit - 60) / 6.5)))):
+        column.label(text=line, icon=icon if k == 0 else "BLANK1", translate=False)
+
+
+# -- how values are written ----------------------------------------------------------------------------------------------
+
+
+def decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> str:
+    value = block.get(key)
+    return "-" if value is None else f"{value:.{digits}f}{unit}"
+
+
+def percent(block: dict[str, Any], key: str) -> str:
+    value = block.get(key)
+    return "-" if value is None else f"{100 * value:.1f} %"
+
+
+def span(block: dict[str, Any], key: str, unit: str) -> str:
+    """The smallest and the largest of [smallest, mean, largest]."""
+    values = block.get(key)
+    return "-" if not values else f"{values[0]:.3g} \N{EN DASH} {values[-1]:.3g}{unit}"
+
+
+def duration(minutes: float) -> str:
+    return f"{max(minutes, 1):.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"

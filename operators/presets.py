@@ -1,0 +1,88 @@
+"""Presets: a person's own and those that come along, as Blender keeps them for its own settings.
+
+A preset is a script of assignments to ``settings``. Those that come along lie in ``presets/flexmaps`` and set what a machine
+and its material ask for; a saved one holds every setting but those of the one object (vertex groups, forces, folder).
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from pathlib import Path
+
+import bpy
+from bl_operators.presets import AddPresetBase
+
+from ..bridge.objects import unusable
+from ..engine.params import ObjectSettings
+
+FOLDER = Path(__file__).resolve().parent.parent
+MENU = "FLEXMAPS_PT_presets"
+OWN = {"loads", "export.folder"}  # of the object, not of a way to work
+
+
+def values() -> list[str]:
+    """The settings that a preset holds, as expressions."""
+    found = []
+    for block in fields(ObjectSettings):
+        kind = block.default_factory
+        if kind is MISSING or block.name in OWN:
+            continue
+        names = [f"{block.name}.{f.name}" for f in fields(kind)]  # type: ignore[arg-type]
+        found += [f"settings.{name}" for name in names if name not in OWN]
+    return found
+
+
+class Preset(AddPresetBase, bpy.types.Operator):
+    """Keep the settings of this object under a name, or remove those kept under it"""
+
+    bl_idname = "flexmaps.preset"
+    bl_label = "Add or remove a FlexMaps preset"
+    preset_menu = MENU
+    preset_subdir = "flexmaps"
+    preset_defines = ["settings = bpy.context.object.flexmaps"]
+    preset_values = values()
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _usable(cls, context)
+
+
+class ApplyPreset(bpy.types.Operator):
+    """Take these settings for this object"""
+
+    bl_idname = "flexmaps.apply_preset"
+    bl_label = "Apply preset"
+    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return _usable(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not Path(self.filepath).is_file():
+            self.report({"ERROR"}, f"There is no preset {self.filepath}; choose another one")
+            return {"CANCELLED"}
+        # Blender's operator does it, which leaves no step to undo when it is called by itself
+        return bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
+
+
+def _usable(cls: type, context: bpy.types.Context) -> bool:
+    problem = unusable(context.object)
+    if problem is not None:
+        cls.poll_message_set(problem)  # type: ignore[attr-defined]
+    return problem is None
+
+
+def register() -> None:
+    if hasattr(bpy.utils, "register_preset_path"):  # from 4.3 on
+        bpy.utils.register_preset_path(str(FOLDER))
+
+
+def unregister() -> None:
+    if hasattr(bpy.utils, "unregister_preset_path"):
+        bpy.utils.unregister_preset_path(str(FOLDER))
+
+
+CLASSES = (Preset, ApplyPreset)

@@ -1,0 +1,64 @@
+"""The Export panel: sheets, connectors, kerf, files, and what was written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.params import ConnectorParams, CutParams, ExportParams, SheetParams
+from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows
+from .stages import StagePanel, button, result
+
+SHEET = ("sheet_width", "sheet_height")  # what is always in sight; the rest is folded away
+CONNECT = ("connector",)
+
+
+class ExportPanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_export"
+    bl_label = "Export"
+    stage = "sheets"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings = obj.flexmaps
+        column = layout.column(align=True)
+        settings_rows(column, settings.sheet, SheetParams, SHEET)
+        more(layout, "flexmaps_sheet", settings.sheet, SheetParams, SHEET)
+        body = fold(layout, "flexmaps_connect", "Connectors and kerf")
+        if body is not None:
+            settings_rows(body, settings.connect, ConnectorParams, CONNECT)
+            if settings.connect.connector != "none":
+                more_names = tuple(ConnectorParams.__dataclass_fields__)[len(CONNECT) :]
+                settings_rows(body, settings.connect, ConnectorParams, more_names)
+            body.separator()
+            settings_rows(body, settings.cut, CutParams)
+        body = fold(layout, "flexmaps_files", "Kinds of files")
+        if body is not None:
+            settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
+        layout.prop(settings.export, "folder", text="")
+        button(layout, context, "flexmaps.export", icon="EXPORT")
+        block = notes.read(obj.data).get("sheets")
+        if block is not None:
+            _sheets(result(layout, context, "sheets"), block)
+
+
+def _sheets(layout: Any, block: dict[str, Any]) -> None:
+    grid = numbers(layout)
+    number(grid, "Sheets", str(block.get("sheets")))
+    number(grid, "Cut length", decimals(block, "cut_length_m", 1, " m"))
+    if block.get("joints"):
+        number(grid, "Assembly, about", duration(block.get("assembly_minutes", 0)))
+    if block.get("unsolved"):
+        number(grid, "Without connector", str(len(block["unsolved"])), alert=True)
+    rest = fold(layout, "flexmaps_sheets_rest", "More figures")
+    if rest is None:
+        return
+    number(rest, "Filled", percent(block, "fill"))
+    if "cut_minutes" in block:
+        number(rest, "Laser, about", duration(block["cut_minutes"]))
+    number(rest, "Mass", decimals(block, "mass_g", 0, " g"))
+    number(rest, "Narrowest arm", decimals(block, "bridge_min_mm", 2, " mm"))
+    number(rest, "Joints", str(block.get("joints", "-")))
+    number(rest, "Files", str(len(block.get("files", ()))))

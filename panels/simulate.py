@@ -1,0 +1,78 @@
+"""The Simulate panel: material, supports and loads, and the shape that was found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.app.translations import pgettext_iface as iface_
+
+from ..bridge import equilibrium, notes
+from ..engine.params import LoadParams, MaterialParams, SimulateParams
+from .rows import choice_row, fold, number, numbers, settings_rows, wrapped
+from .stages import StagePanel, button, result
+
+LOADS = ("gravity", "clamped")
+CUSTOM = ("youngs", "poisson", "density", "strain_limit")
+
+
+class SimulatePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_simulate"
+    bl_label = "Simulate"
+    stage = "equilibrium"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings = obj.flexmaps
+        column = layout.column(align=True)
+        column.prop(settings.material, "material", text="")
+        if settings.material.material == "custom":
+            settings_rows(column, settings.material, MaterialParams, CUSTOM)
+        body = fold(layout, "flexmaps_loads", "Supports and loads")
+        if body is not None:
+            _loads(body, obj)
+        body = fold(layout, "flexmaps_simulate", "More settings")
+        if body is not None:
+            names = ("model", "iterations", "tolerance", "restarts")
+            settings_rows(body, settings.simulate, SimulateParams, names)
+        button(layout, context, "flexmaps.simulate", icon="PHYSICS")
+        block = notes.read(obj.data).get("equilibrium")
+        if block is not None:
+            _equilibrium(result(layout, context, "equilibrium"), context, obj, block)
+
+
+def _loads(layout: Any, obj: bpy.types.Object) -> None:
+    settings = obj.flexmaps
+    layout.prop_search(settings.loads, "supports", obj, "vertex_groups")
+    if settings.loads.supports:
+        layout.prop(settings.simulate, "clamped")
+    layout.prop(settings.simulate, "gravity")
+    layout.prop_search(settings.loads, "pulled", obj, "vertex_groups")
+    if settings.loads.pulled:
+        settings_rows(layout, settings.loads, LoadParams, ("force_x", "force_y", "force_z"))
+
+
+def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object, block: dict[str, Any]) -> None:
+    """What the last simulation found, and the slider between target and result."""
+    column = layout.column(align=True)
+    for key in equilibrium.keys_of(obj.data):
+        name = iface_("equilibrium") if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
+        column.prop(key, "value", text=iface_("Target to {}").format(name), slider=True, translate=False)
+    if not equilibrium.sound(block):
+        wrapped(layout.box(), context, block["status"], icon="ERROR")
+    grid = numbers(layout)
+    size = "{:.2f} mm, {:.2f} %"
+    number(grid, "RMS distance", size.format(block["rms_mm"], block["rms_percent"]))
+    number(grid, "Largest distance", size.format(block["max_mm"], block["max_percent"]))
+    strain = block.get("strain_share_max")
+    if strain is not None:
+        number(grid, "Largest strain", iface_("{:.0f} % of limit").format(100 * strain), alert=strain > 1.0)
+    others = block.get("other_energies", ())
+    if others:
+        number(grid, "Energy", f"{1e3 * block['energy']:.4g} mJ")
+    for k, energy in enumerate(others):
+        number(grid, iface_("Energy, other shape {}").format(k + 1), f"{1e3 * energy:.4g} mJ")
+    if not block.get("converged"):
+        number(grid, "Iterations", str(block.get("iterations")), alert=True)
+    kinds = (("DISTANCE", "Distance"), ("STRAIN_ENERGY", "Energy"), ("SAFETY", "Safety"))
+    choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)
