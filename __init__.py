@@ -7,18 +7,20 @@ The same folder is Blender's extension and a plain Python package: Blender is on
 def register() -> None:
     """Called by Blender when the extension is enabled; imports no numerics, so that enabling is quick."""
     from . import operators, panels
-    from .bridge import settings
+    from .bridge import command, settings
 
     settings.register()
     operators.register()
     panels.register()
+    command.register()
 
 
 def unregister() -> None:
     """Called by Blender when the extension is disabled; a running job is stopped first."""
     from . import operators, panels
-    from .bridge import settings
+    from .bridge import command, settings
 
+    command.unregister()
     panels.unregister()
     operators.unregister()
     settings.unregister()

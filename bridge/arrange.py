@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ..engine.flatten import FlatPatches
+if TYPE_CHECKING:
+    from ..engine.flatten import FlatPatches
 
 
 def rows(sizes: np.ndarray, gap: float, aspect: float = 1.6) -> np.ndarray:

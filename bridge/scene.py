@@ -17,15 +17,21 @@ from ..engine.mesh import PolygonMesh, QuadMesh
 from ..engine.params import Settings
 from ..engine.sheets import sheets_report
 from ..engine.slots import slot_needed
-from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states
+from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states, supports
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
-    """The active mesh object of a .blend file, or else its first one, as it is seen there: metres, world axes.
+    """The object of ``open_blend`` as it is seen there: metres, world axes. Raises as that does."""
+    obj, context = open_blend(path), bpy.context
+    return mesh.read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
 
-    Raises ``FlexMapsError`` where the file cannot be read or holds no mesh. The file that is open is left.
+
+def open_blend(path: str | Path) -> bpy.types.Object:
+    """The active mesh object of a .blend file, or else its first one, out of edit mode. The file that is open is left.
+
+    Raises ``FlexMapsError`` where the file cannot be read or holds no mesh.
     """
     path = Path(path)
     if not path.is_file():
@@ -43,7 +49,7 @@ def read_blend(path: str | Path) -> PolygonMesh:
         raise FlexMapsError(f"{path.name} holds no mesh object with faces; add one, or give another file")
     if obj.mode != "OBJECT":
         obj.update_from_editmode()
-    return mesh.read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+    return obj
 
 
 def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -> bpy.types.Object:
@@ -55,32 +61,57 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
     scene = bpy.context.scene
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
+    put(result, obj, scene, used)
+    if equilibrium.key_of(obj.data) is not None:
+        equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
+    return obj
+
+
+def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Settings | None = None) -> None:
+    """Write what the stages of a job have made into the object that it is about, as the operators do one by one.
+
+    The object has the quads of the job's mesh, in their order; its vertices come to lie where they are there.
+    """
+    surface = mesh.read_surface(obj, scene)
+    quads, corners = result.mesh, surface.polygons.corners
+    if not np.array_equal(np.unique(corners, return_inverse=True)[1].ravel(), quads.quads.ravel()):
+        raise FlexMapsError(f"'{obj.name}' has other faces than when it was read; read it again")
     if used is not None and hasattr(obj, "flexmaps"):
         settings.write(obj.flexmaps, used)
+        if not obj.flexmaps.loads.supports:
+            supports.write(obj, surface, result.supports)
+    moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
+    if np.abs(moved).max() > 1e-5 * quads.median_edge:
+        mesh.write_vertices(obj, surface, quads)
+        surface = mesh.read_surface(obj, scene)
     notes.write_checks(obj.data, result.findings)
-    surface = mesh.read_surface(obj, scene)
     if result.flat is not None:
-        centres = arrange.side_by_side(result.flat)
-        mesh.write_flat(obj, surface, result.flat, centres)
-        notes.write(obj.data, "layout", layout_report(result.flat))
-        overlay.store(obj, "PATCH")
-        if result.design is None:
-            beside.show_flat(obj, scene, result.flat, centres)
-        else:
-            mesh.write_design(obj, result.design)
-            notes.write(obj.data, "spirals", design_report(result.design))
-            shape = solids.solid(result.design, centres)
-            for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
-                pass
+        _put_flat(result, obj, scene, surface)
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
         if result.optimisation is not None:
             notes.write(obj.data, "optimise", result.optimisation.report())
-        equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     if result.sheets is not None:
         notes.write(obj.data, "sheets", sheets_report(result.sheets))
     states.stamp(obj, scene)
-    return obj
+
+
+def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: mesh.Surface) -> None:
+    """Seams, flat patches and spirals, and what lies beside the model."""
+    assert result.flat is not None
+    centres = arrange.side_by_side(result.flat)
+    mesh.write_flat(obj, surface, result.flat, centres)
+    notes.write(obj.data, "layout", layout_report(result.flat))
+    overlay.store(obj, "PATCH")
+    if result.design is None:
+        mesh.shelve_design(obj)
+        beside.show_flat(obj, scene, result.flat, centres)
+        return
+    mesh.write_design(obj, result.design)
+    notes.write(obj.data, "spirals", design_report(result.design))
+    shape = solids.solid(result.design, centres)
+    for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
+        pass
 
 
 def _outlines(result: Result) -> list[tuple[Any, ...]]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .mesh import Surface
 
 CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
+GROUP = "FlexMaps supports"
 
 
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
@@ -22,6 +23,31 @@ def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np
     Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
     """
     return _quads(obj, surface, params.supports, "Supports") if params.supports else None
+
+
+def write(obj: bpy.types.Object, surface: Surface, quads: np.ndarray | None) -> bool:
+    """Put held quads (k,) int into a vertex group of the object, and choose it; of None, choose none.
+
+    False where no group says exactly the same, such as of a single quad amid others; then none is chosen.
+    """
+    chosen = obj.flexmaps.loads
+    chosen.supports = ""
+    if quads is None:
+        return True
+    sizes, corners = surface.polygons.sizes, surface.polygons.corners
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    held = np.isin(face, quads)
+    # the vertices that no quad but held ones has: those at the ground, where the lowest quads are held
+    inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
+    inside[corners[~held]] = False
+    found = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
+    if not np.array_equal(np.flatnonzero(found), np.sort(quads)):
+        return False
+    group = obj.vertex_groups.get(GROUP) or obj.vertex_groups.new(name=GROUP)
+    group.remove(range(len(surface.positions)))
+    group.add(np.flatnonzero(inside).tolist(), 1.0, "REPLACE")
+    chosen.supports = GROUP
+    return True
 
 
 def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -17,6 +17,7 @@ from . import (
     design,
     estimates,
     flatten,
+    loads,
     merge,
     optimise,
     reach,
@@ -32,6 +33,7 @@ from .design import SpiralDesign
 from .errors import FlexMapsError
 from .estimates import Estimates
 from .flatten import FlatPatches
+from .layout import PatchLayout
 from .mesh import PolygonMesh, QuadMesh
 from .optimise import Optimisation
 from .params import Settings
@@ -61,7 +63,9 @@ class Result:
     source : the mesh as it came in, scaled to metres
     findings : what the check found, warnings included
     mesh : the quad mesh, regularised if that stage ran
-    flat : the flat patches, of the last layout: traced, merged, and cut to the sheet's size
+    edge, height : the size that was asked for, metres, which regularising keeps
+    supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the quads
+    layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; also ``None``, with a finding, where its spirals are outside
         of what the elastic model knows and the job went on to the sheets; limits : what keeps it from the target
@@ -72,6 +76,11 @@ class Result:
     source: PolygonMesh
     findings: list[Finding]
     mesh: QuadMesh
+    edge: float | None = None
+    height: float | None = None
+    supports: np.ndarray | None = None
+    force: np.ndarray | None = None
+    layout: PatchLayout | None = None
     flat: FlatPatches | None = None
     design: SpiralDesign | None = None
     optimisation: Optimisation | None = None
@@ -111,104 +120,175 @@ def run(
     height: float | None = None,
     stop_after: str = "sheets",
     optimised: bool = False,
+    supports: str | Sequence[int] | None = None,
     progress: Progress = SILENT,
 ) -> Result:
     """Run the stages in order, up to and including ``stop_after``; "optimise" only if that is the last, or ``optimised``.
 
     ``edge`` is the wanted median quad edge, ``height`` the wanted extent along z, both in metres; with neither, the mesh
-    is taken to be in metres already. Raises ``FlexMapsError`` where the input or a setting does not allow a stage, and
-    ``Cancelled`` when the progress asks to stop.
+    is taken to be in metres already. ``supports`` names the quads that stand, see ``loads.standing``. Raises
+    ``FlexMapsError`` where the input or a setting does not allow a stage, and ``Cancelled`` when the progress asks to stop.
     """
+    wanted = stages(stop_after, optimised)
+    stage = _Stages(wanted, progress)
+    with stage("check"):
+        result = begin(polygons, edge=edge, height=height, supports=supports)
+    return _through(result, settings, wanted[1:], stage)
+
+
+def stages(stop_after: str, optimised: bool = False) -> list[str]:
+    """The stages up to ``stop_after``; "optimise" only if that is the last, or ``optimised``."""
     if stop_after not in STAGES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(STAGES)}")
-    last = list(STAGES).index(stop_after)
-    optimised = optimised or stop_after == "optimise"
-    stage = _Stages([name for name in list(STAGES)[: last + 1] if optimised or name != "optimise"], progress)
-    source = check.scaled(polygons, edge=edge, height=height)
-
-    with stage("check"):
-        findings = check.findings(source)
-        mesh = check.as_quad_mesh(source, findings)
-    result = Result(source, findings, mesh, seconds=stage.seconds)
-    if stop_after == "check":
-        return result
-    with stage("regularise") as part:
-        mesh = _resized(regularise.regularise(mesh, settings.regularise, part), edge, height)
-    result = replace(result, mesh=mesh)
-    if stop_after == "regularise":
-        return result
-    with stage("trace") as part:
-        layout = trace.trace(mesh, settings.layout, part)
-    if stop_after == "trace":
-        return replace(result, flat=flatten.flatten(layout, settings.layout))
-    with stage("merge") as part:
-        flat = merge.merge(layout, settings.layout, part)
-    result = replace(result, flat=flat)
-    if stop_after == "merge":
-        return result
-    with stage("split") as part:
-        flat = split.split(flat, settings.layout, settings.sheet, part)
-    result = replace(result, flat=flat)
-    if stop_after == "split":
-        return result
-    with stage("spirals"):
-        spirals = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(mesh))
-    result = replace(result, design=spirals)
-    if stop_after == "spirals":
-        return result
-    if optimised:
-        with stage("optimise") as part:
-            result = _tried(_optimised, result, settings, part, "optimised", needed=stop_after == "optimise")
-    if stop_after == "optimise":
-        return result
-    with stage("simulate") as part:
-        result = _tried(_simulated, result, settings, part, "simulated", needed=stop_after == "simulate")
-    if stop_after == "simulate":
-        return result
-    with stage("sheets") as part:
-        assert result.design is not None
-        made = sheets.make_sheets(result.design, settings.sheet, part, settings.connect, settings.cut)
-        figures = estimates.estimate(made, result.design, settings.material.chosen)
-        assembly = assembly_check.check_assembly(result.design, made.connections, result.simulation)
-    return replace(result, sheets=made, estimates=figures, assembly=assembly)
+    first = list(STAGES)[: list(STAGES).index(stop_after) + 1]
+    return [name for name in first if optimised or name == stop_after or name != "optimise"]
 
 
-def _tried(
-    step: Callable[[Result, Settings, Progress], Result],
-    result: Result,
-    settings: Settings,
-    progress: Progress,
-    done: str,
-    needed: bool,
+def begin(
+    polygons: PolygonMesh,
+    *,
+    edge: float | None = None,
+    height: float | None = None,
+    supports: str | Sequence[int] | None = None,
 ) -> Result:
-    """A stage whose failure is no more than a warning, unless it is ``needed``: the sheets can be cut all the same."""
-    try:
-        return step(result, settings, progress)
-    except FlexMapsError as error:
-        if needed:
-            raise
-        unknown = Finding(f"not-{done}", "warning", f"Not {done}: {error}", faces=tuple(error.faces))
-        return replace(result, findings=[*result.findings, unknown])
+    """The checked mesh in the wanted size; arguments as in ``run``."""
+    start = time.perf_counter()
+    source = check.scaled(polygons, edge=edge, height=height)
+    findings = check.findings(source)
+    mesh = check.as_quad_mesh(source, findings)
+    held = None if supports is None else loads.standing(mesh, supports)
+    return Result(source, findings, mesh, edge, height, held, seconds={"check": time.perf_counter() - start})
+
+
+def go_on(result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT) -> Result:
+    """Run more stages, in this order, on what earlier ones have made; what later ones had made before is dropped.
+
+    Simulating and optimising may fail, with a finding, unless they are the last. Raises as ``run`` does.
+    """
+    return _through(result, settings, wanted, _Stages(list(wanted), progress))
+
+
+def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages) -> Result:
+    for name in wanted:
+        with stage(name) as part:
+            if name in TRIED and name != wanted[-1]:
+                result = _tried(name, result, settings, part)
+            else:
+                result = STEPS[name](result, settings, part)
+    if result.flat is None and result.layout is not None:
+        result = replace(result, flat=flatten.flatten(result.layout, settings.layout))
+    return replace(result, seconds=result.seconds | stage.seconds)
+
+
+# -- the stages --------------------------------------------------------------------------------------------------------
+
+# what stages make, in their order
+MADE = ("mesh", "layout", "flat", "design", "optimisation", "simulation", "limits", "sheets", "estimates", "assembly")
+
+
+def without(result: Result, first: str) -> Result:
+    """The result without ``first``, one of ``MADE``, and all that was made from it."""
+    return replace(result, **dict.fromkeys(MADE[MADE.index(first) :]))
+
+
+def _regularised(result: Result, settings: Settings, progress: Progress) -> Result:
+    mesh = regularise.regularise(result.mesh, settings.regularise, progress)
+    return replace(without(result, "layout"), mesh=_resized(mesh, result.edge, result.height))
+
+
+def _traced(result: Result, settings: Settings, progress: Progress) -> Result:
+    return replace(without(result, "layout"), layout=trace.trace(result.mesh, settings.layout, progress))
+
+
+def _merged(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.layout is not None
+    return replace(without(result, "flat"), flat=merge.merge(result.layout, settings.layout, progress))
+
+
+def _split(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.flat is not None
+    flat = split.split(result.flat, settings.layout, settings.sheet, progress)
+    return replace(without(result, "design"), flat=flat)
+
+
+def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.flat is not None
+    made = design.from_curvature(result.flat, settings.spiral, curvature.rms_curvature(result.mesh))
+    return replace(without(result, "design"), design=made)
 
 
 def _optimised(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     found = optimise.optimise(
-        result.design, result.mesh, settings.material.chosen, settings.optimise, settings.simulate, progress=progress
+        result.design,
+        result.mesh,
+        settings.material.chosen,
+        settings.optimise,
+        settings.simulate,
+        supports=result.supports,
+        force=result.force,
+        progress=progress,
     )
-    return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
+    made = {"flat": found.design.flat, "design": found.design, "optimisation": found}
+    return replace(without(result, "design"), **made)  # type: ignore[arg-type]
 
 
 def _simulated(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     better = result.optimisation
     if better is not None and not settings.simulate.restarts:
-        return replace(result, simulation=better.after, limits=reach.reach(better))
-    start = None if better is None else better.after.equilibrium.pose
+        return _judged(result, better.after)
     found = simulate.simulate(
-        result.design, result.mesh, settings.material.chosen, settings.simulate, start=start, progress=progress
+        result.design,
+        result.mesh,
+        settings.material.chosen,
+        settings.simulate,
+        supports=result.supports,
+        force=result.force,
+        start=None if better is None else better.after.equilibrium.pose,
+        progress=progress,
     )
-    return replace(result, simulation=found, limits=reach.reach(found if better is None else better))
+    return _judged(result, found)
+
+
+def _judged(result: Result, found: Simulation) -> Result:
+    """With a simulation, what limits it, and how hard the sheets that are there will be to join."""
+    made, better = result.sheets, result.optimisation
+    assembly = None
+    if made is not None and result.design is not None:
+        assembly = assembly_check.check_assembly(result.design, made.connections, found)
+    return replace(result, simulation=found, limits=reach.reach(found if better is None else better), assembly=assembly)
+
+
+def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut)
+    figures = estimates.estimate(made, result.design, settings.material.chosen)
+    assembly = assembly_check.check_assembly(result.design, made.connections, result.simulation)
+    return replace(result, sheets=made, estimates=figures, assembly=assembly)
+
+
+STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
+    "regularise": _regularised,
+    "trace": _traced,
+    "merge": _merged,
+    "split": _split,
+    "spirals": _spirals,
+    "optimise": _optimised,
+    "simulate": _simulated,
+    "sheets": _sheets,
+}
+TRIED = {"optimise": "optimised", "simulate": "simulated"}  # the sheets can be cut without them
+
+
+def _tried(name: str, result: Result, settings: Settings, progress: Progress) -> Result:
+    """A stage whose failure is no more than a warning."""
+    try:
+        return STEPS[name](result, settings, progress)
+    except FlexMapsError as error:
+        code = f"not-{TRIED[name]}"
+        unknown = Finding(code, "warning", f"Not {TRIED[name]}: {error}", faces=tuple(error.faces))
+        return replace(result, findings=[*(f for f in result.findings if f.code != code), unknown])
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .errors import FlexMapsError
+from .mesh import QuadMesh
 
 GRAVITY = 9.81  # m / s^2
+LOWEST = "lowest"
+GROUND = 0.25  # so far above the lowest vertex, in median edges, a vertex still stands on the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +87,28 @@ class Loads:
     def work(self, centres: np.ndarray) -> float:
         """Joules: what the forces do up to here, against the origin."""
         return float((self.force * centres).sum())
+
+
+def standing(mesh: QuadMesh, which: str | Sequence[int]) -> np.ndarray:
+    """(k,) int: the quads that ``which`` names: ``LOWEST``, numbers, or a text such as "1,2,3".
+
+    The lowest ones have two corners or more on the ground. Raises FlexMapsError where it names no quad of the mesh.
+    """
+    if isinstance(which, str) and which.strip() == LOWEST:
+        height = mesh.vertices[:, 2]
+        down = height <= height[mesh.quads].min() + GROUND * mesh.median_edge
+        quads = np.flatnonzero(down[mesh.quads].sum(axis=1) >= 2)
+        if not len(quads):
+            raise FlexMapsError("No quad has two corners at the lowest height; name the supports by their numbers")
+        return quads
+    try:
+        numbers = np.array([int(x) for x in (which.split(",") if isinstance(which, str) else which)], dtype=np.int64)
+    except (TypeError, ValueError):
+        raise FlexMapsError(
+            f"Supports '{which}': give numbers of quads with commas between them, or '{LOWEST}'"
+        ) from None
+    wrong = numbers[(numbers < 0) | (numbers >= len(mesh.quads))]
+    if len(wrong) or not len(numbers):
+        name = f"quad {wrong[0]}" if len(wrong) else "no quad"
+        raise FlexMapsError(f"The supports name {name}; the quads are numbered from 0 to {len(mesh.quads) - 1}")
+    return np.unique(numbers)

@@ -20,12 +20,15 @@ from .estimates import estimates_report
 from .flatten import layout_report
 from .job import Result
 from .mesh import QuadMesh
+from .params import Settings, shown_values
 from .sheets import sheets_report
 
 SCHEMA = 1
 
 
-def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[str, Any]:
+def build(
+    result: Result, *, source: str, files: Iterable[Path] = (), settings: Settings | None = None
+) -> dict[str, Any]:
     """The report of a run as plain JSON types; ``source`` names the input, ``files`` are the sheets that were written."""
     report: dict[str, Any] = {
         "schema": SCHEMA,
@@ -49,6 +52,10 @@ def build(result: Result, *, source: str, files: Iterable[Path] = ()) -> dict[st
             report["sheets"] |= estimates_report(result.estimates)
     if result.assembly is not None:
         report["assembly"] = result.assembly.report()
+    if result.supports is not None:
+        report["input"]["supports"] = len(result.supports)
+    if settings is not None:
+        report["settings"] = shown_values(settings)
     report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
     peak = peak_memory()
     if peak is not None:

@@ -8,8 +8,8 @@ DEMO = ["shape:demo", "--optimise", "--out", "out"]
 def main(argv: list[str]) -> int:
     """``demo`` runs on the project's own surface unless other arguments are given; ``run`` takes all of them."""
     import flexmaps
-    from flexmaps.bridge import main_job
+    from flexmaps.bridge import command
 
     flexmaps.register()  # so that the .blend carries the settings of the run
-    command, *rest = argv
-    return main_job.main(DEMO + rest if command == "demo" else rest)
+    name, *rest = argv
+    return command.main(["run", *(DEMO if name == "demo" else []), *rest])

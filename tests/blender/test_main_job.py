@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexmaps.bridge import main_job
+from flexmaps.bridge import command
 from flexmaps.engine import files, shapes
 
 
@@ -26,7 +26,7 @@ def dome(tmp_path: Path) -> Path:
 
 
 def run(*arguments: object) -> int:
-    return main_job.main([str(a) for a in arguments])
+    return command.main(["run", *(str(a) for a in arguments)])
 
 
 def contents(folder: Path) -> dict[str, bytes]:

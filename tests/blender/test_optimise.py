@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import arrange, designing, equilibrium, job, main_job, mesh, notes, overlay, plot, settings, solids
+from flexmaps.bridge import arrange, command, designing, equilibrium, job, mesh, notes, overlay, plot, settings, solids
 from flexmaps.engine import check, shapes
 from flexmaps.engine import optimise as engine
 from flexmaps.engine.design import outside, uniform
@@ -447,7 +447,7 @@ def test_main_job_with_and_without(tmp_path: Path) -> None:
             "simulate",
             *flag,
         ]
-        assert main_job.main(arguments) == 0
+        assert command.main(["run", *arguments]) == 0
         reports[bool(flag)] = json.loads((out / "report.json").read_text())
     assert "optimise" not in reports[False] and "optimise" not in reports[False]["seconds"]
     found = reports[True]["optimise"]

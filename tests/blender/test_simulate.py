@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import equilibrium, job, live, main_job, mesh, notes, scene, settings
+from flexmaps.bridge import command, equilibrium, job, live, mesh, notes, scene, settings
 from flexmaps.engine import shapes
 from flexmaps.engine import simulate as engine
 from flexmaps.engine.errors import Cancelled
@@ -526,7 +526,7 @@ def test_colours(piece: Any, attribute: Any, kind: str) -> None:
 
 
 def run(*arguments: object) -> int:
-    return main_job.main([str(a) for a in arguments])
+    return command.main(["run", *(str(a) for a in arguments)])
 
 
 def test_main_job_up_to_simulate(tmp_path: Path) -> None:

@@ -1,0 +1,365 @@
+"""FlexMaps from Python: every stage as a function, on an object in Blender, on a mesh file, or on arrays.
+
+    from bl_ext.user_default.flexmaps import api     # in Blender, with the extension installed
+    from flexmaps import api                         # beside Blender as a Python module, from a checkout
+
+    piece = api.load("surface.obj", edge=20)         # quads of 20 mm
+    piece = api.layout(api.regularise(piece))
+    piece = api.optimise(api.spirals(piece), supports="lowest")
+    print(api.report(piece)["optimise"]["laplacian_rmse_mm"])
+    api.export(piece, "out/surface")
+
+A ``Piece`` never changes: every stage returns a new one, so that variants can be compared. A stage first runs those
+before it that are still missing. Sizes and settings are in the units of the sidebar, millimetres and degrees; the arrays
+inside a piece are the engine's, in metres and radians. What a user can get wrong raises ``FlexMapsError``;
+``progress(fraction, text)`` may be any function, and may raise ``Cancelled`` to stop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .engine import check as checking
+from .engine import flatten, job, meshio, shapes, trace
+from .engine import report as reporting
+from .engine.check import Finding
+from .engine.errors import Cancelled, FlexMapsError
+from .engine.export import FLAT
+from .engine.layout import PatchLayout
+from .engine.loads import standing
+from .engine.mesh import PolygonMesh, QuadMesh
+from .engine.params import ObjectSettings, changed
+from .engine.progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    import bpy
+    import numpy as np
+
+__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "export", "layout",
+           "load", "optimise", "regularise", "report", "run", "save", "sheets", "show", "simulate", "spirals"]  # fmt: skip
+
+SHAPE = "shape:"
+Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
+Supports = str | Sequence[int] | None
+Tell = Callable[[float, str], None] | Progress | None
+LAYOUT = ("trace", "merge", "split")
+# from which of the job's results on a change of settings makes them out of date; sections that are not named: none
+CONCERNS = {
+    "layout": "flat",
+    "spiral": "design",
+    "material": "optimisation",
+    "simulate": "optimisation",
+    "loads": "optimisation",
+    "sheet": "sheets",
+    "connect": "sheets",
+    "cut": "sheets",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A surface with its settings and everything that the stages have made of it so far.
+
+    source : the polygons as they came, metres, z up
+    made : what the stages made (``engine.job.Result``); None where the mesh is none that can be made
+    uid : Blender's id of the object that it was read from and can be shown in again
+    seams : (E,) bool, edges that the object has marked as seams
+    broken : why the flat patches that the object holds are out of date, if they are
+    """
+
+    name: str
+    source: PolygonMesh
+    settings: ObjectSettings
+    made: job.Result | None = None
+    uid: int | None = None
+    seams: np.ndarray | None = None
+    broken: FlexMapsError | None = None
+
+    @property
+    def result(self) -> job.Result:
+        """What the stages made; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made."""
+        if self.made is None:
+            checking.as_quad_mesh(self.source)
+            raise FlexMapsError(f"{self.name} was not checked; load it again")
+        return self.made
+
+    @property
+    def mesh(self) -> QuadMesh:
+        """The quads, metres."""
+        return self.result.mesh
+
+
+# -- from and to Blender and files -------------------------------------------------------------------------------------
+
+
+def load(
+    source: Any,
+    *,
+    edge: float | None = None,
+    height: float | None = None,
+    up: str | None = None,
+    settings: ObjectSettings | Mapping[str, Any] | None = None,
+    supports: Supports = None,
+) -> Piece:
+    """A piece from an object in Blender, a file (.obj .off .ply .stl .blend), "shape:NAME", or a mesh of the engine.
+
+    edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
+    up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
+    settings : "section.name" -> value in shown units, instead of the object's settings or the defaults
+    supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
+
+    An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend file is opened in place of the
+    one that is open. Raises ``FlexMapsError`` where there is nothing to read.
+    """
+    from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
+    piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
+    if edge is not None or height is not None:
+        scaled = checking.scaled(piece.source, edge=_metres(edge), height=_metres(height))
+        piece = Piece(piece.name, scaled, piece.settings)
+    if piece.made is None:
+        try:
+            made = replace(job.begin(piece.source), edge=_metres(edge), height=_metres(height))
+        except FlexMapsError:
+            made = None  # ``check`` says what is wrong, and so does every stage
+        piece = replace(piece, made=made)
+    return change(piece, settings, supports=supports)
+
+
+def change(
+    piece: Piece, settings: ObjectSettings | Mapping[str, Any] | None = None, *, supports: Supports = None
+) -> Piece:
+    """The piece with other settings or supports; what they make out of date is dropped, and made again when it is needed."""
+    wanted = settings if isinstance(settings, ObjectSettings) else changed(piece.settings, settings or {})
+    if isinstance(supports, str) and _is_group(piece, supports):
+        wanted = changed(wanted, {"loads.supports": supports})
+        supports = None
+    made = piece.made
+    if made is not None:
+        for section, first in CONCERNS.items():
+            if getattr(wanted, section) != getattr(piece.settings, section):
+                made = job.without(made, first)
+        if wanted.loads != piece.settings.loads:
+            made = _loaded(piece, made, wanted)
+        if supports is not None:
+            made = replace(job.without(made, "optimisation"), supports=standing(made.mesh, supports))
+    return replace(piece, settings=wanted, made=made)
+
+
+def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
+    """Write the piece into the object that it was read from, or another one of the same quads; without one, into a new one.
+
+    The object gets seams, the UV map, attributes, the simulated shape as a shape key, its panels beside it, and the settings.
+    """
+    import bpy
+
+    from .bridge import objects, scene
+
+    if obj is None and piece.uid is not None:
+        obj = objects.find(piece.uid)
+    elif obj is None:
+        obj = scene.add_model(bpy.context.scene, piece.mesh, piece.name)
+    scene.put(piece.result, obj, bpy.context.scene, piece.settings)
+    return obj
+
+
+def save(piece: Piece, path: str | Path) -> Path:
+    """Save a .blend file with the piece: the file it came from with the object brought up to date, else a new one."""
+    from .bridge import scene
+    from .engine import files
+
+    if piece.uid is None:
+        scene.show(piece.result, piece.name, piece.settings)
+    else:
+        show(piece)
+    with files.replacing(path) as new:
+        scene.save(new)
+    return Path(path)
+
+
+# -- stages ------------------------------------------------------------------------------------------------------------
+
+
+def check(piece: Piece) -> list[Finding]:
+    """Everything that is wrong with the mesh, errors first; with an error no other stage can run."""
+    return checking.findings(piece.source)
+
+
+def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
+    """Squarer quads; what was laid out before is dropped."""
+    return _go_on(piece, ("regularise",), progress)
+
+
+def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> Piece:
+    """Flat patches: traced and merged, or, with ``keep_seams``, those between the seams that the object has.
+
+    A mesh that is no object is regularised first, unless it has been: as in the main job.
+    """
+    if not keep_seams:
+        return _go_on(_prepared(piece, progress), LAYOUT, progress)
+    if piece.seams is None:
+        raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the patches be traced")
+    cuts = trace.make_disks(PatchLayout(piece.mesh, piece.seams))
+    flat = flatten.flatten(cuts, piece.settings.layout, _progress(progress))
+    return replace(piece, made=replace(job.without(piece.result, "layout"), flat=flat), broken=None)
+
+
+def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
+    """Width and twist of every spiral from the curvature."""
+    return _go_on(_with(piece, "flat", progress), ("spirals",), progress)
+
+
+def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
+    """The shape that the assembled panels take, and what keeps it from the target."""
+    return _go_on(_with(change(piece, supports=supports), "design", progress), ("simulate",), progress)
+
+
+def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
+    """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
+    ready = _with(change(piece, supports=supports), "design", progress)
+    return _go_on(ready, ("optimise", "simulate"), progress)
+
+
+def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
+    """The panels with connectors and kerf, nested on sheets."""
+    return _go_on(_with(piece, "design", progress), ("sheets",), progress)
+
+
+def export(
+    piece: Piece, folder: str | Path, *, formats: Sequence[str] = FLAT, name: str = "sheet", progress: Tell = None
+) -> list[Path]:
+    """Write the sheets and the assembly sheet into a folder, all of them or none; returns their paths.
+
+    formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
+    """
+    from .bridge import main_job
+    from .engine import export as exporting
+    from .engine import files
+
+    ready = _with(piece, "sheets", progress)
+    assert ready.result.sheets is not None
+    base = Path(folder) / name
+    with files.replacing_many(exporting.stale(base, ready.result.sheets.count)) as new:
+        return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new)
+
+
+def report(piece: Piece) -> dict[str, Any]:
+    """The figures of everything that has run, as in report.json."""
+    return reporting.build(piece.result, source=piece.name, settings=piece.settings)
+
+
+def run(
+    source: Any,
+    out: str | Path,
+    *,
+    edge: float | None = None,
+    height: float | None = None,
+    up: str | None = None,
+    settings: ObjectSettings | Mapping[str, Any] | None = None,
+    supports: Supports = None,
+    optimised: bool = False,
+    stop_after: str = "sheets",
+    formats: Sequence[str] = FLAT,
+    pictures: bool = True,
+    progress: Tell = None,
+) -> dict[str, Any]:
+    """The whole main job: from a source, as ``load`` takes it, to a folder with all its files; returns the report.
+
+    Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
+    earlier run's files in the folder stay as they are unless everything succeeds.
+    """
+    from .bridge import main_job
+
+    told = _progress(progress)
+    names = job.stages(stop_after, optimised)
+    with main_job.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
+        piece = load(source, edge=edge, height=height, up=up, settings=settings, supports=supports)
+        piece = replace(piece, made=job.without(piece.result, "layout"), broken=None)
+        piece = _go_on(piece, names[1:], told.part(0.0, 0.6))
+        return main_job.write(
+            piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
+        )
+
+
+# -- within ------------------------------------------------------------------------------------------------------------
+
+
+def _progress(tell: Tell) -> Progress:
+    if tell is None:
+        return SILENT
+    return tell if isinstance(tell, Progress) else Progress(tell)
+
+
+def _metres(millimetres: float | None) -> float | None:
+    return None if millimetres is None else millimetres / 1e3
+
+
+def _go_on(piece: Piece, stages: Sequence[str], progress: Tell) -> Piece:
+    made = job.go_on(piece.result, piece.settings, stages, _progress(progress))
+    return replace(piece, made=made, broken=None if "trace" in stages else piece.broken)
+
+
+def _prepared(piece: Piece, progress: Tell) -> Piece:
+    """A mesh from elsewhere, regularised; the vertices of an object move only when that is asked for."""
+    regular = piece.uid is not None or "regularise" in piece.result.seconds
+    return piece if regular else regularise(piece, progress=progress)
+
+
+BEFORE: dict[str, Callable[..., Piece]] = {"flat": layout, "design": spirals, "sheets": sheets}
+
+
+def _with(piece: Piece, name: str, progress: Tell) -> Piece:
+    """The piece with one of the things in ``BEFORE``, made now where it is missing."""
+    if piece.broken is not None:
+        raise piece.broken
+    return piece if getattr(piece.result, name) is not None else BEFORE[name](piece, progress=progress)
+
+
+def _from_blender(source: Any) -> Piece:
+    from .bridge import scene, stored
+
+    obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
+    found = stored.read(obj)
+    name = obj.name if obj is source else Path(source).name
+    return Piece(name, found.source, found.settings, found.result, found.uid, found.seams, found.broken)
+
+
+def _from_elsewhere(source: Any, up: str | None) -> Piece:
+    if isinstance(source, QuadMesh | PolygonMesh):
+        polygons = source if isinstance(source, PolygonMesh) else PolygonMesh.of(source)
+        return Piece("mesh", polygons, ObjectSettings())
+    text = str(source)
+    if text.startswith(SHAPE):
+        name = text.removeprefix(SHAPE)
+        return Piece(name, PolygonMesh.of(shapes.make(name)), ObjectSettings())
+    axis = up or ("y" if text.lower().endswith(".obj") else "z")
+    turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+    if axis not in turned:
+        raise FlexMapsError(f"up is '{axis}'; give x, y or z")
+    polygons = meshio.read(text)
+    return Piece(Path(text).name, replace(polygons, vertices=polygons.vertices[:, turned[axis]]), ObjectSettings())
+
+
+def _is_group(piece: Piece, name: str) -> bool:
+    """Whether a text names a vertex group of the piece's object."""
+    if piece.uid is None:
+        return False
+    from .bridge import objects
+
+    return objects.find(piece.uid).vertex_groups.get(name) is not None
+
+
+def _loaded(piece: Piece, made: job.Result, wanted: ObjectSettings) -> job.Result:
+    """The result with supports and force as an object's vertex groups have them."""
+    if piece.uid is None:
+        raise FlexMapsError("Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'")
+    import bpy
+
+    from .bridge import mesh, objects, supports
+
+    obj = objects.find(piece.uid)
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    held, force = supports.supported(obj, surface, wanted.loads), supports.force(obj, surface, wanted.loads)
+    return replace(made, supports=held, force=force)

@@ -1,0 +1,56 @@
+"""What an object in Blender holds of a job, as the engine's result; ``scene.put`` is the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ..engine import job
+from ..engine.errors import FlexMapsError
+from ..engine.mesh import PolygonMesh
+from ..engine.params import ObjectSettings
+from . import mesh, objects, settings, supports
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Of an object: its surface, its settings, and how far the stages have come.
+
+    uid : Blender's id of the object; None where what is seen is not its own mesh, but what modifiers made of it
+    result : None where the check finds errors; broken : why nothing can be built on the stages, if it cannot
+    seams : (E,) bool, the edges, in the engine's numbers, where the object has seams
+    """
+
+    source: PolygonMesh
+    settings: ObjectSettings
+    uid: int | None = None
+    result: job.Result | None = None
+    seams: np.ndarray | None = None
+    broken: FlexMapsError | None = None
+
+
+def read(obj: bpy.types.Object) -> Stored:
+    """What an object holds; raises ``FlexMapsError`` where it is no mesh that FlexMaps can work on."""
+    scene = bpy.context.scene
+    used = settings.read(obj.flexmaps, ObjectSettings) if hasattr(obj, "flexmaps") else ObjectSettings()
+    problem = objects.unusable(obj)
+    if problem:
+        raise FlexMapsError(problem)
+    if objects.changed_by_modifiers(obj):
+        return Stored(mesh.read_evaluated(obj, scene, bpy.context.evaluated_depsgraph_get()), used)
+    surface = mesh.read_surface(obj, scene)
+    try:
+        result = job.begin(surface.polygons)
+    except FlexMapsError:
+        return Stored(surface.polygons, used, obj.session_uid)
+    held, force = supports.supported(obj, surface, used.loads), supports.force(obj, surface, used.loads)
+    result = replace(result, supports=held, force=force)
+    seams = mesh.layout_of(surface, result.mesh).cut
+    try:
+        flat = mesh.current_flat(surface, result.mesh) if "flat" in surface.values else None
+    except FlexMapsError as error:
+        return Stored(surface.polygons, used, obj.session_uid, result, seams, error)
+    design = None if flat is None else mesh.design_of(surface, flat, used.spiral)
+    return Stored(surface.polygons, used, obj.session_uid, replace(result, flat=flat, design=design), seams)
