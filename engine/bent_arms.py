@@ -23,8 +23,9 @@ STATIONS = 16
 """Pieces of an arm, each with one strain."""
 ROUNDS = 12
 POISSON = 0.35
-CLOSE = 1e-12
-"""Of Newton's method, relative to the size of a spiral, and radians."""
+CLOSE = 1e-6
+"""Where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread."""
+BATCH = 400
 _LARGEST = 0.5  # radians that a joint turns at most in one round
 
 
@@ -119,20 +120,25 @@ def bent(
     load = np.zeros((len(axes), 6)) if wrench is None else wrench.copy()
     closed = np.ones(len(arm), bool) if closed is None else closed
     load[arm[closed]] = 0.0
-    size = float(np.median(design.scale))
-    both = arm[closed]
-    for _ in range(ROUNDS):
-        some = both.ravel()
-        tip, turn, yielding = _tips(pieces, some, pose, load[some])
-        step, miss = _newton(tip, turn @ axes[some], yielding)
-        going_on = miss > CLOSE * size
-        load[both[:, 0]] += step
-        load[both[:, 1]] -= step
-        both = both[going_on]
-        if not len(both):
-            break
+    size, both = float(np.median(design.scale)), arm[closed]
+    # some hundred joints at a time stay in the processor's cache
+    for start in range(0, len(both), BATCH):
+        _close(pieces, pose, axes, load, both[start : start + BATCH], CLOSE * size)
     found = _shaped(pieces, pose, load)
     return _met(found, arm[closed], axes)
+
+
+def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float) -> None:
+    """Find the wrenches (A, 6) that bring the tips of joints (m, 2), arms in pairs, as near to each other as ``close`` metres."""
+    for _ in range(ROUNDS):
+        some = joint.ravel()
+        tip, turn, yielding = _tips(pieces, some, pose, load[some])
+        step, miss = _newton(tip, turn @ axes[some], yielding)
+        load[joint[:, 0]] += step
+        load[joint[:, 1]] -= step
+        joint = joint[miss > close]
+        if not len(joint):
+            break
 
 
 def _pieces(design: SpiralDesign, axes: np.ndarray, poisson: float) -> _Pieces:
@@ -224,15 +230,11 @@ def _run(
     return place, turn, middle
 
 
-def _tips(
-    pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tips(pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places (n, 3) and turns (n, 3, 3) of the tips of some arms (n,), and how they yield to their wrench (n, 6, 6), in space."""
     answer, flat = pieces.answer[arm], pieces.flat[arm]
     strain = (answer @ load[:, None, :, None])[..., 0]
-    place, turn, middle = _run(
-        flat, pose.rotations[arm // 4], pose.centres[arm // 4], strain[..., :3], strain[..., 3:]
-    )
+    place, turn, middle = _run(flat, pose.rotations[arm // 4], pose.centres[arm // 4], strain[..., :3], strain[..., 3:])
     turning, going = middle @ answer[:, :, :3], middle @ answer[:, :, 3:]
     lever = place[:, -1:] - 0.5 * (place[:, 1:] + place[:, :-1])
     # what a turn of a piece shifts at the tip: turn x lever

@@ -89,11 +89,14 @@ class PanelMesh:
 def panel_mesh(design: SpiralDesign, detail: Detail) -> PanelMesh:
     """The panels of a design; every patch becomes a closed body, with its arms' plain ends at the cuts."""
     count = len(design.width)
-    pieces = detail.least + np.ceil(np.degrees(design.twist) / detail.degrees).astype(int)
-    rows = np.repeat(pieces + 2, 4)  # the ends of an arm, and its slots' roots behind
+    turn = np.degrees(design.twist) / detail.degrees
+    pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
+    # the slots on both sides of an arm end at different places, and the arm's hub lies between them
+    behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
+    rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
     first = np.cumsum(rows) - rows
     arm = np.repeat(np.arange(4 * count), rows)
-    t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], rows)
+    t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], pieces, rows)
     rim_quad, rim = _rims(design, detail.fillet)
     first, last = first.reshape(count, 4), (first + rows - 1).reshape(count, 4)
     faces, quad_of = _faces(design, arm, first, last, rim.shape[2])
@@ -114,21 +117,24 @@ def panel_mesh(design: SpiralDesign, detail: Detail) -> PanelMesh:
 
 
 def _sections(
-    design: SpiralDesign, arm: np.ndarray, row: np.ndarray, rows: np.ndarray
+    design: SpiralDesign, arm: np.ndarray, row: np.ndarray, pieces: np.ndarray, rows: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter (R,), centre line (R, 3) and edges from there (R, 2, 3) of all sections, from the tips to the roots."""
+    """Parameter (R,), centre line (R, 3) and edges from there (R, 2, 3) of all sections, from the tips to the roots.
+
+    Of the ``rows`` (A,) of an arm, the first ``pieces`` (A,) and one more are at right angles to it; the others are rigid.
+    """
     quad, side = np.divmod(arm, 4)
     hub, root = hub_ends(design).ravel()[arm], design.roots
-    share = np.minimum(row / (rows[arm] - 2), 1.0)
+    share = np.minimum(row / pieces[arm], 1.0)
     # closer together towards the tip, where arms are blended
     t = hub * share * (2.0 + share) / 3.0
     shape = design.arms.one_by_one(quad, side)
-    at_root = row == rows[arm] - 1
+    beyond = np.maximum(row - pieces[arm], 0) / (rows - 1 - pieces)[arm]
     centre = centre_line(shape, t[:, None, None])[0][:, 0, 0]
     line, sides = np.zeros((len(t), 3)), np.zeros((len(t), 2, 3))
     line[:, :2] = centre - shape.centre
     for k, (way, end) in enumerate(((LEFT, root.left), (RIGHT, np.roll(root.right, 1, axis=1)))):
-        at = np.where(at_root, end.ravel()[arm], t)
+        at = t + beyond * (end.ravel()[arm] - t)
         sides[:, k, :2] = edge(shape, at[:, None, None], way)[0][:, 0, 0] - centre
     return t, line, sides
 

@@ -1,0 +1,216 @@
+"""Arms bent between hubs: closed forms, what stays as long and as thick as it was, joints that meet, closed bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine import bent_arms, design, flatten, shapes, trace
+from flexmaps.engine.arm_model import ArmModel
+from flexmaps.engine.assembly import Pose, of_design, target_pose
+from flexmaps.engine.bent_arms import bent, exponential, hub_ends
+from flexmaps.engine.materials import material
+from flexmaps.engine.panel_mesh import DETAILS, Detail, panel_mesh
+from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.simulate import simulate
+from flexmaps.engine.spiral import LEFT, RIGHT, edge, mates
+from scipy.spatial.transform import Rotation
+
+STRAIGHT = SpiralParams(thickness=0.001, width_min=0.001, width_max=0.002)
+
+
+def flat_pose(made: design.SpiralDesign) -> Pose:
+    count = len(made.width)
+    return Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["left", "clockwise"])
+def dome(request):
+    """A dome of wound spirals in several patches, in its equilibrium."""
+    mesh = shapes.make("dome")
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams(clockwise=request.param), twist=3.5)
+    found = simulate(made, mesh, material("pom"), SimulateParams())
+    assert found.equilibrium.converged
+    return made, found.equilibrium.pose
+
+
+def test_two_straight_arms_become_a_circular_arc(flat_grid):
+    """A pure bending moment M = E I angle / length, the same everywhere (Euler and Bernoulli)."""
+    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full(2, 0.002), np.zeros(2))
+    angle, size = 0.8, 0.02
+    clamp = 0.5 * size * (1 - hub_ends(made)[0, 1])  # from a hub's centre to where its arm begins
+    length = size - 2 * clamp
+    radius = length / angle
+    # both hubs touch a circle of this radius about the y axis, at half the angle before and behind its top
+    turns = np.stack([Rotation.from_euler("y", a).as_matrix() for a in (-0.5 * angle, 0.5 * angle)])
+    ends = np.array([[-np.sin(angle / 2), 0, np.cos(angle / 2)], [np.sin(angle / 2), 0, np.cos(angle / 2)]]) * radius
+    centres = ends + np.array([-1, 1])[:, None] * clamp * turns[:, :, 0]
+    arms = bent(made, Pose(centres, turns))
+    t = np.linspace(0, hub_ends(made)[0, 1], 30)
+    middle = np.c_[0.5 * size * (1 - t), 0 * t, 0 * t]
+    place, turn = arms.at(np.full(30, 1), t, middle)
+    assert np.hypot(place[:, 0], place[:, 2]) == pytest.approx(radius, rel=2e-4)
+    assert place[0] == pytest.approx([0, 0, radius], abs=1e-8)
+    assert turn[0] == pytest.approx(np.eye(3), abs=1e-9)
+    inertia = 0.002 * STRAIGHT.thickness**3 / 12
+    force, moment = arms.wrench[1, :3], arms.wrench[1, 3:]
+    assert np.abs(moment) == pytest.approx([0, inertia * angle / length, 0], rel=1e-6, abs=1e-20)
+    # what little is left of the force makes up for the moment's lever along the flat arm
+    assert np.abs(force[1:]) * length == pytest.approx(0, abs=1e-6 * inertia)
+    # arms that are not at this joint stay as they were
+    assert arms.bend[[0, 2, 3, 4, 5, 6]] == pytest.approx(0, abs=1e-12)
+
+
+def test_a_twisted_bar_turns_evenly(flat_grid):
+    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full(2, 0.002), np.zeros(2))
+    pose = flat_pose(made)
+    turns = np.stack([Rotation.from_euler("x", a).as_matrix() for a in (0.0, 0.6)])
+    arms = bent(made, Pose(pose.centres, turns))
+    along = Rotation.from_matrix(arms.turn[1]).as_rotvec()
+    assert along == pytest.approx(np.linspace(0, 0.3, 17)[:, None] * [1, 0, 0], abs=1e-9)
+
+
+def test_wrenches_agree_with_the_elastic_model(dome):
+    """Moments of beams against those of the table that was made with finite elements."""
+    made, pose = dome
+    model = ArmModel.of(of_design(made), material("pom"), curving=False)
+    theirs = model.wrenches(model.start(pose))[:, 3:]
+    mesh = made.flat.layout.mesh
+    inner = ~mesh.border
+    first = 4 * mesh.edge_quads[inner, 0] + mesh.edge_sides[inner, 0]
+    ours = material("pom").youngs * bent(made, pose, poisson=material("pom").poisson).wrench[first, 3:]
+    away = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
+    assert np.median(away) < 0.1
+    assert (ours * theirs).sum() / (theirs**2).sum() == pytest.approx(1.0, abs=0.1)
+
+
+def test_tips_of_neighbours_coincide(dome):
+    made, pose = dome
+    arms = bent(made, pose)
+    zero = np.zeros((*made.arms.radius.shape, 1))
+    centre = np.concatenate([edge(made.arms, zero, way)[0] for way in (RIGHT, LEFT)], axis=2)  # (F, 4, 2, 2)
+    offset = np.zeros((*centre.shape[:3], 3))
+    offset[..., :2] = 0.5 * (centre - centre[:, :, ::-1])
+    place, turn = arms.tips
+    corners = place.reshape(-1, 4, 1, 3) + np.einsum("fkij,fkej->fkei", turn.reshape(-1, 4, 3, 3), offset)
+    quad, side = mates(made.flat.layout.mesh)
+    inner = ~made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
+    size = np.linalg.norm(np.ptp(pose.centres, axis=0))
+    # what is right of one arm is left of the other
+    apart = (corners - corners[quad, side][:, :, ::-1])[inner]
+    assert np.abs(apart).max() < 1e-9 * size
+    normals = turn[:, :, 2].reshape(-1, 4, 3)
+    assert (normals * normals[quad, side]).sum(axis=-1)[inner] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_arms_keep_their_length(dome):
+    made, pose = dome
+    arms = bent(made, pose)
+    now = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
+    before = np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1)
+    assert now == pytest.approx(before, rel=0.01)
+    assert np.abs(arms.bend).sum(axis=1).max() > 0.05  # they are bent indeed
+
+
+def test_sections_keep_width_and_thickness(dome):
+    made, pose = dome
+    panels = panel_mesh(made, DETAILS["MEDIUM"])
+    whole = np.full((panels.section.max() + 1, 4, 3), np.nan)
+    order = np.concatenate([np.tile(np.arange(4), len(panels.arm)), np.tile(np.arange(2), len(panels.rim_quad))])
+    whole[panels.section, order[panels.used]] = panels.placed(bent(made, pose), pose)
+    whole = whole[: len(panels.arm)]
+    width = np.linalg.norm(whole[:, 0] - whole[:, 1], axis=1)
+    flat = np.linalg.norm(panels.sides[:, 0] - panels.sides[:, 1], axis=1)
+    there = np.isfinite(width)
+    assert there.mean() > 0.9
+    assert width[there] == pytest.approx(flat[there], rel=1e-9)
+    thick = np.linalg.norm(whole[:, :2] - whole[:, 2:], axis=2)[there]
+    assert thick == pytest.approx(made.params.thickness, rel=1e-9)
+    # square: the edge and the normal are at right angles
+    lean = ((whole[:, 0] - whole[:, 1]) * (whole[:, 0] - whole[:, 2])).sum(axis=1)[there]
+    assert np.abs(lean).max() < 1e-9 * made.params.thickness * flat.max()
+
+
+def test_at_rest_every_panel_is_its_own_outline(dome):
+    """The upper faces lie within the true outlines of arcs and cover them."""
+    made, _ = dome
+    pose = flat_pose(made)
+    layout = made.flat.layout
+    panels = panel_mesh(made, Detail(20, 4.0, 4))
+    inside = ~layout.cut[~layout.mesh.border]
+    points = panels.placed(bent(made, pose, closed=inside), pose)
+    assert points == pytest.approx(panels.flat(np.zeros((len(layout.patches), 2))), abs=1e-12)
+    starts = np.cumsum(panels.sizes) - panels.sizes
+    faces = [panels.corners[s : s + n] for s, n in zip(starts, panels.sizes)]
+    above = [k for k, f in enumerate(faces) if (points[f, 2] > 0).all()]
+    patch = layout.patch_of[panels.quad_of]
+    for number, outline in enumerate(made.outlines()):
+        drawn = shapely.polygons([shapely.linearrings(points[faces[k], :2]) for k in above if patch[k] == number])
+        true = shapely.Polygon(outline.outer.sampled(1e-5), [hole.sampled(1e-5) for hole in outline.holes])
+        shapely.prepare(true)
+        assert shapely.area(drawn).sum() == pytest.approx(true.area, rel=0.002)
+        corners = shapely.points(shapely.get_coordinates(drawn))
+        assert shapely.dwithin(true, corners, 2e-5).all()  # the outline's tolerance
+
+
+def test_every_part_is_a_closed_body(dome):
+    import trimesh
+
+    made, pose = dome
+    for name, much in (("COARSE", 0.04), ("MEDIUM", 0.01), ("FINE", 0.005)):
+        panels = panel_mesh(made, DETAILS[name])
+        points = panels.placed(bent(made, pose), pose)
+        starts = np.cumsum(panels.sizes) - panels.sizes
+        fans = [
+            np.stack([panels.corners[s], panels.corners[s + k], panels.corners[s + k + 1]], axis=1)
+            for k in range(1, panels.sizes.max() - 1)
+            for s in [starts[panels.sizes > k + 1]]
+        ]
+        solid = trimesh.Trimesh(points, np.concatenate(fans), process=False)
+        assert len(solid.faces) == panels.triangles
+        assert solid.is_watertight and solid.is_winding_consistent
+        assert solid.body_count == len(made.flat.layout.patches)
+        assert solid.volume == pytest.approx(made.area.sum() * made.params.thickness, rel=much)
+
+
+def test_open_joints_carry_what_they_are_given(dome):
+    made, pose = dome
+    whole = bent(made, pose)
+    layout = made.flat.layout
+    inside = ~layout.cut[~layout.mesh.border]
+    apart = bent(made, pose, closed=inside)
+    again = bent(made, pose, closed=inside, wrench=whole.wrench)
+    quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges])
+    free = 4 * quad + side
+    assert apart.bend[free] == pytest.approx(0, abs=1e-15)
+    assert again.place == pytest.approx(whole.place, abs=1e-6 * np.ptp(pose.centres))
+    assert np.abs(apart.place[free] - whole.place[free]).max() > 1e-5
+
+
+def test_torn_poses_are_closed_all_the_same(dome):
+    made, pose = dome
+    rng = np.random.default_rng(1)
+    torn = pose.moved(np.c_[rng.normal(0, 0.01, (len(made.width), 3)), rng.normal(0, 1.0, (len(made.width), 3))])
+    arms = bent(made, torn)
+    place, _ = arms.tips
+    quad, side = mates(made.flat.layout.mesh)
+    inner = ~made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
+    place = place.reshape(-1, 4, 3)
+    assert np.isfinite(arms.place).all()
+    assert np.abs(place - place[quad, side])[inner].max() < 1e-12
+
+
+def test_rotation_matrices_agree_with_scipy():
+    rng = np.random.default_rng(2)
+    turns = rng.normal(0, 1.0, (200, 3)) * np.logspace(-12, 0.5, 200)[:, None]
+    assert exponential(turns) == pytest.approx(Rotation.from_rotvec(turns).as_matrix(), abs=1e-14)
+    assert bent_arms.STATIONS % 2 == 0
+
+
+def test_on_the_target_without_a_simulation(dome):
+    made, _ = dome
+    pose = target_pose(shapes.make("dome"), made.flat.corners)
+    arms = bent(made, pose)
+    stretched = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
+    assert stretched == pytest.approx(np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1), rel=0.02)
