@@ -22,7 +22,7 @@ class Fit:
     """Gaps between the finished parts of every connector, in metres; a key has one row for each of its sockets.
 
     joint : (n,) index into ``Connections.connectors``
-    least, most : (n,) smallest and largest gap round the head, or between two faces
+    least, most : (n,) smallest and largest gap round the head, or between two faces, less what they stand back
     overlap : (n,) square metres where both parts would be in the same place
     """
 
@@ -84,7 +84,7 @@ def _joint(
     if a.kind == "tab":
         near = shapely.box(-a.size.pad, -a.size.pad, a.size.pad, a.size.pad)
         one, two = (shapely.intersection(p, near) for p in parts)
-        gap = float(one.distance(two))
+        gap = float(one.distance(two)) - 2.0 * a.back
         return [(gap, gap, float(one.intersection(two).area))]
     one, two = parts if a.male == 0 else (_turned(parts[1]), _turned(parts[0]))
     return [_gap(one, two, a)]

@@ -72,9 +72,9 @@ class Widening:
     full: float
     over: float
 
-    def at(self, tau: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, tau: np.ndarray, side: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
         """What to add to the width for this edge, and its derivative; an edge moves by half of that."""
-        return widening(2.0 * (self.left if side == LEFT else self.right), self.full, self.over, tau)
+        return widening(2.0 * np.where(side == LEFT, self.left, self.right), self.full, self.over, tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,9 @@ class Half:
         """From the arm's frame to the patch's."""
         return self.origin + self.out * points
 
-    def edge(self, t: np.ndarray, side: float, wider: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+    def edge(
+        self, t: np.ndarray, side: np.ndarray | float, wider: tuple[np.ndarray, np.ndarray] | None = None
+    ) -> np.ndarray:
         """(2, N) points of an edge and their derivative by t, in the arm's frame."""
         wide = None if wider is None else (wider[0][None, None], wider[1][None, None])
         p, d = edge(self.arms, t[None, None], side, wider=wide)
@@ -149,19 +151,21 @@ class Through:
         width = float(width_at(half.arms, np.array([[[t]]]))[0][0, 0, 0])
         return complex(sign * half.local(p)[0]), complex(direction / abs(direction)), width
 
-    def edge(self, tau: np.ndarray, side: float, wide: Widening) -> tuple[np.ndarray, np.ndarray]:
-        """Points (N,) of the widened arm's edge and the outward directions there, in the arm's frame."""
-        extra, slope = wide.at(tau, side)
-        inside = tau >= 0.0
-        made = np.empty((2, len(tau)), dtype=complex)
+    def edges(self, tau: np.ndarray, wide: Widening) -> tuple[np.ndarray, np.ndarray]:
+        """Points (2, N) of the widened arm's left and right edge and the outward directions there, in the arm's frame."""
+        side, both = np.repeat([LEFT, RIGHT], len(tau)), np.tile(tau, 2)
+        extra, slope = wide.at(both, side)
+        inside = both >= 0.0
+        made = np.empty((2, len(both)), dtype=complex)
         if inside.any():
-            made[:, inside] = self.own.edge(tau[inside], side, (extra[inside], slope[inside]))
+            made[:, inside] = self.own.edge(both[inside], side[inside], (extra[inside], slope[inside]))
         if not inside.all():
             beyond = ~inside
-            t = -tau[beyond] * self.scale
-            far = self.other.edge(t, -side, (extra[beyond], -slope[beyond] / self.scale))
+            t = -both[beyond] * self.scale
+            far = self.other.edge(t, -side[beyond], (extra[beyond], -slope[beyond] / self.scale))
             made[0, beyond], made[1, beyond] = -far[0], far[1]
-        return made[0], -made[1] / np.abs(made[1])
+        points, ways = made[0], -made[1] / np.abs(made[1])
+        return points.reshape(2, -1), ways.reshape(2, -1)
 
     def beyond(self, tau: float, side: float, wide: Widening, tolerance: float) -> Curve:
         """The edge from the joint to tau < 0 as arcs, walking outwards."""
@@ -251,7 +255,7 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
         return None
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
     tau = np.linspace(begin, over, _SAMPLES)
-    (left, left_way), (right, right_way) = (through.edge(tau, side, wide) for side in (LEFT, RIGHT))
+    (left, right), (left_way, right_way) = through.edges(tau, wide)
     steps = np.abs(np.diff(left)), np.abs(np.diff(right))
     if (left_way * right_way.conj()).real.min() <= 0.0 or (
         np.min(steps, axis=0) < _UNFOLDED * np.max(steps, axis=0)

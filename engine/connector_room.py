@@ -16,18 +16,20 @@ from typing import Any
 import numpy as np
 
 from .connector_path import Attempt, Half, Through, Tip, Widening, complexes, make_tip, pairs
-from .connector_shape import Size, size
+from .connector_shape import Size, size, tabs
 from .contours import Tips
 from .design import SpiralDesign
 from .params import ConnectorParams
 from .slots import slot_needed
 from .spiral import LEFT, RIGHT, edge
 
+# what is tried where the asked kind has no room
+KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
 _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
-_TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
+_TRIES = 4  # shifts that are tried for every size, and twice as many where necks lie beside their arms
 _VIEW = 5e-3  # metres; how far to look beside an arm
 _LOOK = 1e-4  # metres along the arm from one look to the next
 
@@ -108,28 +110,36 @@ class Room:
         halves = (Half.of(self.design, int(q), int(k)) for q, k in zip(j.quad[joint], j.side[joint], strict=True))
         return Through(*halves)
 
-    def sizes(self, through: Through) -> list[Size]:
+    def sizes(self, through: Through, kind: str = "dovetail") -> list[Size]:
         """The sizes that connectors of this arm may have, the largest first."""
         width = float(through.own.arms.joint_width[0, 0])
+        if kind == "tab":
+            return tabs(width, self.params, SCALES)
         return list(dict.fromkeys(size(width, self.params, scale) for scale in SCALES))
 
     def attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
         """What to try at a joint, the best first."""
-        sizes = self.sizes(through)
-        steps = [sizes[-1].neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
-        openings = self._openings(through, steps[-1] + 2.0 * sizes[0].length, near)
-        # in one panel a head must not reach across the cut to its own socket
-        gap = abs(through.own.origin - through.other.origin) if self.joints.inside[joint] else np.inf
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
-        # a key needs no room beyond the cut: it also serves where both sides of a cut inside a panel lie close together
-        for kind in ("dovetail", "key") if self.params.connector == "dovetail" else (self.params.connector,):
+        # a key needs no room beyond the cut: it serves where both sides of a cut inside a panel lie close together
+        inside = bool(self.joints.inside[joint])
+        kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
+        sizes = {kind: self.sizes(through, kind) for kind in kinds}
+        # in one panel a head must not reach across the cut to its own socket
+        gap = abs(through.own.origin - through.other.origin) if inside else np.inf
+        best = Attempt(self.params.connector, sizes[self.params.connector][0], first)
+        if best.kind != "dovetail" or best.size.length <= gap:
+            yield best  # as a rule there is room, and no need to look round
+        smallest = self.sizes(through)[-1]
+        steps = [smallest.neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
+        openings = self._openings(through, steps[-1] + 2.0 * self.sizes(through)[0].length, near)
+        for kind in sizes:
             for back in (0.0,) if kind == "dovetail" else BACKS:
-                for beside, s in product((False, True), sizes):
+                for beside, s in product((False, True), sizes[kind]):
                     if kind == "dovetail" and s.length > gap:
                         continue
                     fitting = [(x, e) for x in steps if (e := openings.aside(s, x, beside)) is not None]
-                    for shift, aside in fitting if beside else fitting[:_TRIES]:
+                    for shift, aside in fitting[: _TRIES * (1 + beside)]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 
@@ -175,22 +185,13 @@ class Room:
 
     def _openings(self, through: Through, reach: float, near: Any) -> Openings:
         """Look from both edges of the arm to either side, as far as ``reach`` metres along it from the joint."""
-        import shapely
-
         back = min(reach, float(np.interp(through.own.end, through.own.t, through.own.length)))
         ahead = min(reach, float(np.interp(through.other.end, through.other.t, through.other.length)))
         x = np.linspace(-back, ahead, 2 + int((back + ahead) / _LOOK))
         tau = np.array([through.tau(-d) for d in x])
-        around = shapely.union_all(near)
-        shapely.prepare(around)
-        edges, free = [], []
-        for side in (LEFT, RIGHT):
-            points, way = through.edge(tau, side, Widening(0.0, 0.0, 0.0, 0.0))
-            rays = shapely.linestrings(np.stack([pairs(points), pairs(points + side * 1j * way * _VIEW)], axis=1))
-            # an empty intersection is nowhere: nothing in view
-            apart = shapely.distance(shapely.points(pairs(points)), shapely.intersection(rays, around))
-            free.append(np.maximum(np.nan_to_num(apart, nan=_VIEW) - 1.02 * self.slot, 0.0))
-            edges.append(points)
+        edges, ways = through.edges(tau, Widening(0.0, 0.0, 0.0, 0.0))
+        look = ways * (1j * np.array([[LEFT], [RIGHT]]))
+        free = np.maximum(_sight(edges.ravel(), look.ravel(), near) - 1.02 * self.slot, 0.0).reshape(2, -1)
         return Openings(x, free[0], free[1], np.abs(edges[0] - edges[1]))
 
     def free(self, joint: int, tips: tuple[Tip, Tip], near: Any) -> bool:
@@ -226,3 +227,31 @@ class Room:
 def _into(half: Half, sign: float) -> Any:
     """A function for shapely from a patch's frame to that of a joint's first half."""
     return lambda points: pairs(sign * half.local(complexes(points)))
+
+
+def _sight(origin: np.ndarray, way: np.ndarray, near: Any) -> np.ndarray:
+    """(N,) metres: how far one sees from points along unit directions, both (N,) complex, before a polygon is in the way.
+
+    At most ``_VIEW``; 0 inside a polygon.
+    """
+    import shapely
+
+    seen = np.full(len(origin), _VIEW)
+    rings, owner = shapely.get_coordinates(shapely.get_exterior_ring(near), return_index=True)
+    same = owner[1:] == owner[:-1]
+    corner = complexes(rings)
+    start, along = corner[:-1][same], np.diff(corner)[same]
+    ends = np.stack([pairs(start), pairs(start + along)], axis=1)
+    rays = np.stack([pairs(origin), pairs(origin + _VIEW * way)], axis=1)
+    low, high = rays.min(axis=(0, 1)), rays.max(axis=(0, 1))
+    seen_from = ((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high)).all(axis=1)
+    start, along, ends = start[seen_from], along[seen_from], ends[seen_from]
+    ray, wall = shapely.STRtree(shapely.linestrings(ends)).query(shapely.linestrings(rays))
+    cross = (way[ray].conj() * along[wall]).imag
+    to = start[wall] - origin[ray]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far, share = (to.conj() * along[wall]).imag / cross, (to.conj() * way[ray]).imag / cross
+    hit = (far >= 0.0) & (share >= 0.0) & (share <= 1.0)
+    np.minimum.at(seen, ray[hit], far[hit])
+    seen[shapely.STRtree(near).query(shapely.points(pairs(origin)), predicate="within")[0]] = 0.0
+    return seen

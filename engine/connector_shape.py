@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from .params import ConnectorParams
 FLANK = math.tan(math.radians(25.0))
 LENGTH = 0.85  # of a head, in necks
 WALL = 0.6  # of a socket, in necks
+_TABS = (2.0, 1.6, 1.3)  # widths of tabs, in widths of their arms, where nothing else has room
 _TURN = math.tan(math.radians(0.5 * 115.0))  # length of the tangents at the flank's corners, in radii
 
 
@@ -59,6 +61,26 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0) -> Size:
     return Size(neck, head, length, wall, params.thinnest, max(head + c + 2.0 * wall, width), c, rounding)
 
 
+def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...]) -> list[Size]:
+    """Plain ends for glue, the widest first: as wide as connectors of these scales would be, then hardly wider than the arm."""
+    whole = size(width, params)
+    pads = [*(size(width, params, scale).pad for scale in scales), *(share * width for share in _TABS)]
+    short = 0.5 * width
+    return [
+        Size(
+            short,
+            short,
+            short,
+            0.0,
+            min(width, params.thinnest),
+            pad,
+            whole.clearance,
+            min(whole.rounding, 0.2 * width),
+        )
+        for pad in sorted(set(pads), reverse=True)
+    ]
+
+
 def rounded(points: list[tuple[float, float]], radius: float, closed: bool = False) -> Curve:
     """A polyline (metres) with its corners rounded by arcs of one radius, as far as there is room on its segments."""
     p = np.array(points) @ np.array([1.0, 1.0j])
@@ -91,11 +113,13 @@ def _turned(curve: Curve, shift: float) -> Curve:
     return Curve(-curve.points + [shift, 0.0], curve.bulge, curve.closed).reversed()
 
 
+@lru_cache(maxsize=512)
 def head(s: Size) -> Curve:
     """The end of an arm with a head, from right to left."""
     return offset(_middle(s), -0.5 * s.clearance)
 
 
+@lru_cache(maxsize=512)
 def socket(s: Size, back: float = 0.0) -> Curve:
     """The end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut."""
     return _turned(offset(_middle(s), 0.5 * s.clearance), -back)

@@ -68,7 +68,11 @@ class Connections:
     def bridge(self) -> float:
         """Metres: the narrowest neck or wall of a connector; infinite without any."""
         return min(
-            (min(c.made.size.neck - c.made.size.clearance, c.made.size.thinnest) for c in self.connectors),
+            (
+                min(c.made.size.neck - c.made.size.clearance, c.made.size.thinnest)
+                for c in self.connectors
+                if c.kind != "tab"
+            ),
             default=np.inf,
         )
 
@@ -93,6 +97,7 @@ class Connections:
             "shrunk": sum(c.shrunk for c in made),
             "swapped": sum(c.swapped for c in made),
             "shifted": sum(c.made.shift != 0.0 for c in made),
+            "glued": [{"joint": c.name, "faces": list(c.faces)} for c in made if c.kind == "tab"],
             "unsolved": [{"joint": name, "faces": list(faces)} for name, *faces in self.unsolved],
         }
 
@@ -129,7 +134,7 @@ def connect(
             continue
         attempt = choice.attempt
         seam, place = int(room.joints.seam[joint]), int(room.joints.place[joint])
-        largest = room.sizes(choice.tips[0].through)[0]
+        largest = room.sizes(choice.tips[0].through, attempt.kind)[0]
         swapped = attempt.kind == "dovetail" and attempt.male != place % 2
         made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
         tips.extend(choice.tips)
@@ -161,12 +166,14 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
             progress(0.95 * joint / count, "connectors")
         chosen.append(_next(room, joint, 0))
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
+    changed = set(range(count))
     for _ in range(50):
-        giving = _crowded(room, chosen)
+        giving = _crowded(room, chosen, changed)
         if not giving:
             break
         for joint, number in giving.items():
             chosen[joint] = _next(room, joint, number + 1)
+        changed = set(giving)
     return chosen
 
 
@@ -181,25 +188,25 @@ def _next(room: Room, joint: int, start: int) -> _Choice | None:
     return None
 
 
-def _crowded(room: Room, chosen: list[_Choice | None]) -> dict[int, int]:
-    """Joints that have to give way because two tips are nearer than the smallest slot; and what they tried last."""
+def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> dict[int, int]:
+    """Joints that have to give way because two tips are nearer than the smallest slot; and what they tried last.
+
+    Only tips near those of the ``changed`` joints are looked for.
+    """
     import shapely
 
     owners = [(joint, c.number) for joint, c in enumerate(chosen) if c is not None for _ in c.tips]
     tips = [tip for c in chosen if c is not None for tip in c.tips]
-    if not tips:
+    fresh = np.array([k for k, (joint, _) in enumerate(owners) if joint in changed], dtype=int)
+    if not len(fresh):
         return {}
     polygons = np.array([t.polygon for t in tips])
-    tree = shapely.STRtree(polygons)
-    one, two = tree.query(polygons, predicate="dwithin", distance=0.999 * room.slot)
-    near = {(a, b) for a, b in zip(one.tolist(), two.tolist()) if a < b and tips[a].patch == tips[b].patch}
+    tree, slot = shapely.STRtree(polygons), 0.999 * room.slot
+    one, two = tree.query(polygons[fresh], predicate="dwithin", distance=slot)
+    pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
+    near = {(a, b) for a, b in pairs if a != b and tips[a].patch == tips[b].patch}
     # and of two panels that lie side by side along their joint
-    one, two = tree.query([t.beside for t in tips], predicate="dwithin", distance=0.999 * room.slot)
-    near |= {
-        (a, b)
-        for a, b in zip(one.tolist(), two.tolist())
-        if owners[a] != owners[b] and tips[a].through.other.patch == tips[b].patch
-    }
-    giving = []
-    giving = [owners[a] if polygons[a].area > polygons[b].area else owners[b] for a, b in sorted(near)]
-    return dict(giving)
+    one, two = tree.query([tips[a].beside for a in fresh.tolist()], predicate="dwithin", distance=slot)
+    pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
+    near |= {(a, b) for a, b in pairs if owners[a] != owners[b] and tips[a].through.other.patch == tips[b].patch}
+    return dict(owners[a] if polygons[a].area > polygons[b].area else owners[b] for a, b in sorted(near))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -138,7 +139,7 @@ def make_sheets(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm"
         )
-    warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made)]
+    warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made, connectors)]
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
@@ -199,15 +200,25 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
     )
 
 
-def _without(made: Connections) -> list[str]:
-    """A warning where joints have no connector."""
-    if not made.unsolved:
-        return []
-    named = ", ".join(name for name, *_ in made.unsolved[:5]) + (", ..." if len(made.unsolved) > 5 else "")
-    return [
-        f"{len(made.unsolved)} of {len(made.unsolved) + len(made.connectors)} joints have no room for a connector and "
-        f"keep plain ends ({named}): make the object larger, or the thinnest part of the connectors smaller"
-    ]
+def _without(made: Connections, params: ConnectorParams) -> list[str]:
+    """Warnings where joints have no connector, or ends for glue that were not asked for; faces are numbered as in Blender."""
+    found, whole = [], len(made.unsolved) + len(made.connectors)
+    remedy = "make the object larger, or the thinnest part of the connectors smaller"
+    glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
+    if glued:
+        found.append(f"{len(glued)} of {whole} joints have room for ends to be glued only ({_named(glued)}): {remedy}")
+    if made.unsolved:
+        plain = _named([(name, faces) for name, *faces in made.unsolved])
+        found.append(
+            f"{len(made.unsolved)} of {whole} joints have no room for a connector and keep plain ends ({plain}): {remedy}"
+        )
+    return found
+
+
+def _named(joints: list[tuple[str, Sequence[int]]], most: int = 5) -> str:
+    """The first few joints and the faces on both sides of them."""
+    named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
+    return ", ".join(named) + (", ..." if len(joints) > most else "")
 
 
 def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:

@@ -138,10 +138,23 @@ def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
     assert np.abs(fit(made, found, 0.0001).least - found.clearance).max() < 1e-6
 
 
-def test_joints_without_room_keep_plain_ends_and_are_told(flat_grid):
+def test_joints_without_room_for_a_dovetail_get_ends_for_glue(flat_grid):
     flat = flat_grid(4, 3, 0.004, cut=lambda x, _: x == 2)
     made = design.uniform(flat, SpiralParams(width_min=0.0006, width_max=0.001, fillet=0.0001), twist=0.5)
     found = connectors.connect(made, ConnectorParams(connector="dovetail", thinnest=0.0015))
+    assert [c.kind for c in found.connectors] == ["tab"] * 3
+    for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
+        assert polygon.is_valid
+        assert polygon.area > plain.outer.area + sum(h.area for h in plain.holes)
+    gaps = fit(made, found, 0.0001)
+    assert gaps.overlap.max() == 0.0
+    assert np.abs(gaps.least - found.clearance).max() < 1e-6
+
+
+def test_joints_without_any_room_keep_plain_ends_and_are_told(flat_grid, monkeypatch):
+    made = _halves(flat_grid, 0.5)
+    monkeypatch.setattr(connectors.Room, "free", lambda *_: False)
+    found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.connectors
     assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]
     assert found.report["unsolved"][0]["faces"] == list(found.unsolved[0][1:])
