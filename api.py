@@ -17,6 +17,7 @@ inside a piece are the engine's, in metres and radians. What a user can get wron
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -245,9 +246,26 @@ def export(
         return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new)
 
 
-def report(piece: Piece) -> dict[str, Any]:
-    """The figures of everything that has run, as in report.json."""
-    return reporting.build(piece.result, source=piece.name, settings=piece.settings)
+def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:
+    """The figures of everything that has run, as in report.json; with a folder, writes report.html, report.json and plots there.
+
+    Of an object, instead of a piece: of what was last done to it in Blender. The page and its plots (SVG) open without a
+    network.
+    """
+    from .bridge import report as pages
+    from .engine import files
+
+    if isinstance(piece, Piece):
+        described = reporting.build(piece.result, source=piece.name, settings=piece.settings)
+        drawn = pages.drawings(piece.result, described, piece.settings) if folder is not None else {}
+    else:
+        described, drawn = pages.of_object(piece)
+    if folder is not None:
+        out = Path(folder)
+        with files.replacing_many(pages.stale(out)) as new:
+            pages.write(described, drawn, out, new)
+            new(out / "report.json").write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    return described
 
 
 def run(

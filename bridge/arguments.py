@@ -49,6 +49,12 @@ def parser() -> argparse.ArgumentParser:
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
     _formats(sheets)
+    page = _command(
+        commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
+    )
+    page.add_argument(
+        "--out", required=True, metavar="FOLDER", help="folder for report.html, report.json and the plots"
+    )
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
     listed.set_defaults(run=lambda args, tell: _listed(), tell=summary.settings)
@@ -185,6 +191,21 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     described = api.report(piece)
     described["sheets"]["files"] = [path.name for path in written]
     return described
+
+
+def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    """Of an object that was simulated in Blender what it holds; of anything else, of a simulation made now."""
+    import bpy
+
+    from .. import api
+    from . import notes, objects, states
+
+    piece = api.load(args.mesh, **_source(args))
+    if piece.uid is not None and not args.settings and not args.supports:
+        obj = objects.find(piece.uid)
+        if "equilibrium" in notes.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
+            return api.report(obj, args.out)
+    return api.report(api.simulate(piece, progress=tell), args.out)
 
 
 def _listed() -> dict[str, Any]:

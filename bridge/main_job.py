@@ -14,14 +14,12 @@ from ..engine import assembly_sheet, export, files, job, report
 from ..engine.params import Settings
 from ..engine.progress import Progress
 
-SHEET, GUIDE, MODEL, REPORT, PAGE, PICTURES = (
-    "sheet",
-    "assembly.pdf",
-    "model.blend",
-    "report.json",
-    "report.html",
-    ("layout.png", "panels.png", "shape.png"),
-)
+SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
+PICTURES = {
+    "layout.png": "The surface with its patches",
+    "panels.png": "The flat panels with their spirals",
+    "shape.png": "The shape that the assembled panels take",
+}
 
 
 @contextmanager
@@ -44,8 +42,10 @@ def write(
 ) -> dict[str, Any]:
     """Write everything that the stages have made; returns the report. Blender's open file is left for the model's."""
     from . import picture, scene
+    from . import report as pages
 
-    written, drawn = [], {}
+    written: list[Path] = []
+    shown: list[tuple[str, Path]] = []
     with quiet_blender():
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
@@ -56,14 +56,15 @@ def write(
         if pictures:
             made = (True, result.flat is not None, result.simulation is not None)
             draws = (picture.layout, picture.panels, picture.shape)
-            for share, wanted, draw, file in zip((0.4, 0.6, 0.8), made, draws, PICTURES, strict=True):
+            for share, wanted, draw, (file, says) in zip((0.4, 0.6, 0.8), made, draws, PICTURES.items(), strict=True):
                 if wanted:
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))
-                    drawn[file] = new(out / file)
-    progress(1.0, "done")
+                    shown.append((says, new(out / file)))
     described = report.build(result, source=name, files=written, settings=settings)
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    pages.write(described, pages.drawings(result, described, settings), out, new, shown)
+    progress(1.0, "done")
     return described
 
 
@@ -88,12 +89,14 @@ def write_sheets(
 
 def _stale(out: Path) -> list[Path]:
     """What an earlier run left in the folder: it goes when the new files come, and only what its report names."""
+    from . import report as pages
+
     try:
         earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
         sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
     except (OSError, ValueError, AttributeError, TypeError):
         return []
-    return [*sheets, *(out / name for name in (*PICTURES, PAGE))]
+    return [*sheets, *(out / name for name in PICTURES), *pages.stale(out)]
 
 
 @contextmanager

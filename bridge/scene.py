@@ -11,6 +11,7 @@ import numpy as np
 from ..engine.contours import hubs, outlines
 from ..engine.design import SpiralDesign, design_report
 from ..engine.errors import FlexMapsError
+from ..engine.estimates import estimates_report
 from ..engine.flatten import layout_report
 from ..engine.job import Result
 from ..engine.mesh import PolygonMesh, QuadMesh
@@ -92,7 +93,8 @@ def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Set
         if result.optimisation is not None:
             notes.write(obj.data, "optimise", result.optimisation.report())
     if result.sheets is not None:
-        notes.write(obj.data, "sheets", sheets_report(result.sheets))
+        figures = {} if result.estimates is None else estimates_report(result.estimates)
+        notes.write(obj.data, "sheets", sheets_report(result.sheets) | figures)
     states.stamp(obj, scene)
 
 

@@ -30,7 +30,7 @@ def run(*arguments: object) -> int:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {p.name: p.read_bytes() for p in folder.iterdir()} if folder.is_dir() else {}
+    return {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()} if folder.is_dir() else {}
 
 
 def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
     assert report["layout"]["flips"] == 0 and report["layout"]["overlaps"] == 0
     assert report["spirals"]["count"] == report["input"]["quads"]
     named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "layout.png", "panels.png", "shape.png"}
-    assert named == {p.name for p in out.iterdir()}
+    assert named | {"report.html", "plots"} == {p.name for p in out.iterdir()}
     assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
 
@@ -63,7 +63,8 @@ def test_files_of_an_earlier_run_that_are_no_longer_true_go(dome: Path, tmp_path
     assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out, "--no-pictures") == 0
     (out / "notes.txt").write_text("mine")
     assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "merge") == 0
-    assert {p.name for p in out.iterdir()} == {"report.json", "model.blend", "notes.txt"}
+    assert {p.name for p in out.iterdir()} == {"report.json", "report.html", "plots", "model.blend", "notes.txt"}
+    assert {p.name for p in (out / "plots").iterdir()} == {"surface.svg", "patches.svg", "distortion.svg"}
 
 
 def broken_inputs(folder: Path) -> dict[str, Path]:

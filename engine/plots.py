@@ -1,0 +1,242 @@
+"""The plots of a run: how the match improved, how the errors are spread, and maps of the flat patches and of the shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .drawing import (
+    GREY,
+    GRID,
+    INK,
+    Dots,
+    Drawing,
+    Line,
+    Shapes,
+    Strokes,
+    Text,
+    decades,
+    entries,
+    legend_bar,
+    number,
+    on_scale,
+    rgb,
+    ticks,
+)
+
+CURVE, ACCENT = "#2e8599", "#d9622b"
+LOGARITHMIC = 8.0  # from this ratio of largest to smallest on
+LIGHT = np.array([0.27, -0.45, 0.85])
+VIEW = np.array([0.9, -1.0, 0.85])  # where the eye of ``shape_map`` is
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """The frame of a plot: pixels from values, both axes with ticks, grid, names and units."""
+
+    drawing: Drawing
+    x: tuple[float, float]
+    y: tuple[float, float]
+    left: float = 64.0
+    right: float = 20.0
+    top: float = 44.0
+    bottom: float = 52.0
+    logarithmic: bool = False
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(n, 2) pixels."""
+        low, high = self.y
+        if self.logarithmic:
+            share = np.log(np.asarray(y) / low) / np.log(high / low)
+        else:
+            share = (np.asarray(y, dtype=float) - low) / (high - low)
+        across = (np.asarray(x, dtype=float) - self.x[0]) / max(self.x[1] - self.x[0], 1e-30)
+        wide = self.drawing.width - self.left - self.right
+        tall = self.drawing.height - self.top - self.bottom
+        return np.stack([self.left + wide * across, self.top + tall * (1.0 - share)], axis=-1)
+
+    def frame(self, x_name: str, y_name: str, x_ticks: Sequence[float], y_ticks: Sequence[float]) -> None:
+        """Draw title, grid, ticks and names; the curves come on top."""
+        d = self.drawing
+        base, end = d.height - self.bottom, d.width - self.right
+        d.add(Text((self.left, 22), d.title, 14, INK, bold=True))
+        for value in y_ticks:
+            y = float(self.at(np.array(self.x[0]), np.array(value))[1])
+            d.add(
+                Line(np.array([[self.left, y], [end, y]]), GRID),
+                Text((self.left - 8, y + 4), number(value), 11.5, anchor="end"),
+            )
+        d.add(Line(np.array([[self.left, base], [end, base]]), GREY))
+        for value in x_ticks:
+            x = float(self.at(np.array(value), np.array(self.y[0]))[0])
+            d.add(
+                Line(np.array([[x, base], [x, base + 4]]), GREY),
+                Text((x, base + 18), number(value), 11.5, anchor="middle"),
+            )
+        d.add(Text((0.5 * (self.left + end), d.height - 12), x_name, 12, anchor="middle"))
+        d.add(Text((16, 0.5 * (self.top + base)), y_name, 12, anchor="middle", turned=True))
+
+
+def history(values: Sequence[float], title: str, name: str, size: tuple[float, float] = (520, 320)) -> Drawing:
+    """How a number, named with its unit, fell from step to step; the first is the start's.
+
+    The scale begins at zero, or is logarithmic where the values span much.
+    """
+    found = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
+    drawing = Drawing(title, *size)
+    low, high = float(found.min()), float(found.max())
+    logarithmic = low > 0.0 and high > LOGARITHMIC * low
+    span = (low / 1.15, high * 1.15) if logarithmic else (0.0, 1.08 * high if high > 0.0 else 1.0)
+    axes = Axes(drawing, (0.0, max(len(found) - 1.0, 1.0)), span, logarithmic=logarithmic)
+    marks = decades(*span) if logarithmic else ticks(*span)
+    steps = [t for t in ticks(0.0, max(len(found) - 1.0, 1.0), 8) if t == round(t)]
+    axes.frame("Step", name, steps, marks)
+    points = axes.at(np.arange(len(found)), found)
+    drawing.add(Line(points, CURVE, 2.2), Dots(points[1:-1], 2.4, CURVE), Dots(points[[0, -1]], 4.0, ACCENT))
+    drawing.add(Text((float(points[0, 0]) + 9, float(points[0, 1]) - 5), f"{found[0]:.3g}", 11.5, INK))
+    if len(found) > 1:
+        end = points[-1]
+        drawing.add(Text((float(end[0]) - 2, float(end[1]) - 9), f"{found[-1]:.3g}", 11.5, INK, "end"))
+    return drawing
+
+
+def histogram(
+    values: np.ndarray,
+    title: str,
+    name: str,
+    marks: Sequence[tuple[float, str]] = (),
+    size: tuple[float, float] = (520, 320),
+    bins: int = 28,
+) -> Drawing:
+    """How many spirals have which value; marks are values with names, such as the root mean square."""
+    values = np.asarray(values, dtype=float)
+    drawing = Drawing(title, *size)
+    high = max(float(values.max()), *(v for v, _ in marks), 1e-9) * 1.02
+    counts, edges = np.histogram(values, bins=bins, range=(0.0, high))
+    axes = Axes(drawing, (0.0, high), (0.0, 1.12 * max(counts.max(), 1)), top=58.0)
+    axes.frame(name, "Spirals", ticks(0.0, high, 6), [t for t in ticks(0.0, 1.1 * counts.max(), 4) if t == round(t)])
+    gap = 0.08 * (edges[1] - edges[0])
+    boxes = []
+    for count, a, b in zip(counts.tolist(), edges[:-1], edges[1:]):
+        if count:
+            boxes.append(axes.at(np.array([a + gap, b - gap, b - gap, a + gap]), np.array([0, 0, count, count])))
+    drawing.add(Shapes(np.array(boxes), np.tile(rgb(CURVE), (len(boxes), 1))))
+    for value, text in marks:
+        x = float(axes.at(np.array(value), np.array(0.0))[0])
+        y = axes.top - 4
+        drawing.add(Line(np.array([[x, y], [x, size[1] - axes.bottom]]), ACCENT, 1.4, 4.0))
+        anchor = "end" if x > 0.75 * size[0] else "start"
+        drawing.add(Text((x, y - 4), text, 11.5, ACCENT, anchor))
+    return drawing
+
+
+def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float = 520) -> Drawing:
+    """Names with amounts, as bars from the top down."""
+    drawing = Drawing(title, width, 44 + 24 * len(rows) + 8)
+    drawing.add(Text((16, 22), title, 14, INK, bold=True))
+    left, right = 110.0, 70.0
+    largest = max((v for _, v in rows), default=0.0) or 1.0
+    for k, (name, value) in enumerate(rows):
+        y = 44.0 + 24 * k
+        long = (width - left - right) * value / largest
+        box = np.array([[[left, y], [left + long, y], [left + long, y + 14], [left, y + 14]]])
+        drawing.add(Shapes(box, rgb(CURVE)[None]))
+        drawing.add(Text((left - 8, y + 11.5), name, 12, anchor="end"))
+        drawing.add(Text((left + long + 6, y + 11.5), f"{value:.3g} {unit}", 11.5))
+    return drawing
+
+
+# -- maps --------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Colouring:
+    """What a map shows: fills (F, 3) sRGB, and its key: a scale from low to high with its unit, or rows of colours."""
+
+    title: str
+    fills: np.ndarray
+    unit: str = ""
+    scale: np.ndarray | None = None
+    low: float = 0.0
+    high: float = 1.0
+    rows: tuple[tuple[str, str], ...] = ()
+
+    @classmethod
+    def of(cls, title: str, values: np.ndarray, unit: str, scale: np.ndarray, low: float, high: float) -> Colouring:
+        return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
+
+
+def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520) -> Drawing:
+    """The flat patches from above: corners (F, 4, 2), y up; sides (F, 4) bool are drawn as outlines. Any unit of length."""
+    points = corners * np.array([1.0, -1.0])
+    room = width - 32 - _key_width(colouring)
+    low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
+    factor = room / max(high[0] - low[0], 1e-30)
+    height = max(factor * (high[1] - low[1]), 120.0)
+    if height > 0.8 * width:
+        factor, height = factor * 0.8 * width / height, 0.8 * width
+    drawing = Drawing(colouring.title, width, float(height) + 60 + _key_height(colouring))
+    spare = 0.5 * (room - factor * (high[0] - low[0]))
+    placed = (points - low) * factor + np.array([16 + spare, 44 + 0.5 * (height - factor * (high[1] - low[1]))])
+    order = np.lexsort(colouring.fills.T)  # alike ones together; none hides another
+    drawing.add(Shapes(placed[order], colouring.fills[order]))
+    return _finished(drawing, placed, sides, colouring)
+
+
+def shape_map(
+    vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520
+) -> Drawing:
+    """A surface in space, seen from above and one side without perspective, far quads first, lit a little.
+
+    vertices : (V, 3); quads : (F, 4) int; sides : (F, 4) bool, drawn as lines
+    """
+    eye = VIEW / np.linalg.norm(VIEW)
+    right = np.cross([0.0, 0.0, 1.0], eye)
+    right /= np.linalg.norm(right)
+    up = np.cross(eye, right)
+    corners = vertices[quads]
+    points = np.stack([corners @ right, -(corners @ up)], axis=-1)
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    facing = np.where(normal @ eye < 0.0, -1.0, 1.0)
+    lit = 0.80 + 0.20 * (facing[:, None] * normal) @ LIGHT
+    order = np.argsort(corners.mean(axis=1) @ eye)
+    low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
+    room = width - 32 - _key_width(colouring)
+    factor = min(room / max(high[0] - low[0], 1e-30), 0.8 * width / max(high[1] - low[1], 1e-30))
+    height = max(float(factor * (high[1] - low[1])), 120.0)
+    drawing = Drawing(colouring.title, width, height + 60 + _key_height(colouring))
+    spare = 0.5 * (np.array([room, height]) - factor * (high - low))
+    placed = (points - low) * factor + spare + np.array([16.0, 44.0])
+    shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)
+    # far ones first, and the lines of a quad before what hides it
+    for chunk in np.array_split(order, min(len(order), 24)):
+        drawing.add(Shapes(placed[chunk], shades[chunk]))
+        drawing.add(_outlines(placed[chunk], sides[chunk]))
+    return _finished(drawing, placed[:0], sides[:0], colouring)
+
+
+def _key_width(colouring: Colouring) -> float:
+    return 84.0 if colouring.scale is not None else 0.0
+
+
+def _key_height(colouring: Colouring) -> float:
+    return 20.0 * ((len(colouring.rows) + 1) // 2)
+
+
+def _outlines(placed: np.ndarray, sides: np.ndarray) -> Strokes:
+    return Strokes(np.stack([placed[sides], np.roll(placed, -1, axis=1)[sides]], axis=1), INK, 0.9)
+
+
+def _finished(drawing: Drawing, placed: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
+    """With outlines, title and key."""
+    drawing.add(_outlines(placed, sides))
+    drawing.add(Text((16, 22), colouring.title, 14, INK, bold=True))
+    if colouring.scale is not None:
+        tall = min(drawing.height - 90, 220.0)
+        at = (drawing.width - _key_width(colouring) + 14, 62.0)
+        drawing.add(*legend_bar(at, (14, tall), colouring.scale, colouring.low, colouring.high, colouring.unit))
+    drawing.add(*entries((16, drawing.height - _key_height(colouring) - 4), colouring.rows))
+    return drawing
