@@ -39,7 +39,7 @@ class Axes:
     drawing: Drawing
     x: tuple[float, float]
     y: tuple[float, float]
-    left: float = 64.0
+    left: float = 74.0
     right: float = 20.0
     top: float = 44.0
     bottom: float = 52.0

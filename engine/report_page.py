@@ -27,8 +27,8 @@ figure { margin: 0; } figure img, figure svg { width: 100%; height: auto; displa
 .pictures img { border: 1px solid var(--line); } figcaption { font-size: 13px; color: var(--grey); margin-top: 5px; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(440px, 1fr)); gap: 18px 24px; }
 .plots figure { border: 1px solid var(--line); border-radius: 8px; padding: 6px; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 12px; margin: 18px 0; }
-.card { background: var(--wash); border-radius: 8px; padding: 12px 14px; }
+.cards { display: flex; flex-wrap: wrap; gap: 12px; margin: 18px 0; }
+.card { flex: 1 1 110px; background: var(--wash); border-radius: 8px; padding: 12px 14px; }
 .card b { display: block; font-size: 21px; white-space: nowrap; font-weight: 600; line-height: 1.25; } .card span { font-size: 13px; color: var(--grey); }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; padding: 6px 10px; border-bottom: 1px solid var(--line); vertical-align: top; }

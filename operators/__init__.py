@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..bridge import job
-from . import check, export, layout, optimise, overlay, presets, preview, regularise, remesh, simulate, spirals
+from . import check, export, layout, optimise, overlay, presets, preview, regularise, remesh, report, simulate, spirals
 
-MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, preview, export, overlay, presets)
+MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, preview, export, report, overlay, presets)
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 

@@ -1,0 +1,77 @@
+"""What was made and how good it is, as a page and as pictures in the image editor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .export import _file_name, _folder
+from .stage import Stage, Work
+
+
+class Report(Stage, bpy.types.Operator):
+    """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
+
+    bl_idname = "flexmaps.report"
+    bl_label = "Report"
+
+    files: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Page", description="Also write the page and the plots as files, where the export goes", default=True
+    )
+    browse: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return None if "layout" in notes.read(obj.data) else "Merge or flatten first"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        from ..bridge import raster
+        from ..bridge import report as pages
+        from ..bridge.objects import find
+
+        obj = find(surface.uid)
+        described, drawn = pages.of_object(obj)
+        letters = raster.glyphs(drawn.values())
+        name, folder = obj.name, None
+        if self.files and not (settings.export.folder.startswith("//") and not bpy.data.filepath):
+            folder = _folder(settings.export.folder) / f"{_file_name(name)}-report"
+
+        def work(progress: Progress) -> Any:
+            from ..engine import files
+
+            shown = {}
+            for k, (kind, drawing) in enumerate(drawn.items()):
+                progress(k / len(drawn), f"Drawing: {drawing.title}")
+                shown[kind] = raster.pixels(drawing, letters)
+            if folder is not None:
+                with files.replacing_many(pages.stale(folder)) as new:
+                    pages.write(described, drawn, folder, new)
+            return name, shown, folder
+
+        return work
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge import raster
+        from ..bridge import report as pages
+
+        name, shown, folder = result
+        made = [raster.image(f"{name} {kind}", pixels) for kind, pixels in shown.items()]
+        for window in context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type == "IMAGE_EDITOR":
+                    area.spaces.active.image = made[0]
+        if folder is None:
+            return f"{len(made)} pictures for the image editor; save the .blend file to get the page too"
+        page = folder / pages.PAGE
+        if self.browse and not bpy.app.background:
+            bpy.ops.wm.url_open(url=page.as_uri())
+        return f"{len(made)} pictures for the image editor; {page}"
+
+
+CLASSES = (Report,)
