@@ -59,15 +59,18 @@ class Chunk:
 
 
 def tasks(per_law: dict[str, int] | None = None) -> list[Task]:
-    """All chunks, in an order that visits every spiral early."""
+    """All chunks: the first of every spiral, so that all are visited early, then what is left spiral by spiral.
+
+    A spiral's mesh and its factor's numbering are then made once for many chunks.
+    """
     per_law = per_law or PER_LAW
-    out = []
-    for first in range(0, max(per_law.values()), CHUNK):
-        for law in LAWS:
-            if first < per_law.get(law, 0):
-                count = min(CHUNK, per_law[law] - first)
-                out += [Task(subject, law, first, count) for subject in subjects()]
-    return out
+    every = [
+        Task(subject, law, first, min(CHUNK, per_law[law] - first))
+        for subject in subjects()
+        for law in LAWS
+        for first in range(0, per_law.get(law, 0), CHUNK)
+    ]
+    return sorted(every, key=lambda task: task.first > 0)
 
 
 @lru_cache(maxsize=1)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arm_bend import bend_point
 from .arm_curving import Arms, curved, second_order_strains, weighted
 from .arm_sensitivity import JointChanges
 from .assembly import Assembly, Pose
@@ -179,9 +178,8 @@ BATCH = 1000
 
 def _bend_levers(assembly: Assembly) -> np.ndarray:
     """(m, 2, 3) metres: from the hubs to the bend points of the arms."""
-    bend = bend_point(assembly.twist)[0][assembly.pairs]
-    left = np.cross([0.0, 0.0, 1.0], assembly.lever) * (-1.0 if assembly.clockwise else 1.0)
-    return bend[..., :1] * assembly.lever + bend[..., 1:] * left
+    bend = assembly.bend[0][assembly.pairs]
+    return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
 def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:

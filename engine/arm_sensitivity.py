@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .arm_bend import bend_point
 from .assembly import Assembly
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
 from .materials import Material
@@ -121,10 +120,9 @@ class StrainChanges:
 
 def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
     """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
-    change = bend_point(assembly.twist)[1][assembly.pairs[:, side]]
-    lever = assembly.lever[:, side]
-    left = np.cross([0.0, 0.0, 1.0], lever) * (-1.0 if assembly.clockwise else 1.0)
-    return -np.einsum("eji,ej->ei", assembly.axes[:, side], change[:, :1] * lever + change[:, 1:] * left)
+    change = assembly.bend[1][assembly.pairs[:, side]]
+    way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
+    return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
 
 
 def _second_bend(

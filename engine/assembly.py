@@ -8,10 +8,12 @@ needs no rest shape.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from .arm_bend import bend_point
 from .design import SpiralDesign
 from .errors import FlexMapsError
 from .mesh import QuadMesh
@@ -79,19 +81,19 @@ class Assembly:
         """Number of spirals."""
         return len(self.width)
 
-    @property
+    @cached_property
     def radius(self) -> np.ndarray:
         """(m, 2) metres, from the centre to the joint."""
         return np.linalg.norm(self.lever, axis=2)
 
-    @property
+    @cached_property
     def radial(self) -> np.ndarray:
         """(m, 2, 3, 3) columns: along every arm's radius outwards, to its left, normal; in the joint's axes."""
         out = np.einsum("ekji,ekj->eki", self.axes, self.lever) / self.radius[..., None]
         normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
         return np.stack([out, np.cross(normal, out), normal], axis=3)
 
-    @property
+    @cached_property
     def arm_axes(self) -> np.ndarray:
         """(m, 2, 6, 6): takes shifts and turns, or forces and moments, from every arm's own axes to the joint's.
 
@@ -101,9 +103,22 @@ class Assembly:
         out[..., :3, :3] = out[..., 3:, 3:] = self.radial
         return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
 
+    @cached_property
+    def left(self) -> np.ndarray:
+        """(m, 2, 3) metres, the levers turned a quarter in the sheet, to the side to which the arms wind inwards."""
+        return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
+
+    @cached_property
+    def bend(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bend points of the arms of every spiral, and their derivatives by the twist, (n, 2) (see ``arm_bend``)."""
+        return bend_point(self.twist)
+
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
         """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
-        return replace(self, width=width, twist=twist)
+        out = replace(self, width=width, twist=twist)
+        # what does not depend on the spirals is not computed again
+        vars(out).update({name: getattr(self, name) for name in ("radius", "radial", "arm_axes", "left")})
+        return out
 
 
 def of_design(design: SpiralDesign) -> Assembly:

@@ -161,16 +161,16 @@ class FlatPoint(Point):
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
-        n, pairs = self.assembly.size, self.assembly.pairs
-        force = self._forces @ change[pairs].reshape(-1, 4, 1) + self._by_geometry[:, :12] @ self._geometry(change)
-        return -self.system.solve(summed(force[..., 0], pairs, n))
+        n, by_geometry = self.assembly.size, self._by_geometry[:, :12] @ self._geometry(change)
+        force = (self._forces @ change[:n].ravel()).reshape(-1, 6) + summed(by_geometry, self.assembly.pairs, n)
+        return -self.system.solve(force)
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
         """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
-        answer = self.system.solve(pull)[self.assembly.pairs].reshape(-1, 1, 12)
-        by_spirals = self._gathered((answer @ self._forces)[:, 0].reshape(-1, 2, 2))
-        by_spirals[self.assembly.size :] = self._from_geometry(answer @ self._by_geometry[:, :12])
-        return -by_spirals
+        answer = self.system.solve(pull)
+        at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
+        by_spirals = (self._forces.T @ answer.ravel()).reshape(-1, 2)
+        return -np.concatenate([by_spirals, self._from_geometry(at_joints @ self._by_geometry[:, :12])])
 
     def _geometry(self, change: np.ndarray) -> np.ndarray:
         """(m, 6, 1) change of the joints' rest geometry with the coordinates by (n + P, 2)."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from .assembly import Pose
 
@@ -78,3 +79,25 @@ def summed(blocks: np.ndarray, pairs: np.ndarray, size: int) -> np.ndarray:
     """(n, 6) sums of per-joint vectors (m, 12) over the spirals of ``pairs`` (m, 2)."""
     index = (pairs[..., None] * 6 + np.arange(6)).ravel()
     return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
+
+
+class JointSum:
+    """Sums joints' blocks (m, 12, 4) into a matrix (6 n, 2 n): from two numbers a spiral to six a spiral.
+
+    Where its entries are is worked out once for many sums.
+    """
+
+    def __init__(self, pairs: np.ndarray, size: int):
+        """pairs : (m, 2) int, the spirals of every joint; size : n"""
+        row = (pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
+        column = (pairs[..., None] * 2 + np.arange(2)).reshape(-1, 1, 4)
+        self._shape = (6 * size, 2 * size)
+        entries, self._slot = np.unique((row * self._shape[1] + column).ravel(), return_inverse=True)
+        self._indices = (entries % self._shape[1]).astype(np.int32)
+        starts = np.arange(self._shape[0] + 1) * self._shape[1]
+        self._indptr = np.searchsorted(entries, starts).astype(np.int32)
+
+    def __call__(self, blocks: np.ndarray) -> csr_array:
+        """The matrix of these blocks."""
+        values = np.bincount(self._slot.ravel(), weights=blocks.ravel(), minlength=len(self._indices))
+        return csr_array((values, self._indices, self._indptr), shape=self._shape)

@@ -88,10 +88,11 @@ def solve(
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     if iterations is not None:
         params = replace(params, iterations=min(iterations, params.iterations))
-    state = model.start(start)
+    search, state = _Search(model, loads, params, system, progress), model.start(start)
     if step is not None:
-        state = model.moved(state, step)
-    return _Search(model, loads, params, system, progress).run(state)
+        # so near to the end, the convex part is wanted for one step at the most
+        search.decay, state = 0.0, model.moved(state, step)
+    return search.run(state)
 
 
 class _Search:
@@ -101,7 +102,7 @@ class _Search:
         self, model: ElasticModel, loads: Loads, params: SimulateParams, system: NewtonSystem, progress: Progress
     ):
         self.model, self.loads, self.params, self.system, self.progress = model, loads, params, system, progress
-        self.blend = 0.0
+        self.blend, self.decay = 0.0, BLEND_DECAY
         self.scale = 0.0
         self.history: list[tuple[float, float]] = []
 
@@ -169,7 +170,7 @@ class _Search:
             blend = 1.0
             if not system.factor(self._convex(here)):
                 raise AssertionError("the convex part of the energy has no Cholesky factor")
-        self.blend = BLEND_DECAY * blend
+        self.blend = self.decay * blend
         step = -system.solve(gradient)
         turn = np.linalg.norm(step[:, 3:], axis=1).max()
         return step * min(1.0, TURN_CAP / max(turn, 1e-300))

@@ -8,12 +8,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from .arm_model import ArmModel
-from .arm_sensitivity import StrainChanges
+from .arm_sensitivity import JointChanges, StrainChanges
 from .assembly import Assembly, Pose
 from .design_space import DesignSpace
-from .elastic import ElasticModel, summed
+from .elastic import ElasticModel, JointSum, summed
 from .equilibrium import Equilibrium, solve
 from .loads import Loads
 from .materials import Material
@@ -48,6 +49,11 @@ class Problem:
             held = self.loads.held(pairs, start.centres)
             self.systems.extend(NewtonSystem(pairs, held) for _ in range(2))
         return self.systems[1 if keep is not None and keep.system is self.systems[0] else 0]
+
+    @cached_property
+    def joint_sum(self) -> JointSum:
+        """For the change of the hubs' forces with the design."""
+        return JointSum(self.assembly.pairs, self.assembly.size)
 
     def at(
         self,
@@ -115,14 +121,21 @@ class Point:
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
             return NO_EXCESS
         material, share = self.problem.bearing
-        found = StrainChanges.of(self.model.assembly, self.model.changes(self._state), material)
+        found = StrainChanges.of(self.model.assembly, self._changes, material)
         return Excess.of(found, share * material.strain_limit)
 
     @cached_property
-    def _forces(self) -> np.ndarray:
-        """(m, 12, 4) change of the joints' gradients with both spirals' coordinates."""
-        by_design = self.model.gradient_by_design(self._state)
-        return (np.swapaxes(by_design, 1, 2) @ self._slopes).transpose(0, 2, 1, 3).reshape(-1, 12, 4)
+    def _changes(self) -> JointChanges:
+        assert isinstance(self.model, ArmModel)
+        return self.model.changes(self._state)
+
+    @cached_property
+    def _forces(self) -> csr_array:
+        """(6 n, 2 n) change of the hubs' forces with the spirals' coordinates."""
+        arms = isinstance(self.model, ArmModel)
+        by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
+        blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
+        return self.problem.joint_sum(blocks.transpose(0, 2, 1, 3))
 
     @cached_property
     def _slopes(self) -> np.ndarray:
@@ -131,15 +144,11 @@ class Point:
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
-        pairs = self.problem.assembly.pairs
-        force = (self._forces @ change[pairs].reshape(-1, 4, 1))[..., 0]
-        return -self.system.solve(summed(force, pairs, len(self.x)))
+        return -self.system.solve((self._forces @ change.ravel()).reshape(-1, 6))
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
         """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
-        pairs = self.problem.assembly.pairs
-        answer = self.system.solve(pull)[pairs].reshape(-1, 1, 12)
-        return -self._gathered((answer @ self._forces)[:, 0].reshape(-1, 2, 2))
+        return -(self._forces.T @ self.system.solve(pull).ravel()).reshape(-1, 2)
 
     def _gathered(self, share: np.ndarray) -> np.ndarray:
         """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""
