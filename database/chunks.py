@@ -22,6 +22,8 @@ from .sampling import LAWS, VERSION, Sampler, Samples, Subject, key, subjects
 CHUNK = 25
 HELD_OUT = 10
 """One sample in this many is kept whole and never fitted."""
+ENOUGH = 400
+"""Samples of a spiral after which more hardly change its fits."""
 PER_LAW = {"strain": 1000, "newton": 200}
 MODELS = ("chord", "arm")
 """The models whose parameters are fitted to samples; the hub-to-hub one follows from the linear limit."""
@@ -59,9 +61,9 @@ class Chunk:
 
 
 def tasks(per_law: dict[str, int] | None = None) -> list[Task]:
-    """All chunks: the first of every spiral, so that all are visited early, then what is left spiral by spiral.
+    """All chunks: the first of every spiral, then up to ``ENOUGH`` samples of every one, then what is left.
 
-    A spiral's mesh and its factor's numbering are then made once for many chunks.
+    So all spirals are visited early, and yet a spiral's mesh and its factor's numbering are made once for many chunks.
     """
     per_law = per_law or PER_LAW
     every = [
@@ -70,7 +72,7 @@ def tasks(per_law: dict[str, int] | None = None) -> list[Task]:
         for law in LAWS
         for first in range(0, per_law.get(law, 0), CHUNK)
     ]
-    return sorted(every, key=lambda task: task.first > 0)
+    return sorted(every, key=lambda task: (task.first > 0) + (task.first >= ENOUGH))
 
 
 @lru_cache(maxsize=1)
