@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from ..engine import check
 from ..engine.errors import FlexMapsError
 from . import equilibrium
+from .mesh import read_surface
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
@@ -19,8 +21,8 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
     """A new object of about ``count`` quads in the shape that is seen of ``obj``, simulations apart, in the same place.
 
     A clean surface, open or closed, goes straight to QuadriFlow; anything else (several parts that overlap, edges of three
-    faces, mixed normals) becomes one closed surface first. Raises ``FlexMapsError`` where neither works, and leaves
-    nothing behind then.
+    faces, mixed normals) becomes one closed surface first. Quads that the check would refuse are sought anew. Raises
+    ``FlexMapsError`` where nothing works, and leaves nothing behind then.
     """
     with equilibrium.shown_at(obj, 0.0):
         depsgraph = context.evaluated_depsgraph_get()
@@ -35,22 +37,43 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
         collection.objects.link(made)
     try:
         _clean(mesh)
-        found = False
-        for _ in _surfaces(context, made, count):
-            found = True
-            if any(_quadriflow(context, made, count, smooth, seed) for seed in range(SEEDS)):
-                return made
-        raise FlexMapsError(
-            "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"
-            if found
-            else "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is "
-            "inside"
-        )
+        _seek(context, made, count, smooth)
+        return made
     except FlexMapsError:
         mesh = made.data
         bpy.data.objects.remove(made)
         bpy.data.meshes.remove(mesh)
         raise
+
+
+def _seek(context: bpy.types.Context, made: bpy.types.Object, count: int, smooth: bool) -> None:
+    """Turn the object's surface into sound quads; raises ``FlexMapsError`` with what was wrong with the last ones."""
+    refused = FlexMapsError(
+        "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is inside"
+    )
+    for _ in _surfaces(context, made, count):
+        surface = made.data.copy()
+        try:
+            for seed in range(SEEDS):
+                if seed:
+                    made.data.clear_geometry()
+                    _copy_geometry(surface, made.data)
+                if not _quadriflow(context, made, count, smooth, seed):
+                    refused = FlexMapsError(
+                        "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"
+                    )
+                    continue
+                try:
+                    check.as_quad_mesh(read_surface(made, context.scene).polygons)
+                    return
+                except FlexMapsError as error:
+                    # the faces are those of a mesh that nobody will see
+                    refused = FlexMapsError(
+                        f"No sound quads were found; give another quad count. The last try: {error}"
+                    )
+        finally:
+            bpy.data.meshes.remove(surface)
+    raise refused
 
 
 def _clean(mesh: bpy.types.Mesh) -> None:
@@ -172,6 +195,14 @@ def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, s
             seed=seed,
         )
     return "FINISHED" in result and _manifold(obj.data)
+
+
+def _fit(obj: bpy.types.Object, context: bpy.types.Context) -> bool:
+    """Whether the checks find no error in the quads."""
+    from ..engine import check
+    from .mesh import read_surface
+
+    return not any(finding.is_error for finding in check.findings(read_surface(obj, context.scene).polygons))
 
 
 class _only:

@@ -42,13 +42,7 @@ class QuadRemesh(bpy.types.Operator):
         wanted = settings.read(obj.flexmaps, ObjectSettings)
         try:
             made = remesh.quads_from(obj, context, wanted.remesh.quads, wanted.remesh.smooth)
-            try:
-                quads = check.as_quad_mesh(mesh.read_surface(made, context.scene).polygons)
-            except FlexMapsError:
-                data = made.data
-                bpy.data.objects.remove(made)
-                bpy.data.meshes.remove(data)
-                raise
+            quads = check.as_quad_mesh(mesh.read_surface(made, context.scene).polygons)
         except FlexMapsError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

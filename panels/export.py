@@ -25,6 +25,8 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         settings = obj.flexmaps
         column = layout.column(align=True)
         settings_rows(column, settings.sheet, SheetParams, SHEET)
+        layout.prop(settings.export, "folder", text="")
+        button(layout, context, "flexmaps.export", icon="EXPORT")
         more(layout, "flexmaps_sheet", settings.sheet, SheetParams, SHEET)
         body = fold(layout, "flexmaps_connect", "Connectors and kerf")
         if body is not None:
@@ -37,8 +39,6 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         body = fold(layout, "flexmaps_files", "Kinds of files")
         if body is not None:
             settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
-        layout.prop(settings.export, "folder", text="")
-        button(layout, context, "flexmaps.export", icon="EXPORT")
         block = notes.read(obj.data).get("sheets")
         if block is not None:
             _sheets(result(layout, context, "sheets"), block)

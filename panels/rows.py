@@ -54,14 +54,16 @@ def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[t
         row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
 
 
-def wrapped(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
-    """A sentence over as many lines as the sidebar's width needs."""
+def wrapped(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", beside: int = 0
+) -> None:
+    """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
     region = context.region
     unit = context.preferences.system.ui_scale or 1.0  # 0 without a window
     width = region.width if region is not None else 240
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, int((width / unit - 60) / 6.5)))):
+    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, int((width / unit - 60 - beside) / 6.5)))):
         column.label(text=line, icon=icon if k == 0 else "BLANK1", translate=False)
 
 

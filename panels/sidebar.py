@@ -92,11 +92,11 @@ def _findings(layout: Any, context: bpy.types.Context) -> None:
     if checks == []:
         layout.label(text="Nothing to complain about", icon="CHECKMARK")
     for index, finding in enumerate(checks or ()):
-        box = layout.box()
+        row = layout.box().row()
         icon = "ERROR" if finding["severity"] == "warning" else "CANCEL"
-        wrapped(box, context, finding["message"], icon=icon)
+        wrapped(row.column(), context, finding["message"], icon=icon, beside=30)
         if finding["faces"] or finding["edges"]:
-            box.operator("flexmaps.show_finding", text="Show", icon="RESTRICT_SELECT_OFF").index = index
+            row.operator("flexmaps.show_finding", text="", icon="RESTRICT_SELECT_OFF").index = index
 
 
 class PatchPanel(StagePanel, bpy.types.Panel):

@@ -28,6 +28,7 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
         column.prop(settings.material, "material", text="")
         if settings.material.material == "custom":
             settings_rows(column, settings.material, MaterialParams, CUSTOM)
+        button(layout, context, "flexmaps.simulate", icon="PHYSICS")
         body = fold(layout, "flexmaps_loads", "Supports and loads")
         if body is not None:
             _loads(body, obj)
@@ -35,7 +36,6 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
         if body is not None:
             names = ("model", "iterations", "tolerance", "restarts")
             settings_rows(body, settings.simulate, SimulateParams, names)
-        button(layout, context, "flexmaps.simulate", icon="PHYSICS")
         block = notes.read(obj.data).get("equilibrium")
         if block is not None:
             _equilibrium(result(layout, context, "equilibrium"), context, obj, block)

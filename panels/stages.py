@@ -13,7 +13,7 @@ from ..bridge.objects import unusable
 from .rows import wrapped
 
 ICONS = {states.TODO: "RADIOBUT_OFF", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
-EMPHASIS = 1.5  # height of the button that comes next
+EMPHASIS = 1.4  # height of the button on top of the tab
 ONE_REDRAW = 0.2  # seconds: so long the sub-panels use what the main panel has found out
 
 
@@ -62,10 +62,9 @@ class StagePanel(Sidebar):
 
 
 def button(layout: Any, context: bpy.types.Context, idname: str, **options: Any) -> Any:
-    """An operator's button; the one that comes next is larger and stands out."""
+    """An operator's button; the one that comes next stands out."""
     row = layout.row(align=True)
     if look(context).next_button == idname:
-        row.scale_y = EMPHASIS
         row.active_default = True
     return row.operator(idname, **options)
 

@@ -3,7 +3,7 @@ import bpy
 
 settings = bpy.context.object.flexmaps
 
-settings.remesh.edge = 40.0
+settings.remesh.edge = 50.0
 settings.spiral.thickness = 3.0
 settings.spiral.width_min = 2.0
 settings.spiral.width_max = 3.5
@@ -12,7 +12,7 @@ settings.spiral.fillet = 0.55
 settings.material.material = "acrylic"
 settings.connect.connector = "dovetail"
 settings.connect.clearance = 0.08
-settings.connect.thinnest = 1.5
+settings.connect.thinnest = 1.2
 settings.connect.rounding = 0.55
 settings.cut.kerf_outline = 1.0
 settings.cut.kerf_holes = 1.0

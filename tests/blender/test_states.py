@@ -1,0 +1,202 @@
+"""What the sidebar says of every stage, and which button it offers: played through as a person would."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.bridge import attributes, notes, states
+from flexmaps.bridge.states import DONE, OLD, TODO
+from flexmaps.engine import shapes
+from flexmaps.engine.mesh import QuadMesh
+
+
+def press(name: str) -> None:
+    assert getattr(bpy.ops.flexmaps, name)() == {"FINISHED"}
+
+
+def kinds(obj: Any) -> dict[str, str]:
+    bpy.context.view_layer.update()
+    return {stage: state.kind for stage, state in states.of(obj, bpy.context.scene).items()}
+
+
+def why(obj: Any, stage: str) -> str:
+    bpy.context.view_layer.update()
+    return states.of(obj, bpy.context.scene)[stage].reason
+
+
+def offered(obj: Any) -> str:
+    bpy.context.view_layer.update()
+    return states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+
+
+def scaled(mesh: QuadMesh, edge: float = 0.02) -> QuadMesh:
+    return QuadMesh(mesh.vertices * (edge / mesh.median_edge), mesh.quads)
+
+
+@pytest.fixture
+def piece(add: Any) -> Any:
+    """A dome of 48 quads, for what has to be computed."""
+    return add(scaled(shapes.dome(4)))
+
+
+@pytest.fixture
+def made(piece: Any) -> Any:
+    """The same with everything done, as far as notes and attributes tell."""
+    for edge in list(piece.data.edges)[3:60:7]:
+        edge.use_seam = True
+    attributes.put(piece, "flexmaps_width", "FACE", "FLOAT", np.full(len(piece.data.polygons), 1.5))
+    attributes.put(piece, "flexmaps_twist", "FACE", "FLOAT", np.full(len(piece.data.polygons), 90.0))
+    for stage in ("layout", "spirals", "equilibrium", "reach", "optimise", "sheets"):
+        notes.write(piece.data, stage, {"made": True})
+    notes.write_checks(piece.data, [])
+    states.stamp(piece, bpy.context.scene)
+    return piece
+
+
+def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) -> None:
+    piece.flexmaps.export.folder, piece.flexmaps.sheet.nesting = str(tmp_path), "FAST"
+    piece.flexmaps.optimise.iterations, piece.flexmaps.optimise.restart = 1, False
+    assert set(kinds(piece).values()) == {TODO}
+    pressed = []
+    while offered(piece):
+        pressed.append(offered(piece))
+        press(pressed[-1])
+        assert len(pressed) < 10
+    assert pressed == ["check", "merge", "spirals", "simulate", "optimise", "export"]
+    assert set(kinds(piece).values()) == {DONE}
+    assert list(tmp_path.glob("*.svg"))
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_done_in_either_mode_and_after_leaving_it(piece: Any, mode: str) -> None:
+    bpy.ops.object.mode_set(mode=mode)
+    for button in ("check", "merge", "spirals"):
+        press(button)
+        assert set(kinds(piece).values()) <= {DONE, TODO}
+    bpy.ops.object.mode_set(mode="OBJECT")
+    found = kinds(piece)
+    assert [found[stage] for stage in ("checks", "layout", "spirals", "sheets")] == [DONE, DONE, DONE, TODO]
+
+
+def test_a_mesh_of_triangles_is_to_be_remeshed(add: Any) -> None:
+    mesh = shapes.make("dome")
+    obj = add((mesh.vertices, np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])))
+    assert offered(obj) == "quad_remesh"
+
+
+def test_a_model_of_another_size_is_to_be_scaled(dome: Any) -> None:
+    dome.scale = (20, 20, 20)
+    assert offered(dome) == "set_size"
+    press("set_size")
+    assert offered(dome) == "merge"  # scaling has checked it too
+    dome.flexmaps.remesh.edge = 100.0  # who wants large quads says so
+    assert offered(dome) == "set_size"
+
+
+# change -> stages that it leaves behind, and the reason of the first
+CHANGES: dict[str, tuple[Any, set[str], str]] = {
+    "limit": (
+        lambda o: setattr(o.flexmaps.layout, "distortion_limit", 0.02),
+        {"layout", "spirals", "equilibrium", "optimise", "sheets"},
+        "setting",
+    ),
+    "thickness": (
+        lambda o: setattr(o.flexmaps.spiral, "thickness", 3.0),
+        {"spirals", "equilibrium", "reach", "optimise", "sheets"},
+        "setting",
+    ),
+    "material": (
+        lambda o: setattr(o.flexmaps.material, "material", "pla"),
+        {"equilibrium", "reach", "optimise", "sheets"},
+        "setting",
+    ),
+    "kerf": (lambda o: setattr(o.flexmaps.cut, "kerf_outline", 0.1), {"sheets"}, "setting"),
+    "folder": (lambda o: setattr(o.flexmaps.export, "folder", "/tmp/elsewhere"), {"sheets"}, "setting"),
+    "optimiser": (lambda o: setattr(o.flexmaps.optimise, "smoothness", 0.5), set(), ""),
+    "vertex": (
+        lambda o: setattr(o.data.vertices[40], "co", o.data.vertices[40].co * 1.01),
+        {"checks", "layout", "spirals", "equilibrium", "reach", "optimise", "sheets"},
+        "mesh",
+    ),
+    "scale": (
+        lambda o: setattr(o, "scale", (1, 1, 1.1)),
+        {"checks", "layout", "spirals", "equilibrium", "reach", "optimise", "sheets"},
+        "mesh",
+    ),
+    "place": (lambda o: setattr(o, "location", (3, 4, 5)), set(), ""),
+    "turn": (lambda o: setattr(o, "rotation_euler", (0.4, 0.5, 0.6)), set(), ""),
+    "name": (lambda o: setattr(o, "name", "other"), set(), ""),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_leaves_behind_what_was_made_from_it(made: Any, change: str) -> None:
+    do, expected, reason = CHANGES[change]
+    assert OLD not in kinds(made).values()
+    do(made)
+    found = kinds(made)
+    assert {stage for stage, kind in found.items() if kind == OLD} == expected
+    if expected:
+        first = next(stage for stage in states.PARTS if stage in expected)
+        assert reason in why(made, first)
+
+
+def test_taken_back_a_change_never_was(made: Any) -> None:
+    made.flexmaps.spiral.thickness = 3.0
+    assert kinds(made)["spirals"] == OLD
+    made.flexmaps.spiral.thickness = 2.0
+    assert kinds(made)["spirals"] == DONE
+
+
+def test_edited_seams_ask_for_an_update(made: Any) -> None:
+    edge = next(e.index for e in made.data.edges if e.use_seam)
+    made.data.edges[edge].use_seam = False
+    assert offered(made) == "update_from_seams" and "seams" in why(made, "layout")
+    made.data.edges[edge].use_seam = True
+    assert kinds(made)["layout"] == DONE
+
+
+def test_a_later_stage_is_out_of_date_when_an_earlier_one_runs_again(piece: Any) -> None:
+    press("merge")
+    press("spirals")
+    press("simulate")
+    press("merge")
+    found = kinds(piece)
+    assert [found[s] for s in ("layout", "spirals", "equilibrium")] == [DONE, OLD, OLD]
+    assert "equilibrium" not in notes.read(piece.data) and "earlier" in why(piece, "equilibrium")
+    assert found["optimise"] == found["sheets"] == TODO  # they never ran
+    press("spirals")
+    assert kinds(piece)["spirals"] == DONE and kinds(piece)["equilibrium"] == OLD
+
+
+def test_weight_makes_the_turn_matter(made: Any) -> None:
+    made.flexmaps.simulate.gravity = True
+    notes.write(made.data, "equilibrium", {})
+    states.stamp(made, bpy.context.scene)
+    assert kinds(made)["equilibrium"] == DONE
+    made.rotation_euler = (0.4, 0.0, 0.0)
+    assert kinds(made)["equilibrium"] == OLD and "turned" in why(made, "equilibrium")
+
+
+def test_undo_brings_the_states_back(piece: Any) -> None:
+    press("merge")
+    press("spirals")
+    bpy.ops.ed.undo_push(message="spirals")
+    name, before = piece.name, kinds(piece)
+    press("merge")
+    bpy.ops.ed.undo_push(message="merge")
+    assert kinds(bpy.data.objects[name]) != before
+    bpy.ops.ed.undo()
+    assert kinds(bpy.data.objects[name]) == before
+
+
+def test_asking_changes_nothing(made: Any, content: Any) -> None:
+    before = content(made)
+    made.flexmaps.spiral.thickness = 3.0
+    kinds(made), offered(made)
+    assert content(made) == before
+    assert not [key for key in made.data.keys() if "fresh" in key]  # noqa: SIM118
