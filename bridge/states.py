@@ -42,6 +42,7 @@ WHY = {
 SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
 EDGES = 64  # so many edges, evenly picked, tell the size of the quads well enough
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
+MADE_SQUARER = {"concave", "warped"}
 MENDED_BY_HAND = {"inconsistent-orientation", "size-ratio", "zero-edge", "zero-area", "not-finite", "loose-vertices"}
 
 
@@ -148,6 +149,13 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     mesh[NAME] = json.dumps(_stamps(mesh) | made)
 
 
+def stamp_regularised(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Note that this shape is as regular as it gets; it is no stage, and has no note of its own."""
+    if obj.data.is_editmode:
+        obj.update_from_editmode()
+    obj.data[NAME] = json.dumps(_stamps(obj.data) | {"regularise": {"shape": _Present(obj, scene)["shape"]}})
+
+
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
@@ -213,9 +221,13 @@ def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[st
         return "flexmaps.set_size"
     if found["checks"].kind != DONE:
         return "flexmaps.check"
-    errors = {finding["code"] for finding in notes.read(obj.data)["checks"] if finding["severity"] == "error"}
+    checks = notes.read(obj.data)["checks"]
+    errors = {finding["code"] for finding in checks if finding["severity"] == "error"}
     if errors:
         return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
+    poor = any(finding["code"] in MADE_SQUARER for finding in checks)
+    if poor and _stamps(obj.data).get("regularise", {}).get("shape") != _Present(obj, scene)["shape"]:
+        return "flexmaps.regularise"
     return ""
 
 

@@ -38,7 +38,7 @@ class Regularise(Stage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         import numpy as np
 
-        from ..bridge import beside, mesh
+        from ..bridge import beside, mesh, states
 
         before, after, findings = result
         mesh.write_vertices(obj, surface, after)
@@ -46,6 +46,7 @@ class Regularise(Stage, bpy.types.Operator):
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
+        states.stamp_regularised(obj, context.scene)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return f"Vertices moved by up to {moved / before.median_edge:.0%} of an edge"
 

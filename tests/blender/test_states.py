@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flexmaps.bridge import attributes, notes, states
 from flexmaps.bridge.states import DONE, OLD, TODO
-from flexmaps.engine import shapes
+from flexmaps.engine import check, shapes
 from flexmaps.engine.mesh import QuadMesh
 
 
@@ -95,6 +95,18 @@ def test_a_model_of_another_size_is_to_be_scaled(dome: Any) -> None:
     assert offered(dome) == "merge"  # scaling has checked it too
     dome.flexmaps.remesh.edge = 100.0  # who wants large quads says so
     assert offered(dome) == "set_size"
+
+
+def test_poor_quads_are_to_be_made_squarer_once(piece: Any) -> None:
+    def found() -> None:
+        notes.write_checks(piece.data, [check.Finding("concave", "warning", "A corner beyond 180 degrees", faces=(1,))])
+        states.stamp(piece, bpy.context.scene)
+
+    found()
+    assert offered(piece) == "regularise"
+    press("regularise")
+    found()  # whatever it made of them, it is not offered again
+    assert offered(piece) == "merge"
 
 
 # change -> stages that it leaves behind, and the reason of the first
