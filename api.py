@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 __all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "export", "layout",
-           "load", "optimise", "regularise", "report", "run", "save", "sheets", "show", "simulate", "spirals"]  # fmt: skip
+           "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show", "simulate", "spirals"]  # fmt: skip
 
 SHAPE = "shape:"
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
@@ -64,7 +64,7 @@ CONCERNS = {
 class Piece:
     """A surface with its settings and everything that the stages have made of it so far.
 
-    source : the polygons as they came, metres, z up
+    source : the polygons as they came, metres, z up; edge, height : the size that was asked for, metres
     made : what the stages made (``engine.job.Result``); None where the mesh is none that can be made
     uid : Blender's id of the object that it was read from and can be shown in again
     seams : (E,) bool, edges that the object has marked as seams
@@ -74,6 +74,8 @@ class Piece:
     name: str
     source: PolygonMesh
     settings: ObjectSettings
+    edge: float | None = None
+    height: float | None = None
     made: job.Result | None = None
     uid: int | None = None
     seams: np.ndarray | None = None
@@ -102,6 +104,7 @@ def load(
     edge: float | None = None,
     height: float | None = None,
     up: str | None = None,
+    quads: int | None = None,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
 ) -> Piece:
@@ -109,6 +112,7 @@ def load(
 
     edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
     up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
+    quads : about so many new quads are made of it first, see ``remesh``
     settings : "section.name" -> value in shown units, instead of the object's settings or the defaults
     supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
 
@@ -117,16 +121,10 @@ def load(
     """
     from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
     piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
-    if edge is not None or height is not None:
-        scaled = checking.scaled(piece.source, edge=_metres(edge), height=_metres(height))
-        piece = Piece(piece.name, scaled, piece.settings)
-    if piece.made is None:
-        try:
-            made = replace(job.begin(piece.source), edge=_metres(edge), height=_metres(height))
-        except FlexMapsError:
-            made = None  # ``check`` says what is wrong, and so does every stage
-        piece = replace(piece, made=made)
-    return change(piece, settings, supports=supports)
+    if edge is not None or height is not None or piece.made is None:
+        piece = _begun(piece, _metres(edge), _metres(height))
+    piece = change(piece, settings)
+    return change(piece if quads is None else remesh(piece, quads=quads), supports=supports)
 
 
 def change(
@@ -188,6 +186,18 @@ def check(piece: Piece) -> list[Finding]:
     return checking.findings(piece.source)
 
 
+def remesh(piece: Piece, *, quads: int | None = None) -> Piece:
+    """Quads in the shape of any mesh, by Blender's own tools, in the size that was asked for; the object itself stays.
+
+    quads : about how many; else as the settings say. Raises ``FlexMapsError`` where Blender finds none.
+    """
+    from .bridge import remesh as remeshing
+
+    wanted = piece.settings.remesh
+    found = remeshing.polygons_from(piece.source, quads or wanted.quads, wanted.smooth)
+    return _begun(Piece(piece.name, found, piece.settings), piece.edge, piece.height)
+
+
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
     """Squarer quads; what was laid out before is dropped."""
     return _go_on(piece, ("regularise",), progress)
@@ -199,7 +209,7 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     A mesh that is no object is regularised first, unless it has been: as in the main job.
     """
     if not keep_seams:
-        return _go_on(_prepared(piece, progress), LAYOUT, progress)
+        return _go_on(piece, (*_regular(piece), *LAYOUT), progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the patches be traced")
     cuts = trace.make_disks(PatchLayout(piece.mesh, piece.seams))
@@ -209,23 +219,24 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
 
 def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
     """Width and twist of every spiral from the curvature."""
-    return _go_on(_with(piece, "flat", progress), ("spirals",), progress)
+    return _go_on(piece, (*_missing(piece, "flat"), "spirals"), progress)
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """The shape that the assembled panels take, and what keeps it from the target."""
-    return _go_on(_with(change(piece, supports=supports), "design", progress), ("simulate",), progress)
+    held = change(piece, supports=supports)
+    return _go_on(held, (*_missing(held, "design"), "simulate"), progress)
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
-    ready = _with(change(piece, supports=supports), "design", progress)
-    return _go_on(ready, ("optimise", "simulate"), progress)
+    held = change(piece, supports=supports)
+    return _go_on(held, (*_missing(held, "design"), "optimise", "simulate"), progress)
 
 
 def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
     """The panels with connectors and kerf, nested on sheets."""
-    return _go_on(_with(piece, "design", progress), ("sheets",), progress)
+    return _go_on(piece, (*_missing(piece, "design"), "sheets"), progress)
 
 
 def export(
@@ -239,7 +250,7 @@ def export(
     from .engine import export as exporting
     from .engine import files
 
-    ready = _with(piece, "sheets", progress)
+    ready = piece if piece.result.sheets is not None else sheets(piece, progress=progress)
     assert ready.result.sheets is not None
     base = Path(folder) / name
     with files.replacing_many(exporting.stale(base, ready.result.sheets.count)) as new:
@@ -275,6 +286,7 @@ def run(
     edge: float | None = None,
     height: float | None = None,
     up: str | None = None,
+    quads: int | None = None,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
     optimised: bool = False,
@@ -293,9 +305,9 @@ def run(
     told = _progress(progress)
     names = job.stages(stop_after, optimised)
     with main_job.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
-        piece = load(source, edge=edge, height=height, up=up, settings=settings, supports=supports)
+        piece = load(source, edge=edge, height=height, up=up, quads=quads, settings=settings, supports=supports)
         piece = replace(piece, made=job.without(piece.result, "layout"), broken=None)
-        piece = _go_on(piece, names[1:], told.part(0.0, 0.6))
+        piece = _go_on(piece, names[1:], told.part(0.0, 0.6), lenient=True)
         return main_job.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
         )
@@ -314,25 +326,37 @@ def _metres(millimetres: float | None) -> float | None:
     return None if millimetres is None else millimetres / 1e3
 
 
-def _go_on(piece: Piece, stages: Sequence[str], progress: Tell) -> Piece:
-    made = job.go_on(piece.result, piece.settings, stages, _progress(progress))
+def _begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
+    """A piece with nothing made yet, in the wanted size, metres; it is no object's any more."""
+    source = checking.scaled(piece.source, edge=edge, height=height)
+    try:
+        made = replace(job.begin(source), edge=edge, height=height)
+    except FlexMapsError:
+        made = None  # ``check`` says what is wrong, and so does every stage
+    uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
+    return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
+
+
+def _go_on(piece: Piece, stages: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
+    made = job.go_on(piece.result, piece.settings, stages, _progress(progress), lenient=lenient)
     return replace(piece, made=made, broken=None if "trace" in stages else piece.broken)
 
 
-def _prepared(piece: Piece, progress: Tell) -> Piece:
-    """A mesh from elsewhere, regularised; the vertices of an object move only when that is asked for."""
-    regular = piece.uid is not None or "regularise" in piece.result.seconds
-    return piece if regular else regularise(piece, progress=progress)
+def _regular(piece: Piece) -> tuple[str, ...]:
+    """What regularises a mesh from elsewhere; the vertices of an object move only when that is asked for."""
+    return () if piece.uid is not None or "regularise" in piece.result.seconds else ("regularise",)
 
 
-BEFORE: dict[str, Callable[..., Piece]] = {"flat": layout, "design": spirals, "sheets": sheets}
-
-
-def _with(piece: Piece, name: str, progress: Tell) -> Piece:
-    """The piece with one of the things in ``BEFORE``, made now where it is missing."""
+def _missing(piece: Piece, name: str) -> tuple[str, ...]:
+    """The stages that still have to run for "flat" or "design" to be there."""
     if piece.broken is not None:
         raise piece.broken
-    return piece if getattr(piece.result, name) is not None else BEFORE[name](piece, progress=progress)
+    found: tuple[str, ...] = ()
+    if piece.result.flat is None:
+        found += (*_regular(piece), *LAYOUT)
+    if name == "design" and piece.result.design is None:
+        found += ("spirals",)
+    return found
 
 
 def _from_blender(source: Any) -> Piece:
@@ -341,7 +365,8 @@ def _from_blender(source: Any) -> Piece:
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     found = stored.read(obj)
     name = obj.name if obj is source else Path(source).name
-    return Piece(name, found.source, found.settings, found.result, found.uid, found.seams, found.broken)
+    rest = {"made": found.result, "uid": found.uid, "seams": found.seams, "broken": found.broken}
+    return Piece(name, found.source, found.settings, **rest)  # type: ignore[arg-type]
 
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:

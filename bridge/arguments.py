@@ -74,6 +74,8 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
     made.add_argument(
         "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
     )
+    made.add_argument("--remesh", type=int, metavar="QUADS",
+                      help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
     made.add_argument("--supports", metavar="QUADS",
                       help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
     made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
@@ -135,6 +137,7 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
         "edge": edge,
         "height": args.height,
         "up": args.up,
+        "quads": args.remesh,
         "settings": _settings(args),
         "supports": args.supports,
     }

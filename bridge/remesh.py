@@ -9,7 +9,8 @@ import numpy as np
 
 from ..engine import check
 from ..engine.errors import FlexMapsError
-from . import equilibrium
+from ..engine.mesh import PolygonMesh
+from . import beside, equilibrium
 from .mesh import read_surface
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
@@ -44,6 +45,26 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
         bpy.data.objects.remove(made)
         bpy.data.meshes.remove(mesh)
         raise
+
+
+def polygons_from(polygons: PolygonMesh, count: int, smooth: bool) -> PolygonMesh:
+    """The same of a mesh that is no object, metres; nothing stays in Blender's file."""
+    context = bpy.context
+    unit = context.scene.unit_settings.scale_length
+    data = beside.polygons(".flexmaps", polygons.vertices / unit, polygons.corners, polygons.sizes)
+    obj = bpy.data.objects.new(data.name, data)
+    context.scene.collection.objects.link(obj)
+    context.view_layer.update()
+    made = None
+    try:
+        made = quads_from(obj, context, count, smooth)
+        return read_surface(made, context.scene).polygons
+    finally:
+        for each in (obj, made):
+            if each is not None:
+                mesh = each.data
+                bpy.data.objects.remove(each)
+                bpy.data.meshes.remove(mesh)
 
 
 def _seek(context: bpy.types.Context, made: bpy.types.Object, count: int, smooth: bool) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -133,7 +134,7 @@ def run(
     stage = _Stages(wanted, progress)
     with stage("check"):
         result = begin(polygons, edge=edge, height=height, supports=supports)
-    return _through(result, settings, wanted[1:], stage)
+    return _through(result, settings, wanted[1:], stage, lenient=True)
 
 
 def stages(stop_after: str, optimised: bool = False) -> list[str]:
@@ -160,18 +161,20 @@ def begin(
     return Result(source, findings, mesh, edge, height, held, seconds={"check": time.perf_counter() - start})
 
 
-def go_on(result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT) -> Result:
+def go_on(
+    result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT, *, lenient: bool = False
+) -> Result:
     """Run more stages, in this order, on what earlier ones have made; what later ones had made before is dropped.
 
-    Simulating and optimising may fail, with a finding, unless they are the last. Raises as ``run`` does.
+    If ``lenient``, simulating and optimising may fail, with a finding, unless they are the last. Raises as ``run`` does.
     """
-    return _through(result, settings, wanted, _Stages(list(wanted), progress))
+    return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
 
 
-def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages) -> Result:
+def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
     for name in wanted:
         with stage(name) as part:
-            if name in TRIED and name != wanted[-1]:
+            if lenient and name in TRIED and name != wanted[-1]:
                 result = _tried(name, result, settings, part)
             else:
                 result = STEPS[name](result, settings, part)
@@ -188,7 +191,8 @@ MADE = ("mesh", "layout", "flat", "design", "optimisation", "simulation", "limit
 
 def without(result: Result, first: str) -> Result:
     """The result without ``first``, one of ``MADE``, and all that was made from it."""
-    return replace(result, **dict.fromkeys(MADE[MADE.index(first) :]))
+    nothing: dict[str, Any] = dict.fromkeys(MADE[MADE.index(first) :])
+    return replace(result, **nothing)
 
 
 def _regularised(result: Result, settings: Settings, progress: Progress) -> Result:
