@@ -26,8 +26,6 @@ from ..engine.simulate import build_model
 from . import chunks
 from .assembly_cases import POISSON, THICKNESS, YOUNGS, Case, Loading, cases
 from .assembly_solid import Balance, Welded
-from .elastic import Elements
-from .solid import make_solid
 from .statics import Model
 
 FOLDER = Path(__file__).resolve().parent / "validation"
@@ -75,18 +73,10 @@ def key(case: Case) -> str:
 def assembly(case: Case) -> Assembly:
     """The coarse assembly of a case, SI."""
     of = case.of
-    area = np.array([_area(case, k) for k in range(len(case.designs))])
     width = np.array([d.width for d in case.designs])
     twist = np.radians([d.twist for d in case.designs])
     pairs, lever, axes = case.joints()
-    return Assembly(pairs, lever, axes, width[of], twist[of], area[of], THICKNESS)
-
-
-def _area(case: Case, design: int) -> float:
-    chosen = case.designs[design]
-    solid = make_solid(chosen.spiral)
-    elements = Elements(solid.nodes, solid.elements, POISSON)
-    return float(elements.weight.sum() / chosen.spiral.height) * chosen.width**2
+    return Assembly(pairs, lever, axes, width[of], twist[of], THICKNESS)
 
 
 def loads(case: Case, loading: Loading) -> tuple[Loads, Pose]:

@@ -62,7 +62,6 @@ class Assembly:
     axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in the
         flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
     width : (n,) metres and twist : (n,) radians of the spirals
-    area : (n,) square metres of material
     thickness : metres, of the sheet
     clockwise : sense of rotation of the arms, from the tips inwards
     """
@@ -72,7 +71,6 @@ class Assembly:
     axes: np.ndarray
     width: np.ndarray
     twist: np.ndarray
-    area: np.ndarray
     thickness: float
     clockwise: bool = False
 
@@ -134,7 +132,7 @@ def of_design(design: SpiralDesign) -> Assembly:
         raise FlexMapsError(f"{len(lonely)} quads are joined to no other quad; remove them or join them", faces=lonely)
     lever, axes = rest_joints(mesh, corners)
     p = design.params
-    return Assembly(pairs, lever, axes, design.width, design.twist, design.area, p.thickness, p.clockwise)
+    return Assembly(pairs, lever, axes, design.width, design.twist, p.thickness, p.clockwise)
 
 
 def rest_joints(mesh: QuadMesh, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

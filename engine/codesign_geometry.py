@@ -44,7 +44,7 @@ def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
     spiral = assembly.pairs.ravel()
     pairs = np.arange(len(spiral)).reshape(-1, 2)
     alone = replace(
-        assembly, pairs=pairs, width=assembly.width[spiral], twist=assembly.twist[spiral], area=assembly.area[spiral]
+        assembly, pairs=pairs, width=assembly.width[spiral], twist=assembly.twist[spiral]
     )
     return alone, Pose(pose.centres[spiral], pose.rotations[spiral])
 

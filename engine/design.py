@@ -12,7 +12,19 @@ from .contours import Hubs, Outline, Tips, hubs, outlines, touching
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .params import SpiralParams
-from .slots import DEPTH, gaps, gaps_across, gaps_round, narrowest, slot_needed, twist_bound, twist_limit
+from .slots import (
+    CLEAR,
+    DEPTH,
+    PARALLEL,
+    gaps,
+    gaps_across,
+    gaps_round,
+    narrowest,
+    slot_needed,
+    slot_widths,
+    twist_bound,
+    twist_limit,
+)
 from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, mates, room, roomy
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
@@ -87,6 +99,17 @@ class SpiralDesign:
         # what lies across a cut is another panel
         across = gaps_across(self.arms, layout.mesh, self.flat.corners, every)[~layout.outline_sides]
         return min(slot, float(across.min(initial=slot)), float(gaps_round(self.arms, layout, every).min())), bridge
+
+    def narrower(self, width: float) -> np.ndarray:
+        """(N,) int: quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
+        layout, every, fillet = self.flat.layout, np.arange(len(self.width)), self.params.fillet
+        if 2.0 * fillet < width * (1.0 - 1e-9):
+            return every
+        apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
+        across = np.where(layout.outline_sides, CLEAR, gaps_across(self.arms, layout.mesh, self.flat.corners, every))
+        least = np.minimum(np.where(lean > PARALLEL, apart, CLEAR).min(axis=(1, 2)), across.min(axis=1))
+        least = np.minimum(least, gaps_round(self.arms, layout, every).min(axis=1))
+        return np.flatnonzero(least < 0.999 * width)
 
     @cached_property
     def coordinates(self) -> np.ndarray:
@@ -239,13 +262,13 @@ def _relieved(
     quads = np.arange(len(twist))
     for _ in range(60):
         shape = arms(flat, params, width, twist)
-        gap[quads] = _gap(shape, flat, quads)
+        gap[quads] = _gap(shape, flat, quads, AMPLE * slot)
         # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
         sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
         gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
         tight = gap < slot
         # an arm also gives way where it is its neighbour's that has no room
-        beside = tight[mate].any(axis=1) & (gap < 1.5 * slot)
+        beside = tight[mate].any(axis=1) & (gap < AMPLE * slot)
         unwind = (tight | beside | gives) & (twist > 0.0)
         thin = tight & (twist == 0.0) & (width > params.width_min)
         change = unwind | thin
@@ -260,11 +283,17 @@ def _relieved(
     return width, twist
 
 
-def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
-    """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints."""
-    across = gaps_across(shape, flat.layout.mesh, flat.corners, quads)
+AMPLE = 1.5  # slots, a gap that need not give way to its neighbours'
+
+
+def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray, enough: float) -> np.ndarray:
+    """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints.
+
+    Measured closely only where it may be less than ``enough`` metres.
+    """
+    across = gaps_across(shape, flat.layout.mesh, flat.corners, quads, enough)
     gap = np.minimum(gaps(shape.of(quads)), across)
-    return np.minimum(gap, gaps_round(shape, flat.layout, quads)).min(axis=1)
+    return np.minimum(gap, gaps_round(shape, flat.layout, quads, enough)).min(axis=1)
 
 
 def design_report(design: SpiralDesign) -> dict[str, Any]:

@@ -265,7 +265,9 @@ def _simulated(
     progress: Progress,
     quick: bool = False,
 ) -> Simulation:
-    once = replace(physics, restarts=0)
+    # a quick look need not be exact
+    tolerance = max(physics.tolerance, TOLERANCE) if quick else physics.tolerance
+    once = replace(physics, restarts=0, tolerance=tolerance)
     return simulate(
         design,
         target,

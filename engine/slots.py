@@ -86,9 +86,12 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
-def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarray) -> np.ndarray:
+def gaps_across(
+    arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarray, enough: float = math.inf
+) -> np.ndarray:
     """(N, 4) metres: narrowest gap between the outer part of arm k of the ``quads`` (N,) and the arms across its joint.
 
+    Gaps that are surely wider than ``enough`` metres are not measured closely.
     In strongly sheared quads an arm leaves its quad for a while, and may meet the two arms beside its joint in the
     neighbour; both quads are laid side by side along their edge, also at cuts. ``CLEAR`` at the border.
     """
@@ -100,16 +103,17 @@ def gaps_across(arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarr
         two = arms.one_by_one(beyond[0], (beyond[1] + step) % 4)
         # the frames of both quads differ by half a turn
         found = _least(
-            one, lambda p: _beside(p, corners, own), np.linspace(0.0, 0.4, 8),
-            two, lambda q: -_beside(q, corners, beyond), np.linspace(0.0, 0.9, 32),
+            one, lambda p, k: _beside(p, corners, (own[0][k], own[1][k])), np.linspace(0.0, 0.4, 8),
+            two, lambda q, k: -_beside(q, corners, (beyond[0][k], beyond[1][k])), np.linspace(0.0, 0.9, 32), enough,
         )  # fmt: skip
         gap = np.minimum(gap, found)
     return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
 
 
-def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray) -> np.ndarray:
+def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray, enough: float = math.inf) -> np.ndarray:
     """(N, 4) metres: narrowest gap between the two arms at corner k of the ``quads`` (N,) and those opposite round the corner.
 
+    Gaps that are surely wider than ``enough`` metres are not measured closely.
     In strongly distorted quads the arms of two quads that share no more than a vertex may meet. ``CLEAR`` where a cut or the
     border lies between them.
     """
@@ -128,40 +132,68 @@ def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray) -> np.ndarray
         for k, j in product((-1, 0), repeat=2) if len(far) else ():
             one = arms.one_by_one(quad[far], (corner[far] + k) % 4)
             two = arms.one_by_one(at[far], (to[far] + j) % 4)
-            gap[far] = np.minimum(gap[far], _least(one, _as_it_is, t, two, _as_it_is, t))
+            gap[far] = np.minimum(gap[far], _least(one, _as_it_is, t, two, _as_it_is, t, enough))
     return gap.reshape(-1, 4)
 
 
 def _least(
-    one: Arms, placed: Callable[[np.ndarray], np.ndarray], t: np.ndarray,
-    two: Arms, laid: Callable[[np.ndarray], np.ndarray], s: np.ndarray,
+    one: Arms, placed: Callable[[np.ndarray, np.ndarray], np.ndarray], t: np.ndarray,
+    two: Arms, laid: Callable[[np.ndarray, np.ndarray], np.ndarray], s: np.ndarray, enough: float,
 ) -> np.ndarray:  # fmt: skip
     """(N,) metres: narrowest gap between N single arms and N others at the parameters t and s and between them.
 
-    ``placed`` and ``laid`` bring points (N, M, 2) into one frame. Samples may lie a width apart, so the search goes on
-    round the nearest two of them.
+    ``placed`` and ``laid`` bring points (M, K, 2) of the arms with the numbers (M,) into one frame. Samples may lie a width
+    apart, so the search goes on round the nearest two of them, but where the gap is surely wider than ``enough``.
     """
-    ranges, rows = ((t[0], t[-1]), (s[0], s[-1])), np.arange(len(one.radius))
-    steps = [t[1] - t[0], s[1] - s[0]]
-    at = [np.broadcast_to(x, (len(rows), len(x))) for x in (t, s)]
-    gap = np.full(len(rows), CLEAR)
-    for turn in range(_CLOSER + 1):
-        p, q = placed(centre_line(one, at[0][:, None])[0][:, 0]), laid(centre_line(two, at[1][:, None])[0][:, 0])
-        half = [0.5 * width_at(a, x[:, None])[0][:, 0] for a, x in zip((one, two), at, strict=True)]
-        apart = np.hypot(p[:, :, None, 0] - q[:, None, :, 0], p[:, :, None, 1] - q[:, None, :, 1])
-        apart = (apart - half[0][:, :, None] - half[1][:, None]).reshape(len(rows), -1)
-        gap = np.minimum(gap, apart.min(axis=1))
-        if turn == _CLOSER:
+    rows, gap = np.arange(len(one.radius)), np.full(len(one.radius), CLEAR)
+    for stride in (3, 1) if math.isfinite(enough) else (1,):
+        at = [np.broadcast_to(x, (len(rows), len(x))) for x in (t[_strided(t, stride)], s[_strided(s, stride)])]
+        found, near, nearest = _sampled(one, placed, two, laid, rows, at, enough)
+        gap[rows] = found
+        rows, one, two = rows[near], one.of(near), two.of(near)
+    steps, ranges = [t[1] - t[0], s[1] - s[0]], ((t[0], t[-1]), (s[0], s[-1]))
+    for _ in range(_CLOSER):
+        if not len(rows):
             break
-        nearest = np.divmod(apart.argmin(axis=1), at[1].shape[1])
         for k in range(2):
-            middle = at[k][rows, nearest[k]]
-            at[k] = np.clip(middle[:, None] + steps[k] * np.linspace(-1.0, 1.0, 7), *ranges[k])
+            middle = np.take_along_axis(at[k][near], nearest[k][near, None], axis=1)
+            at[k] = np.clip(middle + steps[k] * np.linspace(-1.0, 1.0, 7), *ranges[k])
             steps[k] /= 3.0
+        found, near, nearest = _sampled(one, placed, two, laid, rows, at, enough)
+        gap[rows] = np.minimum(gap[rows], found)
+        rows, one, two = rows[near], one.of(near), two.of(near)
     return gap
 
 
-def _as_it_is(points: np.ndarray) -> np.ndarray:
+def _strided(samples: np.ndarray, stride: int) -> np.ndarray:
+    """Every ``stride``-th sample, and the last."""
+    return np.unique(np.append(np.arange(0, len(samples), stride), len(samples) - 1))
+
+
+def _sampled(
+    one: Arms, placed: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    two: Arms, laid: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    rows: np.ndarray, at: list[np.ndarray], enough: float,
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
+    """Narrowest gap (N,) metres of pairs of arms at samples ``at`` of both, which samples these are, and the numbers of the
+    pairs that may come nearer than ``enough`` between samples."""
+    p = placed(centre_line(one, at[0][:, None])[0][:, 0], rows)
+    q = laid(centre_line(two, at[1][:, None])[0][:, 0], rows)
+    half = [0.5 * width_at(a, x[:, None])[0][:, 0] for a, x in zip((one, two), at, strict=True)]
+    apart = np.hypot(p[:, :, None, 0] - q[:, None, :, 0], p[:, :, None, 1] - q[:, None, :, 1])
+    apart = (apart - half[0][:, :, None] - half[1][:, None]).reshape(len(p), p.shape[1] * q.shape[1])
+    gap = apart.min(axis=1)
+    # between two samples an arm is no nearer than half of their distance, along the arm, less
+    near = np.flatnonzero(gap - _spacing(p) - _spacing(q) < enough)
+    return gap, near, np.divmod(apart.argmin(axis=1), at[1].shape[1])
+
+
+def _spacing(points: np.ndarray) -> np.ndarray:
+    """(M,) the largest distance of consecutive points (M, K, 2): more than half of the arc between them."""
+    return np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=1)
+
+
+def _as_it_is(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return points
 
 

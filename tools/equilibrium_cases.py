@@ -101,7 +101,7 @@ def straight_row(count: int) -> Subject:
     lever = np.zeros((count - 1, 2, 3))
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * EDGE, -0.5 * EDGE
     axes, full = np.broadcast_to(np.eye(3), (count - 1, 2, 3, 3)), np.ones(count)
-    assembly = Assembly(pairs, lever, axes, 0.0015 * full, 0.0 * full, 1e-4 * full, 0.002)
+    assembly = Assembly(pairs, lever, axes, 0.0015 * full, 0.0 * full, 0.002)
     centres = np.zeros((count, 3))
     centres[:, 0] = EDGE * np.arange(count)
     return subject("row", assembly, Pose(centres, np.tile(np.eye(3), (count, 1, 1))))

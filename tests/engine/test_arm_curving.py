@@ -24,7 +24,7 @@ def pair(twists: tuple[float, float], *, clockwise: bool = False) -> Assembly:
     lever = np.array([[[0.5 * SPACING, 0.0, 0.0], [-0.5 * SPACING, 0.0, 0.0]]])
     axes = np.broadcast_to(np.eye(3), (1, 2, 3, 3))
     full = np.ones(2)
-    return Assembly(np.array([[0, 1]]), lever, axes, WIDTH * full, np.array(twists), full, THICKNESS, clockwise)
+    return Assembly(np.array([[0, 1]]), lever, axes, WIDTH * full, np.array(twists), THICKNESS, clockwise)
 
 
 class Curve:

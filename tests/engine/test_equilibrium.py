@@ -30,7 +30,7 @@ def row(count: int, *, twist: float = 0.0, closed: bool = False, clockwise: bool
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * SPACING, -0.5 * SPACING
     axes = np.broadcast_to(np.eye(3), (len(pairs), 2, 3, 3))
     full = np.full(count, 1.0)
-    return Assembly(pairs, lever, axes, WIDTH * full, twist * full, 1e-4 * full, THICKNESS, clockwise)
+    return Assembly(pairs, lever, axes, WIDTH * full, twist * full, THICKNESS, clockwise)
 
 
 def at_joints(assembly: Assembly) -> np.ndarray:

@@ -29,7 +29,7 @@ def _chain(spirals: int, rng: np.random.Generator) -> Assembly:
     reach, angle = rng.uniform(0.006, 0.012, pairs.shape) * [1, -1], rng.uniform(-0.3, 0.3, pairs.shape)
     lever = np.stack([reach * np.cos(angle), reach * np.sin(angle), 0 * angle], axis=-1)
     lever = np.einsum("mkij,mkj->mki", axes, lever)
-    return Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), np.ones(spirals), 0.002)
+    return Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), 0.002)
 
 
 def _row(spirals: int, spacing: float) -> tuple[Assembly, Pose]:
@@ -38,7 +38,7 @@ def _row(spirals: int, spacing: float) -> tuple[Assembly, Pose]:
     lever = np.zeros((spirals - 1, 2, 3))
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * spacing, -0.5 * spacing
     axes = np.broadcast_to(np.eye(3), (spirals - 1, 2, 3, 3))
-    row = Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), np.ones(spirals), 0.002)
+    row = Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), 0.002)
     return row, Pose(np.outer(np.arange(spirals), [spacing, 0, 0]), np.tile(np.eye(3), (spirals, 1, 1)))
 
 
