@@ -30,8 +30,9 @@ def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Co
     found = existing(obj)
     if found is None:
         found = bpy.data.collections.new(f"FlexMaps {obj.name}")
+    if found not in scene.collection.children_recursive:  # new, or appended with the object
         scene.collection.children.link(found)
-    elif found.name != f"FlexMaps {obj.name}":
+    if found.name != f"FlexMaps {obj.name}":
         found.name = f"FlexMaps {obj.name}"
     found["flexmaps_owner"] = obj.name
     obj["flexmaps_collection"] = found
@@ -265,9 +266,9 @@ def show_spirals(
         lift = np.array([*centres[k], 1.02 * design.params.thickness])
         made = add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
         made.hide_render = True
-        made.hide_set(
-            True
-        )  # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
+        if made.name in bpy.context.view_layer.objects:  # the user may have excluded the collection
+            # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
+            made.hide_set(True)
 
 
 def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
