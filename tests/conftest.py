@@ -46,6 +46,12 @@ def build_zip() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def random_calls() -> ModuleType:
+    """The tool that presses buttons at random."""
+    return load_tool("random_calls")
+
+
+@pytest.fixture(scope="session")
 def real_blender() -> ModuleType:
     """The tool that runs a real Blender; skips where there can be none, and says why."""
     module = load_tool("real_blender")

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -257,7 +257,7 @@ def test_an_appended_piece_goes_on_where_it_was(piece: Any, tmp_path: Path) -> N
     before, source = kinds(piece), tmp_path / "piece.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(source))
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(source)) as (there, here):
+    with bpy.data.libraries.load(str(source)) as (_, here):
         here.objects = ["piece"]
     obj = here.objects[0]
     bpy.context.scene.collection.objects.link(obj)
@@ -270,7 +270,7 @@ def test_a_linked_piece_is_refused_by_name(piece: Any, tmp_path: Path) -> None:
     source = tmp_path / "piece.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(source))
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    with bpy.data.libraries.load(str(source), link=True) as (there, here):
+    with bpy.data.libraries.load(str(source), link=True) as (_, here):
         here.objects = ["piece"]
     bpy.context.scene.collection.objects.link(here.objects[0])
     activate(here.objects[0])

@@ -1,0 +1,355 @@
+"""Random operator calls in random order, with random settings, on random small meshes: what must never happen is looked for.
+
+Used by tests/blender/test_random.py for a few calls and by ``bench blender`` for a thousand. After every call: no traceback,
+no temporary thing left, every mesh valid, every panel can be drawn.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import math
+import random
+import time
+from collections import Counter
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+from flexmaps.bridge import job, states
+from flexmaps.engine import shapes
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.params import SHOWN, ObjectSettings
+from flexmaps.engine.progress import Progress
+
+PATIENCE = 6.0  # seconds after which a stage is stopped, as with ESC
+# settings whose upper end only means waiting, or a folder on the disk: their ranges here
+TAMED: dict[str, tuple[float, float] | None] = {
+    "remesh.quads": (50, 400),
+    "sheet.nesting_seconds": (0, 0.5),
+    "simulate.iterations": (1, 200),
+    "simulate.restarts": (0, 2),
+    "optimise.iterations": (1, 4),
+    "optimise.cg_iterations": (1, 20),
+    "regularise.iterations": (0, 60),
+    "export.folder": None,
+}
+STEPS = (
+    "check",
+    "regularise",
+    "trace",
+    "merge",
+    "flatten",
+    "update_from_seams",
+    "spirals",
+    "simulate",
+    "optimise",
+    "export",
+)
+
+
+@dataclass
+class Log:
+    """What was called and what came of it."""
+
+    outcomes: Counter = field(default_factory=Counter)  # (operator, outcome) -> times
+    faults: list[str] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)  # of the session that runs, to be played again by hand
+
+    @property
+    def calls(self) -> int:
+        return sum(self.outcomes.values())
+
+
+def session(rng: random.Random, calls: int, folder: Path, log: Log) -> None:
+    """An empty file, a random mesh, and so many calls on it; what is wrong goes to ``log.faults``."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    log.lines = []
+    _start(rng, log)
+    for _ in range(calls):
+        obj = bpy.context.object
+        if obj is not None and obj.type == "MESH":
+            obj.flexmaps.export.folder = str(folder)
+            for _ in range(rng.choice((0, 0, 1, 3))):
+                _setting(rng, obj, log)
+            if rng.random() < 0.3:
+                _meddle(rng, obj, log)
+        name = _choose(rng)
+        outcome = _call(rng, name, log)
+        log.outcomes[name, outcome] += 1
+        for fault in _faults():
+            log.faults.append(f"{fault}\n    after " + "; ".join(log.lines))
+
+
+# -- what is called ------------------------------------------------------------------------------------------------------
+
+
+def operators() -> list[str]:
+    """All that there are; those that need seconds for a picture are left to their own tests."""
+    return [name for name in dir(bpy.ops.flexmaps) if name not in {"render", "animate", "report", "preset"}]
+
+
+def _choose(rng: random.Random) -> str:
+    """Half of the calls take the next step, or else most would only be refused."""
+    obj = bpy.context.object
+    if obj is not None and obj.type == "MESH" and rng.random() < 0.5:
+        offered = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
+        if offered:
+            return offered.removeprefix("flexmaps.")
+    if rng.random() < 0.3:
+        return rng.choice(STEPS)
+    return rng.choice(operators())
+
+
+def _call(rng: random.Random, name: str, log: Log) -> str:
+    """Call an operator with random options; returns what came of it."""
+    operator = getattr(bpy.ops.flexmaps, name)
+    options = _options(rng, operator)
+    log.lines.append(f"bpy.ops.flexmaps.{name}({', '.join(f'{k}={v!r}' for k, v in options.items())})")
+    began = time.monotonic()
+    kept, job.run_here = job.run_here, _impatient(began)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            result = operator(**options)
+    except RuntimeError as error:
+        text = str(error)
+        if "poll()" in text:
+            return "greyed"
+        if "Traceback" in text or not text.strip().startswith("Error:"):
+            log.faults.append(f"{text.strip()}\n    after " + "; ".join(log.lines))
+            return "fault"
+        return "refused"
+    finally:
+        job.run_here = kept
+    return "stopped" if result == {"CANCELLED"} else "done"
+
+
+def _impatient(began: float) -> Any:
+    """``job.run_here`` with somebody who presses ESC."""
+
+    def run_here(title: str, work: Any) -> Any:
+        return work(Progress(lambda fraction, text: None, lambda: time.monotonic() - began > PATIENCE))
+
+    return run_here
+
+
+def _options(rng: random.Random, operator: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for prop in operator.get_rna_type().properties:
+        if prop.identifier == "rna_type" or rng.random() < 0.2:
+            continue
+        if prop.type == "ENUM":
+            found[prop.identifier] = rng.choice([item.identifier for item in prop.enum_items])
+        elif prop.type == "BOOLEAN":
+            found[prop.identifier] = rng.random() < 0.5
+        elif prop.type == "INT":
+            found[prop.identifier] = rng.choice((max(prop.hard_min, 0), 1, 5, min(prop.hard_max, 1000)))
+        elif prop.type == "FLOAT":
+            found[prop.identifier] = rng.choice((prop.soft_min, prop.soft_max, prop.default))
+    return found
+
+
+# -- settings --------------------------------------------------------------------------------------------------------------
+
+
+def _setting(rng: random.Random, obj: Any, log: Log) -> None:
+    """Give one setting a value of its range, often one of its ends."""
+    block = rng.choice(fields(ObjectSettings))
+    f = rng.choice(fields(block.default_factory))  # type: ignore[arg-type]
+    name = f"{block.name}.{f.name}"
+    if name in TAMED and TAMED[name] is None:
+        return
+    value = _value(rng, obj, f, TAMED.get(name))
+    setattr(getattr(obj.flexmaps, block.name), f.name, value)
+    log.lines.append(f"o.flexmaps.{name} = {value!r}")
+
+
+def _value(rng: random.Random, obj: Any, f: Any, tamed: tuple[float, float] | None) -> Any:
+    meta, default = f.metadata, f.default
+    if meta["choices"]:
+        return rng.choice([choice[0] for choice in meta["choices"]])
+    if isinstance(default, bool):
+        return rng.random() < 0.5
+    if isinstance(default, str):
+        return rng.choice(["", "nothing of that name", *(group.name for group in obj.vertex_groups)])
+    factor = SHOWN[meta["unit"]][0]
+    low, high = meta["low"], meta["high"]
+    low, high = (-5.0 if low is None else low) * factor, (5.0 if high is None else high) * factor
+    if tamed is not None:
+        low, high = tamed
+    usual = min(max(default * factor, low), high)
+    value = rng.choice([low, high, usual, rng.uniform(low, high), usual * math.exp(rng.uniform(-1, 1))])
+    value = min(max(value, low), high)
+    return int(value) if isinstance(default, int) else value
+
+
+# -- meshes ----------------------------------------------------------------------------------------------------------------
+
+
+def _start(rng: random.Random, log: Log) -> None:
+    vertices, faces, name = _mesh(rng)
+    vertices = np.asarray(vertices, float) * rng.choice((1.0, 1.0, 1.0, 1e-3, 100.0))
+    mesh = bpy.data.meshes.new("piece")
+    mesh.from_pydata(vertices.tolist(), [], [list(map(int, face)) for face in faces])
+    mesh.validate()
+    obj = bpy.data.objects.new(rng.choice(("piece", "a/b: *?", "Stück", "x" * 60)), mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    obj.scale = rng.choice(((1, 1, 1), (1, 1, 1), (-1, 1, 1), (1, 2, 0.5), (0, 1, 1)))
+    bpy.context.scene.unit_settings.scale_length = rng.choice((1.0, 1.0, 0.001, 0.3048))
+    group = obj.vertex_groups.new(name="held")
+    group.add(list(range(min(4, len(mesh.vertices)))), 1.0, "ADD")
+    bpy.context.view_layer.update()
+    log.lines.append(f"{name}, scale {tuple(obj.scale)}, unit {bpy.context.scene.unit_settings.scale_length:g}")
+
+
+def _mesh(rng: random.Random) -> tuple[Any, Any, str]:
+    """Vertices and faces of a small mesh, mostly a good one, and what it is."""
+    kind = rng.choice(
+        ("dome", "dome", "cube", "torus", "strip", "two", "quad", "spoilt", "spoilt", "triangles", "none")
+    )
+    if kind == "none":
+        return [], [], kind
+    if kind in {"dome", "spoilt"}:
+        mesh = shapes.dome(rng.choice((2, 3, 4)))
+    elif kind == "torus":
+        mesh = shapes.torus(rng.choice((8, 12)), rng.choice((4, 6)))
+    elif kind == "strip":
+        mesh = shapes.strip(rng.choice((6, 14)), rng.choice((1, 2)))
+    else:
+        mesh = {
+            "cube": shapes.cubesphere(rng.choice((1, 2, 3))),
+            "two": shapes.two_bodies(),
+            "quad": shapes.quad(),
+        }.get(kind, shapes.dome(3))
+    vertices, faces = mesh.vertices * (0.02 / mesh.median_edge), mesh.quads.tolist()
+    if kind == "triangles":
+        faces = [f for q in faces for f in (q[:3], [q[0], q[2], q[3]])]
+    if kind == "spoilt":
+        vertices, faces = _spoil(rng, vertices, faces)
+    return vertices, faces, f"{kind} of {len(faces)}"
+
+
+def _spoil(rng: random.Random, vertices: np.ndarray, faces: list[list[int]]) -> tuple[np.ndarray, list[list[int]]]:
+    """One or two of the faults that meshes have."""
+    vertices, faces = vertices.copy(), [list(face) for face in faces]
+    for _ in range(rng.choice((1, 2))):
+        k = rng.randrange(len(faces))
+        fault = rng.choice(("hole", "flip", "triangle", "pinch", "fold", "flat", "rough", "far"))
+        if fault == "hole":
+            del faces[k]
+        elif fault == "flip":
+            faces[k].reverse()
+        elif fault == "triangle":
+            faces[k] = faces[k][:3]
+        elif fault == "pinch":
+            vertices[faces[k][0]] = vertices[faces[k][1]]
+        elif fault == "fold":
+            vertices[faces[k][0]] = 2 * vertices[faces[k][2]] - vertices[faces[k][0]]
+        elif fault == "flat":
+            vertices[:, 2] = 0.0
+        elif fault == "rough":
+            vertices += np.random.default_rng(rng.randrange(2**31)).normal(0, 0.003, vertices.shape)
+        else:
+            vertices += 1e4
+    return vertices, faces
+
+
+def _meddle(rng: random.Random, obj: Any, log: Log) -> None:
+    """What a person does between two buttons."""
+    what = rng.choice(("mode", "seams", "vertex", "undo", "redo", "twin", "scale", "key", "modifier", "rename", "lose"))
+    log.lines.append(what)
+    if what == "mode":
+        bpy.ops.object.mode_set(mode="OBJECT" if obj.mode == "EDIT" else "EDIT")
+    elif what == "undo":
+        bpy.ops.ed.undo_push(message="random")
+        with contextlib.suppress(RuntimeError):
+            bpy.ops.ed.undo()
+    elif what == "redo":
+        with contextlib.suppress(RuntimeError):
+            bpy.ops.ed.redo()
+    elif what == "rename":
+        obj.name = rng.choice(("piece", "other", "..", "%20"))
+    elif what == "scale":
+        obj.scale = [s * rng.choice((0.5, 1.0, 2.0)) for s in obj.scale]
+    elif obj.mode == "OBJECT":
+        _meddle_in_object_mode(rng, obj, what)
+    bpy.context.view_layer.update()
+
+
+def _meddle_in_object_mode(rng: random.Random, obj: Any, what: str) -> None:
+    mesh = obj.data
+    if what == "seams" and len(mesh.edges):
+        for _ in range(rng.choice((1, 8))):
+            edge = mesh.edges[rng.randrange(len(mesh.edges))]
+            edge.use_seam = not edge.use_seam
+    elif what == "vertex" and len(mesh.vertices):
+        mesh.vertices[rng.randrange(len(mesh.vertices))].co.z += rng.uniform(-0.02, 0.02)
+    elif what == "twin":
+        twin = obj.copy()
+        bpy.context.scene.collection.objects.link(twin)
+        bpy.context.view_layer.objects.active = rng.choice((obj, twin))
+    elif what == "key" and rng.random() < 0.5:
+        obj.shape_key_add(name="mine")
+    elif what == "modifier" and rng.random() < 0.5:
+        obj.modifiers.new("mine", "SUBSURF").levels = 1
+        if rng.random() < 0.7:
+            bpy.ops.object.convert(target="MESH")
+    elif what == "lose" and rng.random() < 0.3:
+        bpy.data.objects.remove(obj)
+
+
+# -- what must never be ------------------------------------------------------------------------------------------------------
+
+
+def _faults() -> list[str]:
+    found = []
+    if job.current() is not None:
+        found.append("a job is left running")
+    for obj in bpy.data.objects:
+        if obj.type == "MESH" and obj.mode == "EDIT":
+            obj.update_from_editmode()
+    for mesh in bpy.data.meshes:
+        if mesh.name.startswith("."):
+            found.append(f"the temporary mesh {mesh.name} is left")
+        if not mesh.is_editmode and mesh.validate(verbose=False):
+            found.append(f"the mesh {mesh.name} was not valid")
+        if "flexmaps_fresh" in mesh:
+            found.append("a stage wrote notes without a stamp")
+        json.loads(mesh.get("flexmaps_report", "{}"))
+    return found + _undrawn()
+
+
+def _undrawn() -> list[str]:
+    """Panels that cannot be drawn."""
+    from flexmaps import panels
+
+    found = []
+    for panel in panels.CLASSES:
+        if panel.bl_region_type != "UI" or not getattr(panel, "poll", bool)(bpy.context):
+            continue
+        shown = SimpleNamespace(layout=Nothing(), stage=getattr(panel, "stage", ""))
+        try:
+            if hasattr(panel, "draw_header"):
+                panel.draw_header(shown, bpy.context)
+            panel.draw(shown, bpy.context)
+        except Exception as error:  # whatever it is, it is a fault
+            found.append(f"{panel.bl_idname} cannot be drawn: {type(error).__name__}: {error}")
+    return found
+
+
+class Nothing:
+    """Stands for a layout and takes whatever is drawn."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "panel":
+            return lambda *_, **__: (Nothing(), Nothing())
+        return lambda *_, **__: Nothing()
+
+
+__all__ = ["Cancelled", "Log", "Nothing", "operators", "session"]
