@@ -108,4 +108,6 @@ def _gap(one: Any, two: Any, a: Attempt) -> tuple[float, float, float]:
     apart = shapely.distance(at, shapely.boundary(two))
     window = shapely.box(a.back - s.length, -0.45 * s.pad, a.back + 2.0 * s.length, 0.45 * s.pad)
     one, two = shapely.intersection(one, window), shapely.intersection(two, window)
-    return min(float(one.distance(two)), float(apart.min())), float(apart.max()), float(one.intersection(two).area)
+    least = min(float(one.distance(two)), float(apart.min()))
+    # dogbones are wider than the head's corners
+    return least, least if s.inside else float(apart.max()), float(one.intersection(two).area)

@@ -247,7 +247,13 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
     point, way, width = through.centre(through.tau(-shift))
     extra = max(s.pad - width, 0.0)
     aside = float(np.clip(aside, -0.5 * extra, 0.5 * extra))
-    deep = back + (_BEHIND_HEAD * s.neck if role == "head" else s.length + s.clearance if role == "socket" else s.neck)
+    deep = back + (
+        _BEHIND_HEAD * s.neck
+        if role == "head"
+        else s.length + s.clearance + 0.5 * s.inside
+        if role == "socket"
+        else s.neck
+    )
     full, least, over = (through.tau(deep + share * extra - shift) for share in (0.0, *_FLARE[::-1]))
     over = min(over, through.own.end)
     begin = through.tau(back + 0.5 * s.clearance + s.rounding - shift)

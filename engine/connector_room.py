@@ -20,6 +20,7 @@ from .connector_shape import Size, size, tabs
 from .contours import Tips
 from .design import SpiralDesign
 from .params import ConnectorParams
+from .rays import first_hit
 from .slots import slot_needed
 from .spiral import LEFT, RIGHT, edge
 
@@ -99,8 +100,8 @@ class Openings:
 class Room:
     """What is known of a design before any connector is made."""
 
-    def __init__(self, design: SpiralDesign, params: ConnectorParams):
-        self.design, self.params = design, params
+    def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0):
+        self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
         self.slot = slot_needed(design.params)
 
@@ -114,8 +115,8 @@ class Room:
         """The sizes that connectors of this arm may have, the largest first."""
         width = float(through.own.arms.joint_width[0, 0])
         if kind == "tab":
-            return tabs(width, self.params, SCALES)
-        return list(dict.fromkeys(size(width, self.params, scale) for scale in SCALES))
+            return tabs(width, self.params, SCALES, self.mill)
+        return list(dict.fromkeys(size(width, self.params, scale, self.mill) for scale in SCALES))
 
     def attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
         """What to try at a joint, the best first."""
@@ -236,22 +237,9 @@ def _sight(origin: np.ndarray, way: np.ndarray, near: Any) -> np.ndarray:
     """
     import shapely
 
-    seen = np.full(len(origin), _VIEW)
     rings, owner = shapely.get_coordinates(shapely.get_exterior_ring(near), return_index=True)
     same = owner[1:] == owner[:-1]
     corner = complexes(rings)
-    start, along = corner[:-1][same], np.diff(corner)[same]
-    ends = np.stack([pairs(start), pairs(start + along)], axis=1)
-    rays = np.stack([pairs(origin), pairs(origin + _VIEW * way)], axis=1)
-    low, high = rays.min(axis=(0, 1)), rays.max(axis=(0, 1))
-    seen_from = ((ends.max(axis=1) >= low) & (ends.min(axis=1) <= high)).all(axis=1)
-    start, along, ends = start[seen_from], along[seen_from], ends[seen_from]
-    ray, wall = shapely.STRtree(shapely.linestrings(ends)).query(shapely.linestrings(rays))
-    cross = (way[ray].conj() * along[wall]).imag
-    to = start[wall] - origin[ray]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far, share = (to.conj() * along[wall]).imag / cross, (to.conj() * way[ray]).imag / cross
-    hit = (far >= 0.0) & (share >= 0.0) & (share <= 1.0)
-    np.minimum.at(seen, ray[hit], far[hit])
+    seen = first_hit(origin, way, _VIEW, corner[:-1][same], np.diff(corner)[same])
     seen[shapely.STRtree(near).query(shapely.points(pairs(origin)), predicate="within")[0]] = 0.0
     return seen

@@ -103,24 +103,28 @@ class Connections:
 
 
 def connect(
-    design: SpiralDesign, params: ConnectorParams, tolerance: float = 1e-5, progress: Progress = SILENT
+    design: SpiralDesign,
+    params: ConnectorParams,
+    tolerance: float = 1e-5,
+    progress: Progress = SILENT,
+    mill: float = 0.0,
 ) -> Connections:
     """Give every joint its connector, as large as there is room, and draw the panels with them.
 
-    ``tolerance`` in metres is that of the outlines. Joints without room keep their plain ends and are told. Raises
+    ``tolerance`` in metres is that of the outlines; ``mill`` the diameter of the mill that cuts them, 0 for a beam. Joints without room keep their plain ends and are told. Raises
     ``FlexMapsError`` where the clearance is so large that nothing holds.
     """
     taken = np.zeros((len(design.width), 4))
     if params.connector == "none":
         return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance, taken)
-    least = size(float(design.arms.joint_width.min()), params, min(SCALES))
+    least = size(float(design.arms.joint_width.min()), params, min(SCALES), mill)
     catch = 0.5 * (least.head - least.neck)
     if params.clearance > 0.5 * catch:
         raise FlexMapsError(
             f"With a clearance of {params.clearance * 1e3:g} mm connectors would slip out, for the smallest ones catch by "
             f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
         )
-    room = Room(design, params)
+    room = Room(design, params, mill)
     chosen = _chosen(room, progress.part(0.0, 0.8))
     labels = seam_labels(design.flat.layout)
     made: list[Connector] = []

@@ -77,7 +77,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _entities(sheets: CutSheets, index: int) -> Iterator[tuple[str, Curve]]:
-    for (name, _), curves in zip(LAYERS, operations(sheets.paths_on_sheet(index)), strict=True):
+    for (name, _), curves in zip(LAYERS, operations(sheets, index), strict=True):
         for curve in curves:
             yield name, curve
 

@@ -139,6 +139,55 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
     return [foot + d * s * rest**0.5 for s in (-1.0, 1.0)] if rest >= 0.0 else []
 
 
+def relieved(curve: Curve, radius: float) -> Curve:
+    """An open curve, material on its left, whose inside corners between straight lines are opened to ``radius`` metres.
+
+    A dogbone holds all of the former corner: its circle goes through the middle of the corner's arc. In an acute corner
+    it stands at the end of a corridor, wide enough for the mill to get there. Raises ``FlexMapsError`` where the lines are too
+    short for it.
+    """
+    start, end, bulge = _segments(curve)
+    tight = (bulge < 0.0) & (np.abs(end - start) * (1.0 + bulge**2) < 4.0 * radius * np.abs(bulge))
+    nodes: list[complex] = []
+    bulges: list[float] = []
+    for k, narrow in enumerate(tight.tolist()):
+        if narrow:
+            opened, curved = _dogbone(start[k - 1 : k + 2], end[k - 1 : k + 2], float(bulge[k]), radius)
+            nodes += opened[:-1]
+            bulges += curved
+        else:
+            nodes.append(opened[-1] if k and tight[k - 1] else start[k])
+            bulges.append(float(bulge[k]))
+    made = np.array([*nodes, end[-1]])
+    return Curve(np.column_stack([made.real, made.imag]), np.array([*bulges, 0.0]), closed=False)
+
+
+def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) -> tuple[list[complex], list[float]]:
+    """Nodes and bulges in the place of an arc between two straight lines; starts and ends (3,) complex of all three."""
+    half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # of the angle between the lines
+    middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge
+    arc = complex(_centre(start[1], end[1], np.array(bulge)))
+    inwards = (arc - middle) / abs(arc - middle)
+    corner = arc - inwards * abs(arc - middle) / np.sin(half)
+    centre = middle + radius * inwards
+    lines = [(start[0] - corner), (end[2] - corner)]
+    if radius / np.tan(half) > abs(centre - corner):
+        reach = radius / np.sin(half)
+        enter, leave = (corner + reach * line / abs(line) for line in lines)
+        # the free side is on the right of the way in, so one enters on the left of the way to the corner
+        made = [enter, centre - 1j * inwards * radius, centre + 1j * inwards * radius, leave]
+        curved = [0.0, -1.0, 0.0]
+    else:
+        away = abs(centre - corner)
+        reach = away * np.cos(half) + np.sqrt(radius**2 - (away * np.sin(half)) ** 2)
+        enter, leave = (corner + reach * line / abs(line) for line in lines)
+        made = [enter, leave]
+        curved = [-float(np.tan(0.25 * (np.angle((enter - centre) / (leave - centre)) % (2.0 * np.pi))))]
+    if reach > min(abs(line) for line in lines):
+        raise FlexMapsError(f"A corner has no room for a mill of {2e3 * radius:.3g} mm; use a thinner one")
+    return made, curved
+
+
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
     """Paths for a cutter that takes away ``outer`` metres along the outline and ``holes`` metres in the holes."""
     return Outline(

@@ -174,7 +174,7 @@ class ConnectorParams(Params):
     rounding: float = setting(
         0.0002,
         "Rounding",
-        "Radius of a connector's corners; at least half of the kerf, or the radius of the mill",
+        "Radius of a connector's corners; at least half of the kerf of a laser",
         low=0.00005,
         high=0.005,
         unit="m",
@@ -183,7 +183,7 @@ class ConnectorParams(Params):
 
 @dataclass(frozen=True)
 class CutParams(Params):
-    """What the cutter takes away: the paths in the files run half of it beside the material."""
+    """What cuts the sheet: the paths in the files run half of the kerf beside the material."""
 
     kerf_outline: float = setting(
         0.0,
@@ -200,6 +200,28 @@ class CutParams(Params):
         low=0.0,
         high=0.01,
         unit="m",
+    )
+    mill: float = setting(
+        0.0,
+        "Mill",
+        "Diameter of the mill that cuts the sheet, 0 for a laser or water: every slot must be as wide, sockets get dogbones",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    lead_in: float = setting(
+        0.0,
+        "Lead-in",
+        "Every cut begins so far beside its path, in the waste, where there is room; 0 for none",
+        low=0.0,
+        high=0.02,
+        unit="m",
+    )
+    tabs: int = setting(
+        0, "Holding tabs", "How many bridges hold every panel in its sheet until you break them", low=0, high=50
+    )
+    tab_width: float = setting(
+        0.001, "Tab width", "Width of a holding tab, the kerf not counted", low=0.0001, high=0.02, unit="m"
     )
 
 
@@ -487,6 +509,51 @@ class PreviewParams(Params):
 
 
 @dataclass(frozen=True)
+class RenderParams(Params):
+    """A picture of the target, the assembled piece and its flat panels."""
+
+    finish: str = setting(
+        "PATCH",
+        "Finish",
+        "What the pieces look like",
+        choices=(
+            ("PATCH", "Patches", "One colour per patch, so that panels and piece can be compared"),
+            ("SHEET", "The sheet's material", "The material that is chosen for the sheet"),
+            ("pom", "Delrin", "White, a little translucent"),
+            ("birch", "Birch plywood", "Light wood, its grain along the panels"),
+            ("acrylic", "Acrylic", "Clear red"),
+            ("pla", "PLA, printed", "Blue, with fine strands"),
+            ("DISTANCE", "Distance", "How far every spiral is from the target"),
+            ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
+            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+        ),
+    )
+    target: bool = setting(True, "Target", "Show the surface that is to be made")
+    assembled: bool = setting(True, "Assembled", "Show the assembled piece with its true spirals")
+    panels: bool = setting(True, "Panels", "Show the flat panels")
+    azimuth: float = setting(
+        math.radians(25.0),
+        "View from",
+        "Where the camera stands: 0 is in front, a positive angle to the right",
+        low=-2 * math.pi,
+        high=2 * math.pi,
+        unit="rad",
+    )
+    elevation: float = setting(
+        math.radians(32.0),
+        "View from above",
+        "How steeply the camera looks down",
+        low=0.0,
+        high=math.pi / 2,
+        unit="rad",
+    )
+    pixels_x: int = setting(1920, "Width", "Pixels across", low=16, high=16384)
+    pixels_y: int = setting(0, "Height", "Pixels down; 0: as many as the pieces need", low=0, high=16384)
+    samples: int = setting(48, "Samples", "Rays per pixel: more are smoother and slower", low=1, high=4096)
+    file: str = setting("//flexmaps-render.png", "File", "Where the picture goes; // is the folder of the .blend file")
+
+
+@dataclass(frozen=True)
 class ObjectSettings(Settings):
     """All settings that an object in Blender carries with it."""
 
@@ -494,6 +561,7 @@ class ObjectSettings(Settings):
     remesh: RemeshParams = field(default_factory=RemeshParams)
     export: ExportParams = field(default_factory=ExportParams)
     preview: PreviewParams = field(default_factory=PreviewParams)
+    render: RenderParams = field(default_factory=RenderParams)
 
 
 S = TypeVar("S", bound=Settings)

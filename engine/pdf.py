@@ -193,7 +193,7 @@ def sheet_page(sheets: CutSheets, index: int) -> Page:
     """One sheet at its true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
-    for (name, colour), curves in zip(LAYERS, operations(sheets.paths_on_sheet(index)), strict=True):
+    for (name, colour), curves in zip(LAYERS, operations(sheets, index), strict=True):
         page.begin_layer(name)
         for curve in curves:
             page.stroke(curve, colour, HAIRLINE * 1e-3)

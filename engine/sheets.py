@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,10 @@ from .nesting import nest
 from .packing import Packing, least_box, turn_that_fits, used_length
 from .params import ConnectorParams, CutParams, SheetParams
 from .progress import SILENT, Progress
+from .spiral import centre_line
+from .toolpath import Runs, plan
 
+_HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
@@ -29,6 +32,7 @@ class Panel:
 
     number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
+    holds : (K, 3) where a holding tab may be: x and y in metres, and how little it is liked there
     """
 
     number: int
@@ -37,6 +41,7 @@ class Panel:
     holes: tuple[Curve, ...]
     labels: tuple[Curve, ...]
     area: float
+    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
 
     def moved(self, rotation: float, shift: np.ndarray) -> Panel:
         """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
@@ -45,6 +50,7 @@ class Panel:
             outline=self.outline.moved(rotation, shift),
             holes=tuple(c.moved(rotation, shift) for c in self.holes),
             labels=tuple(c.moved(rotation, shift) for c in self.labels),
+            holds=np.column_stack([_moved(self.holds[:, :2], rotation, shift), self.holds[:, 2]]),
         )
 
 
@@ -91,6 +97,16 @@ class CutSheets:
         """The same with the paths of the cutter, beside the material by half of the kerf."""
         return [_path(p, self.cut) for p in self.on_sheet(index)]
 
+    def runs(self, index: int) -> Runs:
+        """What the cutter does on one sheet, lead-ins and holding tabs included."""
+        known = self.__dict__.setdefault("_runs", {})
+        if index not in known:
+            panels = self.paths_on_sheet(index)
+            labels, holes = [c for p in panels for c in p.labels], [c for p in panels for c in p.holes]
+            size = tuple(self.packing.sizes[index].tolist())
+            known[index] = plan(labels, holes, [p.outline for p in panels], [p.holds for p in panels], size, self.cut)
+        return known[index]
+
     @property
     def cut_length(self) -> float:
         """Metres of all cuts, without engraving."""
@@ -118,7 +134,8 @@ def make_sheets(
         raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
-    made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3))
+    _check_mill(design, params, cut)
+    made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
     where = touching(drawn)
@@ -129,15 +146,16 @@ def make_sheets(
         )
     progress(0.5, "labels")
     labels = make_labels(layout, arms, root, params, made.taken) if params.labels else Labels(((),) * len(drawn), 0, 0)
+    holds = _holds(design, made)
     panels = tuple(
-        Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes))
+        Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes), holds[i])
         for i, o in enumerate(drawn)
     )
     _check_kerf(design, panels, params, cut)
-    if made.connectors and 2.0 * connectors.rounding < max(cut.kerf_outline, cut.kerf_holes):
+    if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
-            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm"
+            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
     warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made, connectors)]
     if labels.left_out:
@@ -151,6 +169,47 @@ def make_sheets(
         panels, packing, params, tuple(warnings), labels.placed, labels.left_out,
         slot, min(bridge, made.bridge), design.params.thickness, cut, made,
     )  # fmt: skip
+
+
+def _moved(points: np.ndarray, rotation: float, shift: np.ndarray) -> np.ndarray:
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + shift
+
+
+def _holds(design: SpiralDesign, made: Connections) -> list[np.ndarray]:
+    """Of every panel the places (K, 3) for holding tabs: the plain ends of arms, then the roots of slots at its outline.
+
+    A tab beside an arm would bend it when it is broken off, and one on a connector would spoil its fit.
+    """
+    layout, arms = design.flat.layout, design.arms
+    border = layout.mesh.border[layout.mesh.quad_edges]
+    tips = centre_line(arms, np.zeros((*border.shape, 1)))[0][:, :, 0]
+    # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
+    outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
+    found = []
+    for quads in layout.patches:
+        ends, roots = tips[quads][border[quads]], design.roots.centre[quads][outer[quads]]
+        liked = np.repeat([1.0, _HUB], [len(ends), len(roots)])
+        found.append(np.column_stack([np.concatenate([ends, roots]), liked]))
+    return found
+
+
+def _check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> None:
+    """Raise ``FlexMapsError`` where a mill does not fit between the panels or into the slots."""
+    if cut.mill == 0.0:
+        return
+    if params.spacing < cut.mill:
+        raise FlexMapsError(
+            f"The panels lie closer together than the mill of {cut.mill * 1e3:g} mm is thick; make the spacing larger"
+        )
+    narrow = design.narrower(cut.mill)
+    if len(narrow):
+        raise FlexMapsError(
+            f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {len(narrow)} spirals, which are down to "
+            f"{design.narrowest[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
+            f"{cut.mill * 500:g} mm, the object larger, or take a thinner mill",
+            faces=narrow,
+        )
 
 
 def _path(panel: Panel, cut: CutParams) -> Panel:
@@ -257,6 +316,18 @@ def _tight(design: SpiralDesign) -> list[str]:
     return found
 
 
+def _runs_report(sheets: CutSheets) -> dict[str, Any]:
+    """What was made of the settings of the cutter, where they were used."""
+    cut, found = sheets.cut, {}
+    if cut.mill:
+        found["mill_mm"] = round(cut.mill * 1e3, 4)
+    if cut.tabs or cut.lead_in:
+        runs = [sheets.runs(k) for k in range(sheets.count)]
+        found["holding_tabs"] = sum(r.tabs for r in runs)
+        found["lead_ins_left_out"] = sum(r.without_lead for r in runs)
+    return found
+
+
 def sheets_report(sheets: CutSheets) -> dict[str, Any]:
     """The ``sheets`` block of report.json, but for the names of the files."""
     silhouettes = sum(p.outline.area for p in sheets.panels)
@@ -275,6 +346,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
         "nodes": sheets.nodes,
         "nodes_per_m": round(sheets.nodes / length, 1),
         "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
+        **_runs_report(sheets),
         **sheets.connections.report,
         "labels": sheets.labels_placed,
         "labels_left_out": sheets.labels_left_out,

@@ -12,7 +12,7 @@ import numpy as np
 from . import PROGRAM
 from .arcs import Curve
 from .files import replacing_many
-from .sheets import CutSheets, Panel
+from .sheets import CutSheets
 
 # in the order of the work: nothing moves before it is engraved, and a panel comes loose last
 LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff0000"))
@@ -51,13 +51,10 @@ def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
     return stale
 
 
-def operations(panels: list[Panel]) -> list[list[Curve]]:
-    """The curves of every layer of ``LAYERS``."""
-    return [
-        [c for p in panels for c in p.labels],
-        [c for p in panels for c in p.holes],
-        [p.outline for p in panels],
-    ]
+def operations(sheets: CutSheets, index: int) -> list[tuple[Curve, ...]]:
+    """The curves of every layer of ``LAYERS`` on one sheet."""
+    runs = sheets.runs(index)
+    return [runs.engraved, runs.inner, runs.outer]
 
 
 def text(sheets: CutSheets, index: int) -> str:
@@ -71,7 +68,7 @@ def text(sheets: CutSheets, index: int) -> str:
         f"<title>{title}</title>",
         f"<metadata>{PROGRAM}</metadata>",
     ]
-    for (name, colour), curves in zip(LAYERS, operations(sheets.paths_on_sheet(index)), strict=True):
+    for (name, colour), curves in zip(LAYERS, operations(sheets, index), strict=True):
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
             f' stroke="{colour}" stroke-width="{HAIRLINE}">'

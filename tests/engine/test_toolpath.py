@@ -1,0 +1,187 @@
+"""Lead-ins, holding tabs and mills: what the runs leave of the sheet, judged by shapely from the runs alone."""
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine import design, dxf, sheets, svg, toolpath
+from flexmaps.engine.arcs import Curve
+from flexmaps.engine.connector_check import fit
+from flexmaps.engine.connector_shape import head, size, socket
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.kerf import relieved
+from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
+
+FAST = SheetParams(nesting="FAST", labels=False)
+RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))
+
+
+@pytest.fixture
+def made(flat_grid):
+    return design.uniform(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
+
+
+@pytest.fixture
+def milled(flat_grid):
+    flat = flat_grid(4, 3, 0.05, cut=lambda x, _: x == 2)
+    return design.uniform(flat, SpiralParams(width_max=0.003, slot_min=0.0031, fillet=0.00155), width=0.003, twist=0.5)
+
+
+def _line(curve):
+    return shapely.LineString(curve.sampled(1e-7))
+
+
+# -- pieces ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("begin, end", [(0.001, 0.002), (0.0, 0.05), (0.05, 0.07), (0.06, 0.0648)])
+def test_piece_of_a_circle(begin, end):
+    part = toolpath.piece(RING, begin, end)
+    assert not part.closed
+    assert part.length == pytest.approx(end - begin, rel=1e-9)
+    for at, point in ((begin, part.points[0]), (end, part.points[-1])):
+        assert point == pytest.approx([0.01 * np.cos(at / 0.01), 0.01 * np.sin(at / 0.01)], abs=1e-12)
+    assert np.linalg.norm(part.sampled(1e-7), axis=1) == pytest.approx(0.01, abs=1e-9)
+
+
+# -- lead-ins ----------------------------------------------------------------------------------------------------------
+
+
+def test_lead_ins_lie_in_the_waste(made):
+    cut = CutParams(kerf_outline=0.0001, kerf_holes=0.0001, lead_in=0.001)
+    result = sheets.make_sheets(made, FAST, cut=cut)
+    runs, plain = result.runs(0), result.paths_on_sheet(0)
+    material = [
+        shapely.Polygon(p.outline.sampled(1e-7), [h.sampled(1e-7) for h in p.holes]) for p in result.on_sheet(0)
+    ]
+    beam = 0.499 * cut.kerf_outline
+    led = 0
+    for run, whole in zip(
+        (*runs.inner, *runs.outer), (*(h for p in plain for h in p.holes), *(p.outline for p in plain)), strict=True
+    ):
+        if run.closed:
+            continue
+        led += 1
+        lead = shapely.LineString(run.points[:2])
+        assert lead.length == pytest.approx(0.001) or lead.length == pytest.approx(0.0005)
+        # the beam does not touch any part on the way in; after that it goes once round the path
+        assert all(lead.buffer(beam).intersection(m).area == 0.0 for m in material)
+        assert run.length - lead.length == pytest.approx(whole.length, rel=1e-9)
+        assert run.points[-1] == pytest.approx(run.points[1], abs=1e-12)
+    assert led + runs.without_lead == len(runs.inner) + len(runs.outer)
+    assert led > 0.9 * len(runs.inner)
+    assert sheets.sheets_report(result)["lead_ins_left_out"] == runs.without_lead
+
+
+def test_slots_without_room_have_no_lead_in(flat_grid):
+    wound = design.uniform(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
+    result = sheets.make_sheets(wound, FAST, cut=CutParams(lead_in=0.02))
+    runs = result.runs(0)
+    assert runs.without_lead == len(runs.inner)
+    assert [c.closed for c in (*runs.inner, *runs.outer)] == [True] * 4 + [False]
+
+
+# -- holding tabs ------------------------------------------------------------------------------------------------------
+
+
+def test_tabs_hold_every_panel(made):
+    cut = CutParams(kerf_outline=0.0002, kerf_holes=0.0002, tabs=3, tab_width=0.0008)
+    result = sheets.make_sheets(made, FAST, cut=cut)
+    runs, panels = result.runs(0), result.paths_on_sheet(0)
+    assert runs.tabs == 3 * len(panels)
+    assert len(runs.outer) == 3 * len(panels)
+    assert all(h.closed for h in runs.inner)
+    whole = sum(p.outline.length for p in panels)
+    assert whole - sum(c.length for c in runs.outer) == pytest.approx(runs.tabs * 0.001, rel=1e-6)
+    cutter = shapely.union_all([_line(c).buffer(0.0001) for c in (*runs.inner, *runs.outer)])
+    sheet = shapely.box(0, 0, *result.packing.sizes[0]) - cutter
+    held = max(shapely.get_parts(sheet), key=lambda g: g.area)
+    for panel in result.on_sheet(0):
+        inside = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes]).buffer(-0.0003)
+        assert held.contains(inside)  # the panel hangs on the sheet
+
+
+def test_tabs_keep_away_from_connectors(made):
+    cut = CutParams(tabs=6, tab_width=0.0008)
+    result = sheets.make_sheets(made, FAST, cut=cut)
+    border = made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
+    for panel in result.panels:
+        assert (panel.holds[:, 2] == 1.0).sum() == border[made.flat.layout.patches[panel.patch]].sum()
+    # arms at the cut lie on the line x = 0.04 of the grid, which keeps its coordinates
+    assert all(np.abs(p.holds[p.holds[:, 2] == 1.0][:, 0] - 0.04).min() > 0.005 for p in result.panels)
+
+
+@pytest.mark.parametrize("tabs", [0, 2])
+@pytest.mark.parametrize("lead", [0.0, 0.0005])
+def test_files_hold_the_runs(made, tabs, lead, tmp_path):
+    import ezdxf
+    import svgelements
+
+    result = sheets.make_sheets(made, FAST, cut=CutParams(tabs=tabs, lead_in=lead))
+    runs = result.runs(0)
+    document = ezdxf.readfile(dxf.write(result, tmp_path / "a.dxf")[0])
+    outer = document.modelspace().query('LWPOLYLINE[layer=="CUT_OUTER"]')
+    assert [e.closed for e in outer] == [c.closed for c in runs.outer]
+    read = svgelements.SVG.parse(str(svg.write(result, tmp_path / "a.svg")[0]), ppi=25.4)
+    red = [e for e in read.elements() if isinstance(e, svgelements.Path) and e.stroke.hex == "#ff0000"]
+    assert [any(isinstance(s, svgelements.Close) for s in e) for e in red] == [c.closed for c in runs.outer]
+
+
+# -- mills -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mill", [0.001, 0.002, 0.003])
+def test_mill_reaches_all_of_a_socket_and_its_head_fits(mill):
+    s = size(0.003, ConnectorParams(clearance=0.0001), 1.0, mill)
+    pocket, part = -socket(s).sampled(1e-7), head(s).sampled(1e-7)
+    half, deep = 0.5 * s.pad, -0.01
+    # what is free in front of either part; a mill reaches what stays when it is shrunk and grown by its radius
+    male = shapely.Polygon([(deep, -half), *part, (deep, half)])
+    waste = {
+        "socket": shapely.Polygon([(deep, -half), *pocket[::-1], (deep, half)]).buffer(0),
+        "head": shapely.box(-0.0005, -half, s.length + 0.02, half) - male,
+    }
+    for free in waste.values():
+        reached = free.buffer(-0.5 * mill, quad_segs=64).buffer(0.5 * mill, quad_segs=64)
+        high = 0.5 * s.head + 0.7 * s.inside
+        near = shapely.box(-0.0004, -high, s.length + 0.003, high)
+        missed = (free - reached.buffer(2e-6)) & near
+        assert max((g.area for g in shapely.get_parts(missed)), default=0.0) < 2e-3 * mill**2
+    assert shapely.LineString(part).distance(shapely.LineString(pocket)) == pytest.approx(0.0001, abs=2e-7)
+
+
+def test_dogbone_holds_the_corner():
+    corner = Curve(np.array([[0.0, 0.0], [0.0098, 0.0], [0.01, -0.0002], [0.01, -0.01]])[:, ::1], np.array([0, -np.tan(np.pi / 8), 0, 0]), closed=False)  # fmt: skip
+    made = relieved(corner, 0.001)
+    assert len(made.points) == 4
+    ring = made.sampled(1e-8)
+    # the free side is on the right: below and to the left; the mill's circle passes through the middle of the old arc
+    opened, before = (shapely.Polygon([*r, (0.0, -0.01)]) for r in (ring, corner.sampled(1e-8)))
+    assert before.difference(opened).area < 1e-12
+    assert opened.difference(before).area > 0.0
+    with pytest.raises(FlexMapsError, match="mill"):
+        relieved(corner, 0.02)
+
+
+def test_panels_for_a_mill(milled):
+    cut = CutParams(kerf_outline=0.003, kerf_holes=0.003, mill=0.003)
+    params = SheetParams(nesting="FAST", labels=False, spacing=0.004)
+    result = sheets.make_sheets(milled, params, connectors=ConnectorParams(clearance=0.0001), cut=cut)
+    assert [c.kind for c in result.connections.connectors] == ["dovetail"] * 3
+    found = fit(milled, result.connections, 0.003)
+    assert np.abs(found.least - 0.0001).max() < 1e-5
+    assert found.overlap.max() == 0.0
+
+
+def test_mill_too_thick_for_the_slots_names_the_faces(made, milled):
+    with pytest.raises(FlexMapsError, match="mill") as error:
+        sheets.make_sheets(made, FAST, cut=CutParams(mill=0.001))
+    assert len(error.value.faces) == len(made.width)
+    assert not len(milled.narrower(0.003))
+    with pytest.raises(FlexMapsError, match="spacing"):
+        sheets.make_sheets(milled, SheetParams(nesting="FAST", spacing=0.002), cut=CutParams(mill=0.003))
+
+
+def test_slots_as_wide_as_the_mill_will_do(flat_grid):
+    spirals = design.uniform(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
+    assert not len(spirals.narrower(0.003))
+    assert spirals.narrower(0.0031).tolist() == list(range(12))
