@@ -1,231 +1,232 @@
-"""Pictures of a finished job: a white ground, soft light, a camera that fits. Cycles on the CPU, so no screen is needed."""
+"""Pictures of a piece: its layout, its panels, the shape that it takes, and all of them beside each other."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
 from ..engine import colours
 from ..engine.errors import FlexMapsError
-from . import beside, equilibrium, overlay
+from ..engine.params import RenderParams
+from . import arrange, attributes, beside, equilibrium, looks, mesh, overlay, pose, preview, stored
+from .studio import Studio, points_of, studio
+
+if TYPE_CHECKING:
+    from ..engine.design import SpiralDesign
 
 SIZE = (1280, 720)
-SAMPLES = 6  # a pixel; the denoiser does the rest
-MARGIN = 1.1
+SAMPLES = 24  # a pixel; the denoiser does the rest
+ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
+CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
+GAP = 0.12  # between what stands beside each other, as a share of its width
+MANY = 1200  # spirals, from which on fewer pieces are enough
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
-    """The model from above and one side, in the colours of its patches, quads as thin and seams as dark lines."""
-    _model(obj, path, "PATCH", 0.0, size, samples)
-
-
-def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
-    """The shape that the simulation found, coloured by its distance to the target, with a scale.
-
-    Raises ``FlexMapsError`` where nothing was simulated yet.
-    """
-    if equilibrium.key_of(obj.data) is None:
-        raise FlexMapsError("There is no simulated shape yet; press Simulate first")
-    _model(obj, path, "DISTANCE", 1.0, size, samples)
-
-
-def _model(
-    obj: bpy.types.Object, path: str | Path, kind: str, share: float, size: tuple[int, int], samples: int
-) -> None:
-    """The model in an overlay's colours, at its target, share = 0, or at its equilibrium, 1."""
-    overlay.store(obj, kind)
-    with equilibrium.shown_at(obj, share), _studio([obj], np.array([0.9, -1.0, 1.15]), size, samples) as scene:
-        added = _lines(obj, scene)
-        if kind != "PATCH":
-            added += _legend(scene, overlay.legend_of(obj, kind))
-        try:
-            _render(scene, path)
-        finally:
-            for item in added:
-                data = item.data
-                bpy.data.objects.remove(item)
-                bpy.data.batch_remove([data])
+    """The target in the colours of its patches, quads as thin and seams as dark lines."""
+    with studio(size, samples) as place:
+        _target(place, obj, "PATCH")
+        place.set_up(ASIDE)
+        place.take(path)
 
 
 def panels(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
-    """What lies flat beside the model, straight from above. Raises ``FlexMapsError`` where nothing is there yet."""
-    found = beside.existing(obj)
-    shown = [o for o in found.objects if not o.hide_render] if found is not None else []
-    if not shown:
-        raise FlexMapsError("There are no flat patches yet; merge or flatten first")
-    with _studio(shown, np.array([0.0, 0.0, 1.0]), size, samples) as scene:
-        _render(scene, path)
+    """The flat panels, or the flat patches before there are spirals, straight from above.
 
-
-@contextmanager
-def _studio(
-    shown: list[bpy.types.Object], direction: np.ndarray, size: tuple[int, int], samples: int
-) -> Iterator[bpy.types.Scene]:
-    """A scene of its own with only these objects, light, ground and a camera looking against ``direction`` (3,)."""
-    scene = bpy.data.scenes.new("FlexMaps picture")
-    made: list[bpy.types.ID] = []
-    try:
-        for obj in shown:
-            scene.collection.objects.link(obj)
-        points = _corners(shown)
-        _settings(scene, size, samples)
-        made += _light(scene, points)
-        made += _camera(scene, points, direction)
-        yield scene
-    finally:
-        world = scene.world
-        bpy.data.scenes.remove(scene)
-        for item in made:
-            bpy.data.batch_remove([item])
-        if world is not None:
-            bpy.data.worlds.remove(world)
-
-
-def _corners(shown: Iterable[bpy.types.Object]) -> np.ndarray:
-    """(N, 3): points that enclose the objects tightly enough to frame them: the vertices of meshes, boxes of others."""
-    found = []
-    for obj in shown:
-        matrix = np.array(obj.matrix_world)
-        if obj.type == "MESH":
-            points = equilibrium.shown_positions(obj.data).astype(float)
+    Raises ``FlexMapsError`` where there are none yet.
+    """
+    with studio(size, samples) as place:
+        design = stored_design(obj)
+        if design is not None:
+            _panels(place, obj, design, "PATCH")
         else:
-            points = np.array(obj.bound_box, dtype=float)
-        found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
-    return np.concatenate(found)
+            found = beside.existing(obj)
+            shown = [o for o in found.objects if not o.hide_render] if found is not None else []
+            if not shown:
+                raise FlexMapsError("There are no flat patches yet; merge or flatten first")
+            for other in shown:
+                place.show(other)
+        place.set_up(ABOVE)
+        place.take(path)
 
 
-def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int) -> None:
-    render = scene.render
-    render.engine = "CYCLES"
-    render.resolution_x, render.resolution_y = size
-    render.resolution_percentage = 100
-    render.image_settings.file_format = "PNG"
-    render.image_settings.color_mode = "RGB"
-    render.image_settings.compression = 60
-    cycles = scene.cycles
-    cycles.device = "CPU"
-    cycles.samples = samples
-    cycles.use_adaptive_sampling = False
-    cycles.use_denoising = True
-    cycles.denoising_prefilter = "NONE"
-    if hasattr(cycles, "denoising_quality"):
-        cycles.denoising_quality = "FAST"
-    cycles.max_bounces = 3
-    cycles.use_auto_tile, cycles.tile_size = True, 256  # a third of the memory of one large tile
-    cycles.seed = 0
-    scene.view_settings.view_transform = "Standard"
-    scene.view_settings.look = "None"
+def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+    """The assembled piece as the simulation found it, its spirals coloured by their distance to the target, with a scale.
+
+    Raises ``FlexMapsError`` where nothing was simulated yet.
+    """
+    design = stored_design(obj)
+    if equilibrium.key_of(obj.data) is None or design is None:
+        raise FlexMapsError("There is no simulated shape yet; press Simulate first")
+    with studio(size, samples) as place:
+        _assembled(place, obj, design, "DISTANCE")
+        place.set_up(ASIDE)
+        _legend(place, overlay.legend_of(obj, "DISTANCE"))
+        place.take(path)
 
 
-def _light(scene: bpy.types.Scene, points: np.ndarray) -> list[bpy.types.ID]:
-    """A bright sky, one large soft lamp from the upper left, and a white ground under the lowest point."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    radius = float(np.linalg.norm(high - low)) / 2
-    middle = (low + high) / 2
-    world = bpy.data.worlds.new("FlexMaps picture")
-    world.use_nodes = True
-    sky = world.node_tree.nodes["Background"]
-    sky.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    sky.inputs["Strength"].default_value = 0.70
-    scene.world = world
+def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> None:
+    """Target, assembled piece and flat panels on one ground, as far as they are asked for.
 
-    lamp = bpy.data.lights.new("FlexMaps lamp", "SUN")
-    lamp.energy = 1.55
-    lamp.angle = 0.6
-    sun = bpy.data.objects.new("FlexMaps lamp", lamp)
-    sun.rotation_euler = (0.55, -0.42, 0.0)
-    scene.collection.objects.link(sun)
-
-    reach = 60 * radius
-    ground = beside.quads(
-        "FlexMaps ground",
-        np.array([[-reach, -reach, 0], [reach, -reach, 0], [reach, reach, 0], [-reach, reach, 0]], dtype=float),
-        np.array([[0, 1, 2, 3]]),
-    )
-    paper = bpy.data.materials.new("FlexMaps ground")
-    paper.use_nodes = True
-    paper.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.88, 0.88, 0.88, 1.0)
-    paper.node_tree.nodes["Principled BSDF"].inputs["Roughness"].default_value = 1.0
-    ground.materials.append(paper)
-    floor = bpy.data.objects.new("FlexMaps ground", ground)
-    floor.location = (middle[0], middle[1], low[2] - 0.002 * radius)
-    scene.collection.objects.link(floor)
-    return [sun, lamp, floor, ground, paper]
+    Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is asked for.
+    """
+    design = stored_design(obj)
+    if design is None:
+        raise FlexMapsError("There are no spirals yet; press Spirals first")
+    if not (params.target or params.assembled or params.panels):
+        raise FlexMapsError("Nothing is to be shown; switch Target, Assembled or Panels on")
+    finish = obj.flexmaps.material.material if params.finish == "SHEET" else params.finish
+    size = (params.pixels_x, max(params.pixels_y, 16))
+    with studio(size, params.samples, "GREY" if finish in looks.LOOKS else "WHITE") as place:
+        groups = []
+        if params.target:
+            groups.append(_target(place, obj, finish))
+        if params.assembled:
+            groups.append(_assembled(place, obj, design, finish))
+        if params.panels:
+            groups.append(_panels(place, obj, design, finish))
+        _line_up(groups, params.azimuth)
+        c, s = np.cos(params.elevation), np.sin(params.elevation)
+        place.set_up((c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s), tight=not params.pixels_y)
+        if finish in overlay.KINDS and finish != "PATCH":
+            _legend(place, overlay.legend_of(obj, finish))
+        place.take(path)
 
 
-def _camera(scene: bpy.types.Scene, points: np.ndarray, direction: np.ndarray) -> list[bpy.types.ID]:
-    """A camera that sees all points with a little room; straight from above without perspective."""
-    from mathutils import Vector
-
-    data = bpy.data.cameras.new("FlexMaps camera")
-    camera = bpy.data.objects.new("FlexMaps camera", data)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    low, high = points.min(axis=0), points.max(axis=0)
-    radius = float(np.linalg.norm(high - low)) / 2
-    data.clip_start, data.clip_end = 0.01 * radius, 200 * radius
-    camera.rotation_euler = Vector(direction).to_track_quat("Z", "Y").to_euler()
-    width, height = scene.render.resolution_x, scene.render.resolution_y
-    middle = (low + high) / 2
-    if abs(direction[2]) > 0.999 * np.linalg.norm(direction):
-        data.type = "ORTHO"  # its scale is the extent along the picture's longer side
-        across = MARGIN * np.ptp(points, axis=0)[:2] / np.array([width, height])
-        data.ortho_scale = float(across.max()) * max(width, height)
-        camera.location = (middle[0], middle[1], high[2] + 5 * radius)
-        return [camera, data]
-    data.lens = 70.0
-    graph = scene.view_layers[0].depsgraph
-    graph.update()
-    thinned = points[:: max(1, len(points) // 20000)]
-    camera.location, _ = camera.camera_fit_coords(graph, (middle + MARGIN * (thinned - middle)).ravel().tolist())
-    return [camera, data]
+def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
+    """The spirals that an object holds, ``None`` where there are none that can be used."""
+    result = stored.read(obj).result
+    return None if result is None else result.design
 
 
-def _lines(obj: bpy.types.Object, scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """The edges of the model as thin round lines, its seams and borders as thicker, darker ones."""
-    data = obj.data
-    pairs = np.empty(2 * len(data.edges), np.int32)
-    cut, corners = np.empty(len(data.edges), bool), np.empty(len(data.loops), np.int32)
-    data.edges.foreach_get("vertices", pairs)
-    data.edges.foreach_get("use_seam", cut)
-    data.loops.foreach_get("edge_index", corners)
-    border = np.bincount(corners, minlength=len(data.edges)) == 1
-    matrix = np.array(obj.matrix_world)
-    world = equilibrium.shown_positions(data).astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    pairs = pairs.reshape(-1, 2)
-    edge = float(np.median(np.linalg.norm(world[pairs[:, 0]] - world[pairs[:, 1]], axis=1)))
-    bold = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(world, axis=0))))
-    made = []
-    for name, chosen, radius, grey in (
-        ("quad", ~(cut | border), 0.014 * edge, 0.32),
-        ("seam", cut | border, bold, 0.1),
-    ):
-        curve = beside.lines(f"FlexMaps {name} lines", [world[p] for p in _chains(pairs[chosen])], radius)
+# -- what is shown -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Group:
+    """Objects of a studio that belong together; the first one is as large as all of them."""
+
+    objects: tuple[bpy.types.Object, ...]
+
+    @property
+    def points(self) -> np.ndarray:
+        return points_of(self.objects[0])
+
+    def move(self, shift: np.ndarray) -> None:
+        for obj in self.objects:
+            obj.location = np.array(obj.location) + shift
+
+
+def _line_up(groups: list[Group], azimuth: float) -> None:
+    """Beside each other as the camera sees them, on one ground, with gaps that belong to their sizes."""
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    back = np.array([-right[1], right[0], 0.0])
+    reach = [(g.points @ np.stack([right, back, [0.0, 0.0, 1.0]], axis=1)) for g in groups]
+    low, high = np.array([r.min(axis=0) for r in reach]), np.array([r.max(axis=0) for r in reach])
+    gap = GAP * float((high - low)[:, 0].mean())
+    at = 0.0
+    for group, a, b in zip(groups, low, high, strict=True):
+        group.move((at - a[0]) * right - 0.5 * (a[1] + b[1]) * back - np.array([0.0, 0.0, a[2]]))
+        at += b[0] - a[0] + gap
+
+
+def _finished(data: bpy.types.ID, finish: str) -> None:
+    """Give data the material of a finish: that of a sheet, or that of its own colours."""
+    found = looks.of_material(finish) if finish in looks.LOOKS else beside.material("FlexMaps panel", None)
+    data.materials.append(found)
+
+
+def _colours(obj: bpy.types.Object, finish: str) -> np.ndarray | None:
+    """(F, 3) linear, of every quad, or ``None`` where a material has the say."""
+    return None if finish in looks.LOOKS else preview.quad_colours(obj, finish)
+
+
+def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
+    """The target, in its patches' colours or plain, with its quads and seams as lines."""
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    polygons = surface.polygons
+    data = beside.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
+    with attributes.readable(obj) as own:
+        known = attributes.get(own, overlay.KINDS["PATCH"][0]) is not None
+    if known and finish == "PATCH":
+        beside.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
+        data.materials.append(beside.material("FlexMaps panel", None))
+    else:
+        data.materials.append(beside.material("FlexMaps clay", colours.linear(np.array(CLAY))))
+    made = place.put(data)
+    pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
+    sides, used = np.unique(_sides(polygons.corners, polygons.sizes) @ count, return_counts=True)
+    border = np.isin(pairs @ count, sides[used == 1])
+    return Group((made, *_lines(place, polygons.vertices, pairs, border | surface.seams)))
+
+
+def _sides(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """(C, 2) ascending vertex pairs of the sides of polygons."""
+    following = np.arange(1, len(corners) + 1)
+    ends = np.cumsum(sizes)
+    following[ends - 1] = ends - sizes
+    return np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
+
+
+def _assembled(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str) -> Group:
+    """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
+    from ..engine.assembly import target_pose
+
+    rgb = _colours(obj, finish)
+    stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
+    if stand is None:
+        stand = target_pose(design.flat.layout.mesh, design.flat.corners)
+    built = preview.build(design, stand, _detail(design))
+    assert built.panels is not None
+    data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
+    _finished(data, finish)
+    return Group((place.put(data),))
+
+
+def _panels(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str) -> Group:
+    """The panels, flat beside each other."""
+    from ..engine.panel_mesh import DETAILS, panel_mesh
+
+    rgb = _colours(obj, finish)
+    made = panel_mesh(design, DETAILS[_detail(design)])
+    data = preview.piece_mesh("FlexMaps panels", made, made.flat(arrange.side_by_side(design.flat)), rgb)
+    _finished(data, finish)
+    return Group((place.put(data),))
+
+
+def _detail(design: SpiralDesign) -> str:
+    return "FINE" if len(design.width) < MANY else "MEDIUM"
+
+
+def _lines(place: Studio, points: np.ndarray, pairs: np.ndarray, bold: np.ndarray) -> Iterable[bpy.types.Object]:
+    """Edges (E, 2) between points (V, 3) as thin round lines, the bold ones (E,) thicker and darker."""
+    edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
+    thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
+    for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
+        curve = beside.lines(f"FlexMaps {name} lines", [points[p] for p in _chains(pairs[chosen])], radius)
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
-        made.append(bpy.data.objects.new(curve.name, curve))
-        scene.collection.objects.link(made[-1])
-    return made
+        yield place.put(curve, framed=False)
 
 
-def _legend(scene: bpy.types.Scene, legend: overlay.Legend) -> list[bpy.types.Object]:
+def _legend(studio: Studio, legend: overlay.Legend) -> None:
     """A colour bar with its numbers in the picture's upper left corner, close before the camera; lit by nothing."""
+    scene = studio.scene
     camera = scene.camera
     near = 2.0 * camera.data.clip_start
     percent = near * camera.data.sensor_width / camera.data.lens / 100  # of the picture's width
     left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
-    made = []
 
     def place(data: bpy.types.ID, x: float, y: float) -> None:
         item = bpy.data.objects.new("FlexMaps legend", data)
         item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
         item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
-        scene.collection.objects.link(item)
-        made.append(item)
+        studio.keep(item, data)
 
     for text, x, y, align in (
         (legend.title, left, top, "LEFT"),
@@ -248,7 +249,6 @@ def _legend(scene: bpy.types.Scene, legend: overlay.Legend) -> list[bpy.types.Ob
         beside.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
         bar.materials.append(beside.glowing("FlexMaps scale", None))
         place(bar, left, top - 2.4)
-    return made
 
 
 def _chains(pairs: np.ndarray) -> list[list[int]]:
@@ -281,11 +281,3 @@ def _chains(pairs: np.ndarray) -> list[list[int]]:
         if not used[k]:
             walk(int(pairs[k, 0]), k)
     return chains
-
-
-def _render(scene: bpy.types.Scene, path: str | Path) -> None:
-    scene.render.filepath = str(Path(path).absolute())
-    try:
-        bpy.ops.render.render(write_still=True, scene=scene.name)
-    except RuntimeError as error:
-        raise FlexMapsError(f"The picture {path} could not be made: {error}") from error

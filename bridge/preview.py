@@ -104,13 +104,15 @@ def show(
     anchor = 0.5 * (low + high)
     name = f"{obj.name} {NAME}"
     moved = replace(built, vertices=built.vertices - anchor)
-    data = _curve(name, moved) if built.panels is None else _mesh(name, moved, rgb)
-    if built.panels is not None:
+    if built.panels is None:
+        data = _curve(name, moved)
+    else:
+        data = piece_mesh(name, built.panels, moved.vertices, rgb)
         for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
-            _put(data, kind, "FACE", domain_values)
+            put(data, kind, "FACE", domain_values)
     look = looks.of_material(obj.flexmaps.material.material) if rgb is None else beside.material("FlexMaps panel", None)
     data.materials.append(look if built.panels is not None or rgb is None else beside.material("FlexMaps wire", _WIRE))
-    place = anchor + _shift(obj, scene, built, low, high) * (params.place == "BESIDE")
+    place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     triangles = 0 if built.panels is None else built.panels.triangles
     figures = {
@@ -127,12 +129,10 @@ def show(
 _WIRE = colours.linear(colours.SEAM)
 
 
-def _shift(
-    obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """(3,) metres: what brings the piece to the left of its model, onto the same ground."""
+def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(3,) metres: what brings a piece between these corners (3,) to the left of its model, onto the same ground."""
     box = np.array([obj.matrix_world @ v for v in map(beside.vector, obj.bound_box)]) * scene.unit_settings.scale_length
-    gap = 3 * built.design.flat.layout.mesh.median_edge
+    gap = 0.15 * float(np.linalg.norm(high - low))
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0) - low - high)
     return np.array([box[:, 0].min() - gap - high[0], middle[1], box[:, 2].min() - low[2]])
 
@@ -178,28 +178,31 @@ def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.nda
 # -- its data ----------------------------------------------------------------------------------------------------------
 
 
-def _mesh(name: str, built: Built, rgb: np.ndarray | None) -> bpy.types.Mesh:
-    """The panels as a mesh with UV map, colours (F, 3) and smooth arms between sharp edges."""
-    panels = built.panels
-    assert panels is not None
-    mesh = beside.polygons(name, built.vertices, panels.corners, panels.sizes)
-    centres = arrange.side_by_side(built.design.flat)
+def piece_mesh(name: str, panels: PanelMesh, vertices: np.ndarray, rgb: np.ndarray | None) -> bpy.types.Mesh:
+    """The panels with their vertices (V, 3) metres as a mesh with UV map, colours (F, 3) and smooth arms between sharp edges."""
+    mesh = beside.polygons(name, vertices, panels.corners, panels.sizes)
+    centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
-    _put(mesh, "flexmaps_flat", "CORNER", uv)
+    put(mesh, "flexmaps_flat", "CORNER", uv)
     if rgb is not None:
         rgba = np.ones((len(panels.vertex_quad), 4), np.float32)
         rgba[:, :3] = rgb[panels.vertex_quad]
-        _put(mesh, "flexmaps_colour", "POINT", rgba)
+        put(mesh, "flexmaps_colour", "POINT", rgba)
         mesh.attributes.active_color_name = "flexmaps_colour"
-    pairs = np.empty(2 * len(mesh.edges), np.int32)
-    mesh.edges.foreach_get("vertices", pairs)
-    section = panels.section[pairs.reshape(-1, 2)]
-    _put(mesh, "sharp_edge", "EDGE", section[:, 0] != section[:, 1])
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(panels.sizes), bool))
+    smooth(mesh, panels.section)
     return mesh
 
 
-def _put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
+def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
+    """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
+    pairs = np.empty(2 * len(mesh.edges), np.int32)
+    mesh.edges.foreach_get("vertices", pairs)
+    ends = section[pairs.reshape(-1, 2)]
+    put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
+    mesh.polygons.foreach_set("use_smooth", np.ones(len(mesh.polygons), bool))
+
+
+def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
     """A new attribute of a kind that its values tell; pairs at corners are a UV map."""
     kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
     if values.ndim == 2:

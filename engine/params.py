@@ -554,6 +554,23 @@ class RenderParams(Params):
 
 
 @dataclass(frozen=True)
+class FilmParams(Params):
+    """The assembly as an animation."""
+
+    seconds: float = setting(12.0, "Seconds", "How long the animation is", low=1.0, high=600.0)
+    film_detail: str = setting(
+        "COARSE",
+        "Detail",
+        "How finely the spirals are drawn in the animation",
+        choices=(
+            ("COARSE", "Coarse", "Plays smoothly, also with thousands of spirals"),
+            ("MEDIUM", "Medium", "Smooth from afar"),
+            ("FINE", "Fine", "For close-ups"),
+        ),
+    )
+
+
+@dataclass(frozen=True)
 class ObjectSettings(Settings):
     """All settings that an object in Blender carries with it."""
 
@@ -561,6 +578,7 @@ class ObjectSettings(Settings):
     remesh: RemeshParams = field(default_factory=RemeshParams)
     export: ExportParams = field(default_factory=ExportParams)
     preview: PreviewParams = field(default_factory=PreviewParams)
+    film: FilmParams = field(default_factory=FilmParams)
     render: RenderParams = field(default_factory=RenderParams)
 
 

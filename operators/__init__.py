@@ -5,9 +5,39 @@ from __future__ import annotations
 import bpy
 
 from ..bridge import job
-from . import check, export, layout, optimise, overlay, presets, preview, regularise, remesh, report, simulate, spirals
+from . import (
+    animate,
+    check,
+    export,
+    layout,
+    optimise,
+    overlay,
+    presets,
+    preview,
+    regularise,
+    remesh,
+    render,
+    report,
+    simulate,
+    spirals,
+)
 
-MODULES = (check, remesh, regularise, layout, spirals, simulate, optimise, preview, export, report, overlay, presets)
+MODULES = (
+    check,
+    remesh,
+    regularise,
+    layout,
+    spirals,
+    simulate,
+    optimise,
+    preview,
+    animate,
+    render,
+    export,
+    report,
+    overlay,
+    presets,
+)
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 

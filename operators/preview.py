@@ -48,9 +48,10 @@ class Preview(Stage, bpy.types.Operator):
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import equilibrium, preview
+        from ..bridge import animation, equilibrium, preview
 
         built, params, simulated = result
+        animation.clear(obj)  # one of both stands there
         preview.show(obj, context.scene, built, params, simulated)
         figures = preview.note_of(obj)
         text = f"{figures['spirals']} spirals, {figures['triangles']} triangles in {figures['seconds']:.1f} s"

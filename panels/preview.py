@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ..bridge import preview
-from ..engine.params import PreviewParams
-from .rows import number, numbers, settings_rows, wrapped
-from .sidebar import StagePanel
+from ..engine.params import FilmParams, PreviewParams, RenderParams
+from .rows import more, number, numbers, settings_rows, wrapped
+from .stages import StagePanel
 
 
 class PreviewPanel(StagePanel, bpy.types.Panel):
@@ -19,19 +21,32 @@ class PreviewPanel(StagePanel, bpy.types.Panel):
         layout, obj = self.layout, context.object
         settings_rows(layout.column(align=True), obj.flexmaps.preview, PreviewParams)
         layout.operator("flexmaps.preview", icon="HIDE_OFF")
-        figures = preview.note_of(obj)
-        if not figures:
-            return
-        if figures["made_from"] != preview.made_from(obj):
-            wrapped(layout, context, "The spirals or their shape are others now; press Preview again", icon="INFO")
-            return
-        grid = numbers(layout)
-        number(grid, "Spirals", str(figures["spirals"]))
-        if figures["triangles"]:
-            number(grid, "Triangles", f"{figures['triangles']:,}".replace(",", "\N{THIN SPACE}"))
-        number(grid, "Made in", f"{figures['seconds']:.1f} s")
-        if not figures["simulated"]:
-            number(grid, "Not simulated", "on the target")
+        _figures(layout, context, obj)
+        settings_rows(layout.column(align=True), obj.flexmaps.film, FilmParams)
+        layout.operator("flexmaps.animate", icon="RENDER_ANIMATION")
+        settings_rows(layout.column(align=True), obj.flexmaps.render, RenderParams, RENDER)
+        more(layout, "flexmaps_render", obj.flexmaps.render, RenderParams, RENDER)
+        layout.operator("flexmaps.render", icon="RENDER_STILL")
+
+
+RENDER = ("finish", "file")
+
+
+def _figures(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """What the assembled piece is made of, or that it is none of the present spirals."""
+    figures = preview.note_of(obj)
+    if not figures:
+        return
+    if figures["made_from"] != preview.made_from(obj):
+        wrapped(layout, context, "The spirals or their shape are others now; press Preview again", icon="INFO")
+        return
+    grid = numbers(layout)
+    number(grid, "Spirals", str(figures["spirals"]))
+    if figures["triangles"]:
+        number(grid, "Triangles", f"{figures['triangles']:,}".replace(",", "\N{THIN SPACE}"))
+    number(grid, "Made in", f"{figures['seconds']:.1f} s")
+    if not figures["simulated"]:
+        number(grid, "Not simulated", "on the target")
 
 
 CLASSES = (PreviewPanel,)

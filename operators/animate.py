@@ -1,0 +1,69 @@
+"""The assembly as an animation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.errors import FlexMapsError
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .stage import Stage, Work
+
+
+class Animate(Stage, bpy.types.Operator):
+    """Animate the assembly: the panels fly from the table to their places, bend, and close seam by seam into the simulated shape. Play it with the space bar"""
+
+    bl_idname = "flexmaps.animate"
+    bl_label = "Animate assembly"
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        blocks = notes.read(obj.data)
+        return None if "equilibrium" in blocks else "Press Simulate or Optimise first"
+
+    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        from ..bridge import animation, mesh, pose, preview
+        from ..bridge.objects import find
+
+        obj = find(surface.uid)
+        found = pose.read(obj, surface.to_metres)
+        if found is None:
+            raise FlexMapsError("There is no simulated shape yet; press Simulate first")
+        if settings.preview.colour != "MATERIAL":
+            preview.quad_colours(obj, settings.preview.colour)
+
+        def work(progress: Progress) -> Any:
+            from ..engine import assembly_film, check
+            from ..engine.panel_mesh import DETAILS
+
+            progress(0.0, "Reading the spirals")
+            design = mesh.design_of(
+                surface, mesh.current_flat(surface, check.as_quad_mesh(surface.polygons)), settings.spiral
+            )
+            if design is None:
+                raise FlexMapsError("There are no spirals yet; press Spirals first")
+            detail = DETAILS[settings.film.film_detail]
+            made = assembly_film.film(design, found, animation.on_table(design, found), detail, progress)
+            return made, found, settings
+
+        return work
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge import animation, beside, preview
+
+        film, found, settings = result
+        colour, scene = settings.preview.colour, context.scene
+        rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
+        place = preview.shift(obj, scene, found.centres.min(axis=0), found.centres.max(axis=0))
+        beside.clear(obj, (preview.KIND,))
+        _, last = animation.show(
+            obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
+        )
+        scene.frame_end = max(scene.frame_end, last)
+        return f"{len(film.tracks)} panels in {last - scene.frame_start + 1} frames; play them with the space bar"
+
+
+CLASSES = (Animate,)

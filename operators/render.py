@@ -1,0 +1,56 @@
+"""A picture of the target, the assembled piece and its panels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..bridge import notes
+from ..engine.errors import FlexMapsError
+from ..engine.params import RenderParams
+from .stage import Stage
+
+
+class Render(Stage, bpy.types.Operator):
+    """Take a picture of the target, the assembled piece and its flat panels, with light and materials of its own; your scene is left alone"""
+
+    bl_idname = "flexmaps.render"
+    bl_label = "Render"
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        return self.execute(context)  # Blender renders on its main thread
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge import picture, settings
+        from ..engine import files
+
+        try:
+            params = settings.read(context.object.flexmaps.render, RenderParams)
+            path = file_of(params.file)
+            with files.replacing(path) as new:
+                picture.together(context.object, new, params)
+        except FlexMapsError as error:
+            return self._refused(context, error)
+        shown = bpy.data.images.load(str(path), check_existing=True)
+        shown.reload()
+        self.report({"INFO"}, f"{path.name}, {shown.size[0]} x {shown.size[1]} pixels, in {path.parent}")
+        return {"FINISHED"}
+
+
+def file_of(text: str) -> Path:
+    """The PNG file that a setting names. Raises ``FlexMapsError`` where it names none."""
+    if text.startswith("//") and not bpy.data.filepath:
+        raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
+    if not text.strip():
+        raise FlexMapsError("Choose a file for the picture")
+    path = Path(bpy.path.abspath(text))
+    return path if path.suffix.lower() == ".png" else path.with_name(f"{path.name}.png")
+
+
+CLASSES = (Render,)
