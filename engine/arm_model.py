@@ -9,7 +9,7 @@ matters under strong forces only, so that the search for a design does without i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .elastic import Expansion, summed
 from .errors import FlexMapsError
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
 from .materials import Material
-from .stiffness import ArmCompliance, tip_compliance
+from .stiffness import ArmCompliance, peak_strain, tip_compliance
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,21 @@ class ArmModel:
 
         Raises FlexMapsError with the faces outside the stiffness table.
         """
-        compliance, axes = arm_compliances(assembly, material), assembly.arm_axes
+        return cls._with(assembly, arm_compliances(assembly, material), material if curving else None)
+
+    def varied(self, assembly: Assembly) -> ArmModel:
+        """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
+
+        Without the strains' second order.
+        """
+        known = self.compliance
+        longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
+        return self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
+
+    @classmethod
+    def _with(cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None) -> ArmModel:
+        """With these compliances; the strains' second order needs the material."""
+        axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
@@ -72,9 +86,9 @@ class ArmModel:
         transfer[:, :3, 3:] = cross(offset)
         stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
         second = None
-        if curving:
+        if curving is not None:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
-            second = second_order_strains(Arms.of(assembly, material, compliance.values), at_joint, held, offset)
+            second = second_order_strains(Arms.of(assembly, curving, compliance.values), at_joint, held, offset)
         return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset, second)
 
     @property
@@ -102,6 +116,30 @@ class ArmModel:
         wrench = times(np.swapaxes(slope, -1, -2), times(self.stiffness, e))
         wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
         return wrench
+
+    def pulls(self, state: ArmState) -> np.ndarray:
+        """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
+        strains, slope = _curved(state.motion.vector, self.curving)
+        inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
+        return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
+
+    def strains(self, state: ArmState, material: Material) -> np.ndarray:
+        """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``stiffness.peak_strain``)."""
+        assembly = self.assembly
+        wrench = self.wrenches(state).reshape(-1, 1, 2, 3)
+        # in the axes of either arm; the sign does not matter for a strain
+        local = np.einsum("ekji,esbj->ekbi", assembly.radial, np.broadcast_to(wrench, (len(wrench), 1, 2, 3)))
+        width, twist = assembly.width[assembly.pairs].ravel(), assembly.twist[assembly.pairs].ravel()
+        found = peak_strain(
+            local.reshape(-1, 6),
+            2.0 * assembly.radius.ravel(),
+            width,
+            twist,
+            thickness=assembly.thickness,
+            youngs=material.youngs,
+            poisson=material.poisson,
+        )
+        return found.reshape(-1, 2)
 
     def twist(self, state: ArmState) -> np.ndarray:
         return state.motion.turn[:, 0]
@@ -171,6 +209,12 @@ def _expanded(
     convex = back @ (across @ stiffness @ slope) @ turned
     bent = back @ (2.0 * weighted(ahead, curving)) @ turned
     return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
+
+
+def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
+    """(m, 6) in the axes of space of vectors (m, 6) in those half way."""
+    middle = motion.middle
+    return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
 
 
 BATCH = 1000

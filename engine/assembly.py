@@ -118,6 +118,12 @@ class Assembly:
         vars(out).update({name: getattr(self, name) for name in ("radius", "radial", "arm_axes", "left")})
         return out
 
+    def reshaped(self, lever: np.ndarray, axes: np.ndarray) -> Assembly:
+        """The same spirals on another rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
+        out = replace(self, lever=lever, axes=axes)
+        vars(out)["bend"] = self.bend
+        return out
+
 
 def of_design(design: SpiralDesign) -> Assembly:
     """The assembly of a design: one joint for every edge between two quads, within patches and across seams alike.

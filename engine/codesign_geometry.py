@@ -2,8 +2,7 @@
 
 A spiral's flat quad matters for the equilibrium only through the ways from its centre to its joints and the directions of
 the edges there: three numbers for either side of a joint. By those what happens in the joints is derived with central
-differences, all joints at once and through the model's public face, as long as no joint asks for the geometry of others; from the flat vertices to
-those numbers it is geometry.
+differences, all joints at once; from the flat vertices to those numbers it is geometry.
 """
 
 from __future__ import annotations
@@ -14,39 +13,37 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from .arm_model import ArmModel
 from .assembly import Assembly, Pose
 from .layout import PatchLayout
 
 STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
 
 
-Measure = Callable[[Assembly, Pose], np.ndarray]
-
-
-def by_geometry(assembly: Assembly, pose: Pose, measure: Measure) -> np.ndarray:
+def by_geometry(model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]) -> np.ndarray:
     """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
 
     By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian).
-    measure : (m, r) of an assembly in which every joint has two spirals of its own, and of the pose of those
+    measure : (m, r) of a model in which every joint has two spirals of its own, and of the pose of those
     """
-    alone, placed = _taken_apart(assembly, pose)
+    spiral = model.pairs.ravel()
+    alone, placed = model.varied(_taken_apart(model.assembly)), Pose(pose.centres[spiral], pose.rotations[spiral])
     parts = []
     for side in (0, 1):
         for k in range(3):
-            step = STEP * assembly.radius[:, side] if k < 2 else np.full(len(assembly.pairs), STEP)
-            ahead, behind = (measure(_changed(alone, side, k, sign * step), placed) for sign in (1.0, -1.0))
+            step = STEP * alone.assembly.radius[:, side] if k < 2 else np.full(len(alone.pairs), STEP)
+            ahead, behind = (
+                measure(alone.varied(_changed(alone.assembly, side, k, sign * step)), placed) for sign in (1.0, -1.0)
+            )
             parts.append((ahead - behind) / (2.0 * step[:, None]))
     return np.stack(parts, axis=2).reshape(*parts[0].shape, 2, 3)
 
 
-def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
-    """Every joint with two spirals of its own, so that a model's gradient is that of each joint."""
+def _taken_apart(assembly: Assembly) -> Assembly:
+    """Every joint with two spirals of its own, so that what a model finds of the spirals is that of each joint."""
     spiral = assembly.pairs.ravel()
     pairs = np.arange(len(spiral)).reshape(-1, 2)
-    alone = replace(
-        assembly, pairs=pairs, width=assembly.width[spiral], twist=assembly.twist[spiral]
-    )
-    return alone, Pose(pose.centres[spiral], pose.rotations[spiral])
+    return replace(assembly, pairs=pairs, width=assembly.width[spiral], twist=assembly.twist[spiral])
 
 
 def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
@@ -54,11 +51,11 @@ def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembl
     if k < 2:
         lever = assembly.lever.copy()
         lever[:, side, k] += step
-        return replace(assembly, lever=lever)
+        return assembly.reshaped(lever, assembly.axes)
     axes, (cosine, sine) = assembly.axes.copy(), (np.cos(step)[:, None], np.sin(step)[:, None])
     x, y = axes[:, side, 0].copy(), axes[:, side, 1].copy()
     axes[:, side, 0], axes[:, side, 1] = cosine * x - sine * y, sine * x + cosine * y
-    return replace(assembly, axes=axes)
+    return assembly.reshaped(assembly.lever, axes)
 
 
 def geometry_by_points(layout: PatchLayout, points: np.ndarray) -> csr_array:

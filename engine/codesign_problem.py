@@ -6,9 +6,8 @@ was, 0 and 1 at the ends of its range. So they are a box again and every optimis
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -18,7 +17,7 @@ from .arm_sensitivity import StrainChanges
 from .assembly import Assembly, Pose, rest_joints
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
-from .elastic import ElasticModel, summed
+from .elastic import summed
 from .equilibrium import solve
 from .flatten import FlatPatches
 from .inverse import Point, Problem
@@ -92,7 +91,7 @@ class FlatProblem(Problem):
         points = self.flat.points(x[n:])
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = _within_table(replace(self.assembly, lever=lever, axes=axes), *self.space.design(x[:n]))
+        assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
         model, system = self.build(assembly), self.system(start, keep)
         found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
         return FlatPoint(
@@ -142,15 +141,15 @@ class FlatPoint(Point):
     @cached_property
     def _by_geometry(self) -> np.ndarray:
         """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
-        build, strain = self.problem.build, self._strain.found
+        bearing = None if self._strain.found is None else self.problem.bearing
+        assert isinstance(self.model, ArmModel)
 
-        def measure(alone: Assembly, pose: Pose) -> np.ndarray:
-            model = build(alone)
+        def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             state = model.start(pose)
-            gradients = model.expand(state).gradient.reshape(-1, 12)
-            return gradients if strain is None else np.concatenate([gradients, self._strains(model, state)], axis=1)
+            pulls = model.pulls(state)
+            return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)
 
-        found = by_geometry(self.assembly, self.equilibrium.pose, measure)
+        found = by_geometry(self.model, self.equilibrium.pose, measure)
         return found.reshape(*found.shape[:2], 6)
 
     @cached_property
@@ -208,8 +207,3 @@ class FlatPoint(Point):
         out = super().gauss_newton(change)
         out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
         return out
-
-    def _strains(self, model: ElasticModel, state: Any) -> np.ndarray:
-        """(m, 2) of both arms of every joint."""
-        assert isinstance(model, ArmModel) and self.problem.bearing is not None
-        return StrainChanges.of(model.assembly, model.changes(state), self.problem.bearing[0]).values

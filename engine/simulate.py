@@ -21,7 +21,6 @@ from .newton_system import NewtonSystem
 from .params import SimulateParams
 from .progress import SILENT, Progress
 from .rod_model import RodModel
-from .stiffness import peak_strain
 from .threads import one_thread
 
 
@@ -66,7 +65,10 @@ class Simulation:
         """
         if not isinstance(self.model, ArmModel):
             return None
-        found = arm_strains(self.model, self.equilibrium.pose, self.material).max(axis=1) / self.material.strain_limit
+        found = (
+            self.model.strains(self.model.start(self.equilibrium.pose), self.material).max(axis=1)
+            / self.material.strain_limit
+        )
         worst = np.zeros(self.assembly.size)
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
@@ -167,22 +169,3 @@ def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> np.ndarray:
     total = [np.bincount(mesh.quads.ravel(), points[..., k].ravel(), len(mesh.vertices)) for k in range(3)]
     # vertices of no quad stay
     return np.where(count[:, None] > 0, np.stack(total, axis=1) / np.maximum(count, 1)[:, None], mesh.vertices)
-
-
-def arm_strains(model: ArmModel, pose: Pose, material: Material) -> np.ndarray:
-    """(m, 2) peak strain of both arms of every joint."""
-    assembly = model.assembly
-    wrench = model.wrenches(model.start(pose)).reshape(-1, 1, 2, 3)
-    # in the axes of either arm; the sign does not matter for a strain
-    local = np.einsum("ekji,esbj->ekbi", assembly.radial, np.broadcast_to(wrench, (len(wrench), 1, 2, 3)))
-    width, twist = assembly.width[assembly.pairs].ravel(), assembly.twist[assembly.pairs].ravel()
-    found = peak_strain(
-        local.reshape(-1, 6),
-        2.0 * assembly.radius.ravel(),
-        width,
-        twist,
-        thickness=assembly.thickness,
-        youngs=material.youngs,
-        poisson=material.poisson,
-    )
-    return found.reshape(-1, 2)

@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from flexmaps.engine import codesign, job, optimise, shapes
-from flexmaps.engine.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.arm_model import ArmModel
+from flexmaps.engine.assembly import Pose, of_design, target_pose
 from flexmaps.engine.codesign_cost import FlatCost, FlatLimits
 from flexmaps.engine.codesign_geometry import by_geometry, geometry_by_points
 from flexmaps.engine.codesign_problem import FlatPoint, FlatProblem, FlatRange
@@ -118,14 +119,15 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
 
 def test_derivatives_by_geometry_of_a_known_function() -> None:
     design, mesh = made()
-    assembly = of_design(design)
+    model = ArmModel.of(of_design(design), VERO, curving=False)
+    assembly = model.assembly
 
-    def measure(alone: Assembly, pose: Pose) -> np.ndarray:
-        lever, along = alone.lever, alone.axes[..., 1]
+    def measure(alone: ArmModel, pose: Pose) -> np.ndarray:
+        lever, along = alone.assembly.lever, alone.assembly.axes[..., 1]
         angle = np.arctan2(along[..., 1], along[..., 0])
         return np.stack([lever[:, 0, 0] * lever[:, 1, 1], np.sin(angle[:, 1]) + 0.0 * pose.centres[::2, 0]], axis=1)
 
-    found = by_geometry(assembly, target_pose(mesh, design.flat.corners), measure)
+    found = by_geometry(model, target_pose(mesh, design.flat.corners), measure)
     wanted = np.zeros((len(assembly.pairs), 2, 2, 3))
     wanted[:, 0, 0, 0], wanted[:, 0, 1, 1] = assembly.lever[:, 1, 1], assembly.lever[:, 0, 0]
     wanted[:, 1, 1, 2] = assembly.axes[:, 1, 1, 1] * 0.0 + assembly.axes[:, 1, 0, 1]
