@@ -271,7 +271,7 @@ def slot_widths(
     """Width of every slot, measured from the edge of its outer arm at the shares (N,) of the way from mouth to root.
 
     left, right : (F, 4) t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
-    metres, as the diameter of the circle between the edges that touches the outer arm there, the cosine of the angle between both edges, and t on the outer and on the inner arm.
+    metres, as the diameter of the circle between the edges that touches the outer arm there, the cosine of the angle between both edges (negative in the open corner of two arms), and t on the outer and on the inner arm.
     """
     step = 1 if clockwise(arms) else -1
     other = _rolled(arms, -1)  # arm k + 1 in the place of arm k
@@ -284,7 +284,7 @@ def slot_widths(
         outer, LEFT if step > 0 else RIGHT, t, inner, RIGHT if step > 0 else LEFT, s, ends[1][..., None]
     )
     # between edges that enclose the angle a, a circle that touches this point is 1 / cos^2(a / 2) times as wide
-    return apart * 2.0 / (1.0 + lean), lean, t, s
+    return apart * 2.0 / np.maximum(1.0 + lean, 1e-3), lean, t, s
 
 
 def _apart(
@@ -292,7 +292,7 @@ def _apart(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Distance of edge points at t from the nearest point, near s and up to ``end``, of the other edge.
 
-    And how parallel both edges are there, and the parameter of the nearest point.
+    And the cosine of the angle between the ways inwards along both edges there, and the parameter of the nearest point.
     """
     p, dp = edge(one, t, side)
     for _ in range(6):
@@ -300,5 +300,5 @@ def _apart(
         move = _dot(q - p, dq) / np.maximum(_dot(dq, dq), 1e-30)
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
     q, dq = edge(two, s, other)
-    lean = np.abs(_dot(dp, dq)) / np.sqrt(_dot(dp, dp) * _dot(dq, dq))
+    lean = _dot(dp, dq) / np.sqrt(_dot(dp, dp) * _dot(dq, dq))
     return np.sqrt(_dot(p - q, p - q)), lean, s
