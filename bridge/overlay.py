@@ -281,7 +281,7 @@ def _draw_legend() -> None:
     if legend is None:
         return
     unit = bpy.context.preferences.system.ui_scale
-    x, y, width = 90 * unit, 30 * unit, 180 * unit
+    x, y, width = 90 * unit, 30 * unit + _covered(bpy.context), 180 * unit
     blf.size(0, 12 * unit)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
     below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
@@ -299,6 +299,13 @@ def _draw_legend() -> None:
         _bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
         _text(x, y, legend.low)
         _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+
+
+def _covered(context: bpy.types.Context) -> int:
+    """How many pixels from below Blender's panel of the last operator covers."""
+    region = context.region
+    tops = [r.y + r.height - region.y for r in context.area.regions if r.type == "HUD" and r.height > 1]
+    return max(tops, default=0)
 
 
 def _bar(x: float, y: float, width: float, height: float, scale: np.ndarray) -> None:
