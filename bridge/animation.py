@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..engine.design import SpiralDesign
 
 KIND, ROOT = "film", "Assembly"
+LAST = "flexmaps_last_frame"  # on the empty
 LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived
 
 
@@ -67,6 +68,7 @@ def show(
     finally:
         bpy.data.meshes.remove(whole)
     last = int(np.ceil(frame(film.length) + rate * TAIL))
+    root[LAST] = last
     return root, last
 
 
@@ -96,6 +98,11 @@ def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
     found = beside.existing(obj)
     of_film = [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else []
     return sorted(of_film, key=lambda o: o.type != "EMPTY")
+
+
+def last_frame(obj: bpy.types.Object) -> int:
+    """The frame in which the film of a model ends."""
+    return int(existing(obj)[0][LAST])
 
 
 # -- one panel ---------------------------------------------------------------------------------------------------------

@@ -61,7 +61,13 @@ def patch_boxes(flat: FlatPatches) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-def side_by_side(flat: FlatPatches) -> np.ndarray:
-    """(N, 2) metres: where the origin of every patch goes, so that no two touch; upper left corner at the origin."""
-    low, high = patch_boxes(flat)
-    return rows(high - low, gap=flat.layout.mesh.median_edge) - low
+def side_by_side(flat: FlatPatches, width: float | None = None) -> np.ndarray:
+    """(N, 2) metres: where the origin of every patch goes, so that no two touch; upper left corner at the origin.
+
+    ``width`` is about how wide the whole is to be, metres; if not given it fills a page.
+    """
+    (low, high), gap = patch_boxes(flat), flat.layout.mesh.median_edge
+    if width is None:
+        return rows(high - low, gap) - low
+    area = float((high - low + gap).prod(axis=1).sum())
+    return rows(high - low, gap, aspect=width**2 / area) - low

@@ -26,19 +26,18 @@ class Look:
     roughness: float
     coat: float = 0.0
     sheen: float = 0.0
-    scatter: float = 0.0
     glass: float = 0.0
     grain: tuple[float, float, float] | None = None
     lines: float = 0.0
 
 
 LOOKS: dict[str, Look] = {
-    "pom": Look("Delrin", (0.93, 0.93, 0.91), 0.38, scatter=0.25),
-    "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5, scatter=0.2),
+    "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
+    "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),
     "acrylic": Look("acrylic", (0.88, 0.16, 0.12), 0.08, coat=0.6, glass=0.25),
     "pla": Look("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
     "petg": Look("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
-    "birch": Look("birch plywood", (0.87, 0.74, 0.55), 0.6, grain=(0.70, 0.53, 0.34)),
+    "birch": Look("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
     "mdf": Look("MDF", (0.62, 0.47, 0.32), 0.8, sheen=0.2),
     "custom": Look("plain", (0.80, 0.80, 0.78), 0.5),
 }
@@ -62,8 +61,6 @@ def of_material(key: str) -> bpy.types.Material:
         "Coat Weight": look.coat,
         "Coat Roughness": 0.05,
         "Sheen Weight": look.sheen,
-        "Subsurface Weight": look.scatter,
-        "Subsurface Scale": 0.002,
         "Transmission Weight": look.glass,
         "IOR": 1.49,
     }

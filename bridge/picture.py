@@ -13,7 +13,7 @@ import numpy as np
 from ..engine import colours
 from ..engine.errors import FlexMapsError
 from ..engine.params import RenderParams
-from . import arrange, attributes, beside, equilibrium, looks, mesh, overlay, pose, preview, stored
+from . import animation, arrange, attributes, beside, equilibrium, looks, mesh, overlay, pose, preview, stored
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ SAMPLES = 24  # a pixel; the denoiser does the rest
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
 CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
 GAP = 0.12  # between what stands beside each other, as a share of its width
+PAGE = 1.05  # how wide the panels before it may lie, as a share of its width
 MANY = 1200  # spirals, from which on fewer pieces are enough
 
 
@@ -83,19 +84,43 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
     finish = obj.flexmaps.material.material if params.finish == "SHEET" else params.finish
     size = (params.pixels_x, max(params.pixels_y, 16))
     with studio(size, params.samples, "GREY" if finish in looks.LOOKS else "WHITE") as place:
-        groups = []
+        standing = []
         if params.target:
-            groups.append(_target(place, obj, finish))
+            standing.append(_target(place, obj, finish))
         if params.assembled:
-            groups.append(_assembled(place, obj, design, finish))
+            standing.append(_assembled(place, obj, design, finish))
+        wide, depth = _line_up(standing, params.azimuth)
         if params.panels:
-            groups.append(_panels(place, obj, design, finish))
-        _line_up(groups, params.azimuth)
-        c, s = np.cos(params.elevation), np.sin(params.elevation)
-        place.set_up((c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s), tight=not params.pixels_y)
+            flat = _panels(place, obj, design, finish, PAGE * wide if standing else None, params.azimuth)
+            _before(flat, wide, depth, params.azimuth)
+        place.set_up(_direction(params), tight=not params.pixels_y)
         if finish in overlay.KINDS and finish != "PATCH":
             _legend(place, overlay.legend_of(obj, finish))
         place.take(path)
+
+
+def film(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> int:
+    """The frames of the assembly's animation, as PNG files or as a film; returns how many.
+
+    Raises ``FlexMapsError`` where there is no animation.
+    """
+    shown, scene = animation.existing(obj), bpy.context.scene
+    if not shown:
+        raise FlexMapsError("There is no animation yet; press Animate assembly first")
+    frames = (scene.frame_start, animation.last_frame(obj))
+    with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples) as place:
+        for other in shown:
+            place.show(other)
+        seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())
+        place.set_up(_direction(params), seen)
+        place.film(path, frames, (scene.render.fps, scene.render.fps_base))
+    return frames[1] - frames[0] + 1
+
+
+def _direction(params: RenderParams) -> tuple[float, float, float]:
+    """From what is looked at to the camera."""
+    c, s = np.cos(params.elevation), np.sin(params.elevation)
+    return c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s
 
 
 def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
@@ -113,26 +138,40 @@ class Group:
 
     objects: tuple[bpy.types.Object, ...]
 
-    @property
-    def points(self) -> np.ndarray:
-        return points_of(self.objects[0])
+    def seen(self, azimuth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest (3,) to the right, backwards and up, as a camera sees them."""
+        there = points_of(self.objects[0]) @ _axes(azimuth).T
+        return there.min(axis=0), there.max(axis=0)
 
-    def move(self, shift: np.ndarray) -> None:
+    def move(self, shift: np.ndarray, azimuth: float) -> None:
+        """Shift by (3,) metres to the right, backwards and up."""
         for obj in self.objects:
-            obj.location = np.array(obj.location) + shift
+            obj.location = np.array(obj.location) + shift @ _axes(azimuth)
 
 
-def _line_up(groups: list[Group], azimuth: float) -> None:
-    """Beside each other as the camera sees them, on one ground, with gaps that belong to their sizes."""
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    back = np.array([-right[1], right[0], 0.0])
-    reach = [(g.points @ np.stack([right, back, [0.0, 0.0, 1.0]], axis=1)) for g in groups]
-    low, high = np.array([r.min(axis=0) for r in reach]), np.array([r.max(axis=0) for r in reach])
-    gap = GAP * float((high - low)[:, 0].mean())
-    at = 0.0
-    for group, a, b in zip(groups, low, high, strict=True):
-        group.move((at - a[0]) * right - 0.5 * (a[1] + b[1]) * back - np.array([0.0, 0.0, a[2]]))
-        at += b[0] - a[0] + gap
+def _axes(azimuth: float) -> np.ndarray:
+    """(3, 3) rows: to the right, backwards and up, for a camera at an azimuth."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
+    """Beside each other on one ground, with gaps that belong to their sizes; returns how wide and how deep they are."""
+    boxes = [group.seen(azimuth) for group in groups]
+    gap = GAP * max((float((high - low)[0]) for low, high in boxes), default=0.0)
+    at = depth = 0.0
+    for group, (low, high) in zip(groups, boxes, strict=True):
+        group.move(np.array([at - low[0], -0.5 * (low + high)[1], -low[2]]), azimuth)
+        at += float((high - low)[0]) + gap
+        depth = max(depth, float((high - low)[1]))
+    return max(at - gap, 0.0), depth
+
+
+def _before(flat: Group, wide: float, depth: float, azimuth: float) -> None:
+    """The panels on the ground before what stands there."""
+    low, high = flat.seen(azimuth)
+    aside = 0.5 * wide - 0.5 * (low + high)[0]
+    flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
 
 
 def _finished(data: bpy.types.ID, finish: str) -> None:
@@ -188,13 +227,21 @@ def _assembled(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finis
     return Group((place.put(data),))
 
 
-def _panels(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str) -> Group:
-    """The panels, flat beside each other."""
+def _panels(
+    place: Studio,
+    obj: bpy.types.Object,
+    design: SpiralDesign,
+    finish: str,
+    width: float | None = None,
+    azimuth: float = 0.0,
+) -> Group:
+    """The panels, flat beside each other, as wide as asked for and turned towards a camera."""
     from ..engine.panel_mesh import DETAILS, panel_mesh
 
     rgb = _colours(obj, finish)
     made = panel_mesh(design, DETAILS[_detail(design)])
-    data = preview.piece_mesh("FlexMaps panels", made, made.flat(arrange.side_by_side(design.flat)), rgb)
+    flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
+    data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _finished(data, finish)
     return Group((place.put(data),))
 

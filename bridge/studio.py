@@ -6,7 +6,7 @@ window, EEVEE draws the same scene on the graphics card.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from . import beside
 
 MARGIN = 1.06
 LENS = 85.0  # millimetres, long enough that shapes are not drawn out of true
-GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.58, 0.59, 0.60)}  # sRGB
+GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 
 
 @contextmanager
@@ -43,6 +43,7 @@ class Studio:
         self._ground = ground
         self._made: list[bpy.types.ID] = []
         self._shown: list[bpy.types.Object] = []
+        self._theirs: list[bpy.types.Object] = []
 
     def put(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
         """Data that was made for the picture, in metres; it is removed with the studio. The camera sees all that is framed."""
@@ -53,9 +54,9 @@ class Studio:
         return made
 
     def show(self, obj: bpy.types.Object) -> None:
-        """An object of the user's file, as it stands."""
+        """An object of the user's file, as it stands, and moves."""
         self.scene.collection.objects.link(obj)
-        self._shown.append(obj)
+        self._theirs.append(obj)
 
     def keep(self, *items: bpy.types.ID) -> None:
         """Things that are to go with the studio but are not framed."""
@@ -66,7 +67,19 @@ class Studio:
 
     def points(self) -> np.ndarray:
         """(N, 3): points that enclose all that was put in tightly enough to frame it."""
-        return np.concatenate([points_of(o) for o in self._shown])
+        boxes = [np.array([o.matrix_world @ beside.vector(v) for v in o.bound_box]) for o in self._theirs]
+        return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
+
+    def points_in(self, frames: Iterable[int]) -> np.ndarray:
+        """(N, 3): the corners of the boxes of the user's objects in some frames."""
+        found, graph = [], self.scene.view_layers[0].depsgraph
+        for frame in frames:
+            self.scene.frame_set(frame)
+            for obj in self._theirs:
+                if obj.type == "MESH":
+                    there = obj.evaluated_get(graph)
+                    found.append(np.array([there.matrix_world @ beside.vector(v) for v in there.bound_box]))
+        return np.concatenate(found)
 
     def set_up(
         self, direction: np.ndarray | tuple[float, ...], points: np.ndarray | None = None, tight: bool = False
@@ -86,6 +99,23 @@ class Studio:
             bpy.ops.render.render(write_still=True, scene=self.scene.name)
         except RuntimeError as error:
             raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
+
+    def film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
+        """Render frames to numbered PNG files, or to one film if the path ends in .mp4; rate: fps and its base.
+
+        Raises ``FlexMapsError`` where they cannot be written.
+        """
+        path, render = Path(path).absolute(), self.scene.render
+        self.scene.frame_start, self.scene.frame_end = frames
+        render.fps, render.fps_base = rate
+        render.filepath = str(path.with_suffix("")) + "-"
+        if path.suffix.lower() == ".mp4":
+            _as_film(render)
+            render.filepath, render.use_file_extension = str(path), False
+        try:
+            bpy.ops.render.render(animation=True, scene=self.scene.name)
+        except RuntimeError as error:
+            raise FlexMapsError(f"The film {path} could not be made: {error}") from error
 
     def clear(self) -> None:
         world = self.scene.world
@@ -222,6 +252,20 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     cycles.caustics_reflective = cycles.caustics_refractive = False
     cycles.use_auto_tile, cycles.tile_size = True, 512  # less memory than one large tile
     cycles.seed = 0
+
+
+def _as_film(render: bpy.types.RenderSettings) -> None:
+    """H.264 in an MP4 file; sizes must be even. Raises ``FlexMapsError`` where this Blender writes no films."""
+    try:
+        if hasattr(render.image_settings, "media_type"):  # from 5.0 on
+            render.image_settings.media_type = "VIDEO"
+        render.image_settings.file_format = "FFMPEG"
+        render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
+        render.ffmpeg.constant_rate_factor = "HIGH"
+    except TypeError as error:
+        raise FlexMapsError("This Blender writes no films; give a file that ends in .png") from error
+    render.resolution_x += render.resolution_x % 2
+    render.resolution_y += render.resolution_y % 2
 
 
 def _eevee(scene: bpy.types.Scene, samples: int) -> None:

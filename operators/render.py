@@ -32,7 +32,12 @@ class Render(Stage, bpy.types.Operator):
 
         try:
             params = settings.read(context.object.flexmaps.render, RenderParams)
-            path = file_of(params.file)
+            path = file_of(params.file, params.film)
+            if params.film:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                count = picture.film(context.object, path, params)
+                self.report({"INFO"}, f"{count} frames in {path.parent}")
+                return {"FINISHED"}
             with files.replacing(path) as new:
                 picture.together(context.object, new, params)
         except FlexMapsError as error:
@@ -43,14 +48,16 @@ class Render(Stage, bpy.types.Operator):
         return {"FINISHED"}
 
 
-def file_of(text: str) -> Path:
-    """The PNG file that a setting names. Raises ``FlexMapsError`` where it names none."""
+def file_of(text: str, film: bool = False) -> Path:
+    """The PNG file, or the film, that a setting names. Raises ``FlexMapsError`` where it names none."""
     if text.startswith("//") and not bpy.data.filepath:
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
     if not text.strip():
         raise FlexMapsError("Choose a file for the picture")
     path = Path(bpy.path.abspath(text))
-    return path if path.suffix.lower() == ".png" else path.with_name(f"{path.name}.png")
+    return (
+        path if path.suffix.lower() in ({".png", ".mp4"} if film else {".png"}) else path.with_name(f"{path.name}.png")
+    )
 
 
 CLASSES = (Render,)
