@@ -18,7 +18,7 @@ PACKAGES = (
     "libgl1-mesa-dri,libegl1,libgl1,mesa-utils"
 )
 SUITE = "trixie"
-SCREEN = (1500, 1400)
+SCREEN = (1100, 900)
 
 ENTER = """
 set -e
@@ -86,13 +86,14 @@ def obstacle() -> str | None:
 def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subprocess.CompletedProcess[str]:
     """Run a Python script in the real Blender; ``work`` is the one folder that both sides see, by the same path.
 
-    With ``window``, Blender has a window on a virtual screen whose pixels are in ``work``/Xvfb_screen0.
+    The script's neighbours come with it, for it to import. With ``window``, Blender has a window on a virtual screen whose pixels are in ``work``/Xvfb_screen0.
     """
-    shutil.copy2(script, work / script.name)
+    for file in script.parent.glob("*.py"):
+        shutil.copy2(file, work)
     width, height = SCREEN
     place = shlex.quote(str(work))
     screen = VIRTUAL_SCREEN.format(work=place, width=width, height=height) if window else ""
-    options = f"--factory-startup -p 0 0 {width} {height}" if window else "--factory-startup -b"
+    options = "--factory-startup --window-fullscreen" if window else "--factory-startup -b"
     inside = INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name)
     (work / "inside.sh").write_text(inside)
     enter = ENTER.format(root=shlex.quote(str(folder())), work=place)

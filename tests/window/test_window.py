@@ -1,8 +1,9 @@
-"""The zip in a real Blender, without and with its window; pictures of every stage are left in out/window/."""
+"""The zip in a real Blender, without and with its window; pictures of every stage are left in out/window/ to look at."""
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from types import ModuleType
@@ -11,7 +12,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-DRIVE = Path(__file__).with_name("drive.py")
+HERE = Path(__file__).parent
+PYTHON_COMPLAINS = re.compile(r"Traceback|\.py:\d+: \w*Warning|^Error in |\bunregistered\b", re.MULTILINE)
 
 
 @pytest.fixture(scope="session")
@@ -19,43 +21,53 @@ def zip_file(build_zip: ModuleType) -> Path:
     return build_zip.build("linux-x64", "debian-13-blender")
 
 
-def drive(real_blender: ModuleType, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
+def drive(real_blender: ModuleType, script: Path, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
     shutil.copy2(zip_file, work)
-    done = real_blender.run(DRIVE, work, window=window, timeout=480)  # drawn by software
-    result = work / "result.json"
-    assert result.is_file(), done.stdout[-3000:] + done.stderr[-3000:]
+    done = real_blender.run(script, work, window=window, timeout=480)  # drawn by software
+    console, result = done.stdout + done.stderr, work / "result.json"
+    assert result.is_file(), console[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
     assert found["errors"] == []
-    assert "Traceback" not in done.stdout + done.stderr, (done.stdout + done.stderr)[-3000:]
+    assert PYTHON_COMPLAINS.search(console) is None, console[-3000:]
+    assert {"scipy", "shapely", "igl"} <= set(found["places"])
+    user = str(work / "user")
+    assert all(place.startswith(user) for place in found["places"].values()), found["places"]
+    assert {".svg", ".dxf"} <= {path.suffix for path in (work / "sheets").iterdir()}
     return found
 
 
-def check_work(found: dict[str, Any], work: Path) -> None:
-    whole = found["whole"]
-    assert {"layout", "spirals", "equilibrium", "optimise", "reach", "sheets"} <= set(whole["blocks"])
-    assert whole["seams"] > 0
-    assert {"flexmaps_flat", "flexmaps_patch", "flexmaps_width", "flexmaps_twist"} <= set(whole["attributes"])
-    user = str(work / "user")
-    assert {"scipy", "shapely", "igl"} <= set(found["places"])
-    assert all(place.startswith(user) for place in found["places"].values()), found["places"]
-    suffixes = {path.suffix for path in (work / "sheets").iterdir()}
-    assert {".svg", ".dxf"} <= suffixes
-
-
 def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
-    found = drive(real_blender, zip_file, tmp_path, window=False)
-    check_work(found, tmp_path)
-    assert "not quads" in found["refused"][0][0]
+    found = drive(real_blender, HERE / "headless.py", zip_file, tmp_path, window=False)
+    assert "not quads" in found["refused"][0]
     assert set(map(tuple, found["stages"].values())) == {("FINISHED",)}
+    assert {"layout", "spirals", "equilibrium", "optimise", "reach", "sheets"} <= set(found["blocks"])
 
 
-def test_with_its_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
-    found = drive(real_blender, zip_file, tmp_path, window=True)
+def test_with_its_window(
+    real_blender: ModuleType, zip_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pictures = ROOT / "out" / "window"
-    pictures.mkdir(parents=True, exist_ok=True)
-    for shot in sorted(tmp_path.glob("*.xwd")):
-        real_blender.picture(shot, pictures / f"{shot.stem}.png")
-    check_work(found, tmp_path)
-    assert found["refused"][1:] == ["EDIT", ["checks"]], "a click on Check shows the culprits in edit mode"
-    assert found["escaped"], "Esc leaves the mesh as it was"
-    assert "sheets" not in found["undone"]["blocks"] or "spirals" not in found["undone"]["blocks"]
+    shutil.rmtree(pictures, ignore_errors=True)
+    pictures.mkdir(parents=True)
+    try:
+        found = drive(real_blender, HERE / "walk.py", zip_file, tmp_path, window=True)
+    finally:
+        for shot in sorted(tmp_path.glob("*.xwd")):
+            real_blender.picture(shot, pictures / f"{shot.stem}.png")
+    (pictures / "figures.json").write_text(json.dumps(found, indent=1))
+    with capsys.disabled():
+        print("\n" + _told(found))
+    assert found["wrong"] == []
+    assert found["pictures"] == len(list(pictures.glob("*.png")))
+
+
+def _told(found: dict[str, Any]) -> str:
+    """The measured times, for a person: they depend on the machine and on drawing by software, so nothing asserts them."""
+    lines = [f"  {found['seconds']['all']:.0f} s; drawing the sidebar alone takes {found['redraw_ms'][0]:.0f} ms here"]
+    for name, row in found["stages"].items():
+        first = "" if row["first_progress_ms"] is None else f", progress seen after {row['first_progress_ms']:.0f} ms"
+        lines.append(
+            f"  {name:12} {row['seconds']:6.2f} s, no answer for {row['blocked_ms']:.0f} ms at most, "
+            f"of which at work {row['at_work_ms']:.0f} ms{first}"
+        )
+    return "\n".join(lines)

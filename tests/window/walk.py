@@ -1,0 +1,302 @@
+"""Runs inside a real Blender with its window: installs the zip and walks from a ball of triangles to the sheets, as a person would.
+
+Every button is pressed with the real pointer. What was seen and measured goes to result.json beside this file, the screen
+after every stage to a picture.
+"""
+
+import json
+import sys
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+import hands  # noqa: E402
+from meter import Meter  # noqa: E402
+
+warnings.filterwarnings("default", module=r"bl_ext\.")  # all of ours, also of deprecated things
+QUADS = 250
+STATUS = 26  # rows of the status bar
+FOUND = {"stages": {}, "errors": [], "wrong": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
+
+
+def expect(holds, sentence):
+    if not holds:
+        FOUND["wrong"].append(sentence)
+
+
+def blocks():
+    return json.loads(bpy.context.object.data.get("flexmaps_report", "{}"))
+
+
+def picture(name):
+    """The screen, numbered in the order of the walk, once it holds still."""
+    if current() is None:
+        yield from hands.still(hands.view()[1])
+    FOUND["pictures"] = FOUND.get("pictures", 0) + 1
+    hands.shot(f"{FOUND['pictures']:02d}-{name}")
+
+
+def current():
+    return hands.module("bridge.job").current()
+
+
+def last_operator():
+    done = bpy.context.window_manager.operators
+    return (len(done), done[-1].as_pointer()) if done else None
+
+
+def press(name, text=None, meanwhile=None):
+    """Click the button of an operator, wait until its work is over, and keep what was measured."""
+    place = yield from hands.find("operator", f"flexmaps.{name}", text)
+    yield from hands.move(place)
+    yield 0.3
+    bar, before = hands.pixels()[-STATUS:].copy(), last_operator()
+    meter = Meter(lambda: not np.array_equal(hands.pixels()[-STATUS:], bar))
+    pressed = time.perf_counter()
+    hands.xdotool("click", 1)
+    while current() is None and last_operator() == before and time.perf_counter() - pressed < 5:
+        yield 0.02
+    if current() is None and last_operator() == before:
+        raise LookupError(f"a click on {name} does nothing")
+    if meanwhile is not None:
+        yield from meanwhile()
+    while current() is not None:
+        yield 0.05
+    FOUND["stages"][name] = {"seconds": round(time.perf_counter() - pressed, 2)}
+    meter.stop()
+    FOUND["stages"][name] |= meter.figures(pressed)
+    yield 0.5
+
+
+def redraws():
+    """Milliseconds that drawing the sidebar takes here with nothing else to do: half of the times, and the longest."""
+    meter = Meter(lambda: False)
+    for _ in range(12):
+        hands.sidebar().tag_redraw()
+        yield 0.1
+    meter.stop()
+    return [round(1e3 * float(np.percentile(meter.gaps, p)), 1) for p in (50, 90, 100)]
+
+
+# -- the walk ------------------------------------------------------------------------------------------------------------
+
+
+def walk():
+    yield from install()
+    for part in (make_quads, layout, spirals, simulate, optimise, export, undo, preview, animate, render, presets):
+        start = time.perf_counter()
+        yield from part()
+        FOUND.setdefault("seconds", {})[part.__name__] = round(time.perf_counter() - start, 1)
+
+
+def install():
+    zip_file = str(next(HERE.glob("*.zip")))
+    bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
+    yield 0.5
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
+    bpy.context.object.scale = (1.3, 1.0, 0.7)
+    bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
+    yield from hands.key("ctrl+space")  # the 3D view fills the window
+    yield 0.5
+    yield from hands.key("n")
+    yield 0.5
+    hands.sidebar().active_panel_category = "FlexMaps"
+    hands.spy_on(panel_classes())
+    yield 0.5
+    yield from picture("start")
+
+
+def panel_classes():
+    """The panels of the extension."""
+    return [c for c in bpy.types.Panel.__subclasses__() if "flexmaps" in c.__module__]
+
+
+def make_quads():
+    yield from press("check")
+    yield from picture("refused")
+    expect(bpy.context.object.mode == "EDIT", "Check shows the culprits in edit mode")
+    found = blocks().get("checks", [])
+    expect(any("quads" in f["message"] for f in found), f"Check names faces that are no quads: {found}")
+    yield from hands.key("Tab")
+    expect(bpy.context.object.mode == "OBJECT", "the error goes with the pointer, and Tab leaves edit mode")
+    yield from hands.type_in("quads", QUADS)
+    expect(bpy.context.object.flexmaps.remesh.quads == QUADS, "a typed number is taken over")
+    FOUND["redraw_ms"] = yield from redraws()
+    ball = bpy.context.object.name
+    yield from press("quad_remesh")
+    obj = bpy.context.object
+    expect(obj.name != ball and bpy.data.objects[ball].hide_get(), "a new object takes the place of the old one")
+    expect({len(f.vertices) for f in obj.data.polygons} == {4}, "Quad remesh makes quads")
+    yield from press("set_size")
+    places = [obj.matrix_world @ v.co for v in obj.data.vertices]
+    size = 1e3 * float(np.median([(places[a] - places[b]).length for a, b in obj.data.edge_keys]))
+    expect(abs(size - obj.flexmaps.remesh.edge) < 0.5, f"quads have {obj.flexmaps.remesh.edge} mm, not {size}")
+    yield from hands.look_at([obj])
+    yield from press("regularise")
+    yield from picture("quads")
+
+
+def layout():
+    yield from press("trace")
+    expect(any(e.use_seam for e in bpy.context.object.data.edges), "Trace draws seams")
+    traced = blocks()["layout"]["patches"]
+    yield from picture("traced")
+    yield from press("merge")
+    block = blocks()["layout"]
+    expect(block["patches"] < traced, f"Merge joins patches: {traced} to {block['patches']}")
+    expect(block["flips"] == block["overlaps"] == 0, "no panel overlaps itself")
+    expect("flexmaps_flat" in bpy.context.object.data.uv_layers, "there is a flat UV map")
+    yield from press("overlay", text="Distortion")
+    yield from picture("merged")
+
+
+def spirals():
+    yield from press("spirals")
+    names = {a.name for a in bpy.context.object.data.attributes}
+    expect({"flexmaps_width", "flexmaps_twist"} <= names, f"Spirals writes widths and twists, not {names}")
+    expect(blocks()["spirals"]["slot_min_mm"] > 0.2, "slots can be cut")
+    yield from press("overlay", text="Twist")
+    yield from picture("spirals")
+
+
+def simulate():
+    yield from press("simulate")
+    block = blocks()["equilibrium"]
+    expect(block["converged"], f"Simulate converges: {block['status']}")
+    keys = bpy.context.object.data.shape_keys
+    expect(keys is not None and keys.key_blocks[-1].value == 1.0, "the result is a shape key, switched on")
+    yield from press("overlay", text="Distance")
+    yield from picture("simulated")
+
+
+def optimise():
+    """Stopped in the middle of it: the best so far is kept."""
+    before = blocks()["spirals"], blocks()["equilibrium"]["laplacian_rmse_mm"]
+
+    def stop():
+        yield from hands.aside()
+        while current() is not None and len(getattr(current().shown, "history", ())) < 4:
+            yield 0.02
+        expect(current() is not None, "Optimise can be stopped before it ends")
+        hands.xdotool("key", "Escape")
+        FOUND["rmse_on_the_way"] = [1e3 * r for _, r in current().shown.history]
+        yield from picture("optimising")
+
+    yield from press("optimise", meanwhile=stop)
+    block = blocks()["optimise"]
+    FOUND["rmse"] = before[1], block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
+    expect(not block["finished"], "Optimise was stopped by Esc")
+    expect(block["laplacian_rmse_mm"] < block["laplacian_rmse_mm_before"], f"the best is kept: {FOUND['rmse']}")
+    expect(blocks()["spirals"] != before[0], "the spirals are others")
+    yield from press("overlay", text="Limits")
+    yield from picture("optimised")
+
+
+def preview():
+    yield from hands.unfold("FLEXMAPS_PT_preview")
+    settings = bpy.context.object.flexmaps
+    settings.preview.detail, settings.preview.place = "COARSE", "BESIDE"
+    there = set(bpy.data.objects)
+    yield from press("preview")
+    made = [o for o in bpy.data.objects if o not in there]
+    expect(len(made) == 1 and len(made[0].data.polygons) > 10 * QUADS, f"Preview adds one object of many faces: {made}")
+    yield from hands.look_at([bpy.context.object, *made])
+    yield from picture("preview")
+
+
+def animate():
+    there = set(bpy.data.objects)
+    yield from press("animate")
+    made = [o for o in bpy.data.objects if o not in there]
+    expect(len(made) == blocks()["layout"]["patches"], f"every panel is a moving object: {made}")
+    bpy.context.scene.frame_set(bpy.context.scene.frame_end // 2)
+    yield from hands.look_at([bpy.context.object, *made])
+    yield from picture("animation")
+
+
+def render():
+    """A small picture: it is drawn by software here."""
+    settings = bpy.context.object.flexmaps.render
+    settings.file, settings.pixels_x, settings.samples = str(HERE / "rendered.png"), 240, 1
+    there = len(bpy.data.scenes), len(bpy.data.objects)
+    yield from press("render")
+    expect((HERE / "rendered.png").is_file(), "Render leaves its picture")
+    expect(there == (len(bpy.data.scenes), len(bpy.data.objects)), "and nothing else")
+
+
+def export():
+    yield from press("export")
+    block = blocks()["sheets"]
+    missing = [name for name in block["files"] if not (HERE / "sheets" / name).is_file()]
+    expect(not missing, f"all files are there, but {missing}")
+    expect(block["panels"] == blocks()["layout"]["patches"], "every patch is a panel")
+    yield from picture("exported")
+    from_zip = ("scipy", "shapely", "igl", "ezdxf")
+    FOUND["places"] = {name: sys.modules[name].__file__ for name in from_zip if name in sys.modules}
+
+
+def undo():
+    """One step back takes the sheets' figures away, the next ones the optimised spirals."""
+    now = blocks()["spirals"]
+    for _ in range(6):
+        yield from hands.key("ctrl+z")
+        yield 0.4
+        if blocks().get("spirals") != now:
+            break
+    expect("sheets" not in blocks(), "undo takes the sheets away")
+    expect(blocks().get("spirals") not in (None, now), "undo brings the earlier spirals back")
+    yield from picture("undone")
+
+
+def presets():
+    """The menu of presets: its first one, chosen with the keyboard."""
+    settings = bpy.context.object.flexmaps
+    before = settings_of(settings)
+    yield from hands.click("popover", "FLEXMAPS_PT_presets")
+    yield 0.6
+    yield from picture("presets")
+    hands.xdotool("key", "Down", "Return")
+    yield 1.0
+    expect(settings_of(settings) != before, "a preset changes the settings")
+
+
+def settings_of(group):
+    """All values of a group of properties, and of the groups in it."""
+    values = {}
+    for name, prop in group.bl_rna.properties.items():
+        if name != "rna_type":
+            values[name] = settings_of(getattr(group, name)) if prop.type == "POINTER" else str(getattr(group, name))
+    return values
+
+
+# -- running it ----------------------------------------------------------------------------------------------------------
+
+
+STEPS = walk()
+START = time.perf_counter()
+
+
+def tick():
+    try:
+        return next(STEPS)
+    except StopIteration:
+        pass
+    except Exception:
+        FOUND["errors"].append(traceback.format_exc())
+        hands.shot("error")
+    FOUND.setdefault("seconds", {})["all"] = round(time.perf_counter() - START, 1)
+    (HERE / "result.json").write_text(json.dumps(FOUND, indent=1))
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
