@@ -157,8 +157,11 @@ def _surfaces(context: bpy.types.Context, obj: bpy.types.Object, count: int) -> 
             _copy_geometry(original, obj.data)
             obj.data.remesh_voxel_size = factor * edge
             obj.data.remesh_voxel_adaptivity = 0.0
-            with _only(context, obj):
-                bpy.ops.object.voxel_remesh()
+            try:
+                with _only(context, obj):
+                    bpy.ops.object.voxel_remesh()
+            except RuntimeError:  # too small or too many voxels for Blender
+                continue
             _keep_largest(obj.data)
             if len(obj.data.polygons) >= 50 and _manifold(obj.data):
                 yield
@@ -205,25 +208,20 @@ def _keep_largest(mesh: bpy.types.Mesh) -> None:
 
 def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool, seed: int) -> bool:
     """Whether QuadriFlow made one clean surface of quads; where it gives up, it leaves the mesh as it was."""
-    with _only(context, obj):
-        result = bpy.ops.object.quadriflow_remesh(
-            mode="FACES",
-            target_faces=count,
-            use_mesh_symmetry=False,
-            use_preserve_sharp=False,
-            use_preserve_boundary=True,
-            smooth_normals=smooth,
-            seed=seed,
-        )
+    try:
+        with _only(context, obj):
+            result = bpy.ops.object.quadriflow_remesh(
+                mode="FACES",
+                target_faces=count,
+                use_mesh_symmetry=False,
+                use_preserve_sharp=False,
+                use_preserve_boundary=True,
+                smooth_normals=smooth,
+                seed=seed,
+            )
+    except RuntimeError:
+        return False
     return "FINISHED" in result and _manifold(obj.data)
-
-
-def _fit(obj: bpy.types.Object, context: bpy.types.Context) -> bool:
-    """Whether the checks find no error in the quads."""
-    from ..engine import check
-    from .mesh import read_surface
-
-    return not any(finding.is_error for finding in check.findings(read_surface(obj, context.scene).polygons))
 
 
 class _only:

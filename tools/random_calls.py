@@ -315,7 +315,7 @@ def _faults() -> list[str]:
         if obj.type == "MESH" and obj.mode == "EDIT":
             obj.update_from_editmode()
     for mesh in bpy.data.meshes:
-        if mesh.name.startswith("."):
+        if mesh.name.startswith(".flexmaps"):
             found.append(f"the temporary mesh {mesh.name} is left")
         if not mesh.is_editmode and mesh.validate(verbose=False):
             found.append(f"the mesh {mesh.name} was not valid")
