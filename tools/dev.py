@@ -27,6 +27,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py test [engine|database|blender|install|window ...] [-k NAME]
                                                 lint, types and tests
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
+  python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (an hour)
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
@@ -319,6 +320,8 @@ def dispatch(command, rest):
         return call("checks", [command] + rest)
     if command == "build":
         return call("build_zip", rest)
+    if command == "gallery":
+        return call("gallery", rest)
     if command == "bench":
         if not rest or rest[0].startswith("-"):
             return call("bench_" + (rest[0] if rest else "NAME"), [])
@@ -330,7 +333,7 @@ def dispatch(command, rest):
     return 0  # setup
 
 
-COMMANDS = ("demo", "run", "test", "lint", "build", "bench", "database", "python", "setup")
+COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "bench", "database", "python", "setup")
 
 
 def main(arguments):

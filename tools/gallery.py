@@ -1,0 +1,163 @@
+"""``gallery`` of tools/dev.py: some objects from target to sheets, their pictures, and the page docs/gallery.md.
+
+Figures and pictures of every object go to out/gallery/NAME; the page is written from all that are there, so that one
+object can be made anew by itself. Some minutes an object.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+OUT, DOCS = ROOT / "out" / "gallery", ROOT / "docs"
+WIDTH = 1100  # pixels of the pictures in docs/
+HEAD = """# Gallery
+
+Made by the program itself, with
+
+    python3 tools/dev.py gallery
+
+from shapes of its own and Blender's, 20 mm quads in sheets of 2 mm unless it says otherwise. Every picture shows the target, the
+assembled piece with its true spirals in the shape that the simulation finds, and its panels, in the colours of the patches.
+*Distance* is how far the spirals' centres end from the target (root mean square, as a share of the size); *bending* compares how
+the surface bends at every spiral (RMSE). Both are given for spirals from the curvature and for optimised ones. The time is that
+of a laser of 60 W, and rough.
+"""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One object: a source for ``api.load``, and how it is to be made and shown."""
+
+    title: str
+    text: str
+    source: str | Callable[[], Any]
+    options: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    azimuth: float = 25.0
+    elevation: float = 32.0
+
+
+def suzanne() -> Any:
+    """Blender's monkey."""
+    import bpy
+
+    bpy.ops.mesh.primitive_monkey_add()
+    return bpy.context.object
+
+
+ITEMS = {
+    "dome": Item("Dome", "Half a ball, standing on its rim.", "shape:dome", {"supports": "lowest"}),
+    "vault": Item("Vault", "A shell on four feet.", "shape:vault", {"supports": "lowest"}, elevation=28.0),
+    "saddle": Item("Saddle", "Bent one way along and the other way across; free.", "shape:saddle", azimuth=35.0),
+    "torus": Item("Ring", "Curved both ways outside, like a saddle inside; free.", "shape:torus", elevation=42.0),
+    "three-holes": Item("Three holes", "A solid with three holes; free.", "shape:three_holes", azimuth=18.0, elevation=48.0),
+    "suzanne": Item(
+        "Suzanne",
+        "Blender's monkey, remeshed to about 1500 quads; free.",
+        suzanne,
+        {"quads": 1500},
+        azimuth=-20.0,
+        elevation=15.0,
+    ),
+}  # fmt: skip
+
+
+def main(argv: list[str]) -> int:
+    """Make the objects that are asked for, and the page from all that are there."""
+    parser = argparse.ArgumentParser(prog="gallery", description="Make the objects of docs/gallery.md.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(ITEMS)}; default: all")
+    parser.add_argument("--page-only", action="store_true", help="make nothing, only write the page")
+    wanted = parser.parse_args(argv)
+    unknown = [name for name in wanted.names if name not in ITEMS]
+    if unknown:
+        parser.error(f"there is no {unknown[0]}; there are {', '.join(ITEMS)}")
+    if not wanted.page_only:
+        import flexmaps
+
+        flexmaps.register()
+        for name in wanted.names or ITEMS:
+            make(name)
+    page()
+    return 0
+
+
+def make(name: str) -> None:
+    """One object: all stages, its sheets, its picture, its figures."""
+    import bpy
+    from flexmaps import api
+    from flexmaps.bridge import main_job, picture
+    from flexmaps.bridge.job import Ticks
+    from flexmaps.engine.params import RenderParams
+
+    item, folder = ITEMS[name], OUT / name
+    tell = Ticks(item.title)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    source = item.source if isinstance(item.source, str) else item.source()
+    piece = api.load(source, edge=20, settings=item.settings, **item.options)
+    piece = api.sheets(api.optimise(api.layout(piece, progress=tell), progress=tell), progress=tell)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    api.export(piece, folder, name=name)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    obj = api.show(replace(piece, uid=None))
+    view = {"azimuth": item.azimuth, "elevation": item.elevation}
+    shown = api.change(piece, {f"render.{key}": value for key, value in view.items()}).settings.render
+    with main_job.quiet_blender():
+        picture.together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=32))
+    assert isinstance(shown, RenderParams)
+    api.report(piece, folder)
+
+
+def page() -> None:
+    """docs/gallery.md and its pictures, from all objects that were made."""
+    from PIL import Image
+
+    pictures = DOCS / "images" / "gallery"
+    pictures.mkdir(parents=True, exist_ok=True)
+    parts = [HEAD]
+    for name, item in ITEMS.items():
+        report = OUT / name / "report.json"
+        if not report.is_file():
+            print(f"{name} was not made; the page goes without it")
+            continue
+        Image.open(OUT / name / "picture.png").convert("RGB").save(pictures / f"{name}.jpg", quality=86, optimize=True)
+        parts.append(_section(name, item, json.loads(report.read_text(encoding="utf-8"))))
+    (DOCS / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
+    print(f"{DOCS / 'gallery.md'}: {len(parts) - 1} objects")
+
+
+def _section(name: str, item: Item, report: dict[str, Any]) -> str:
+    size = " x ".join(f"{mm:.0f}" for mm in report["input"]["size_mm"])
+    found, sheets = report["optimise"], report["sheets"]
+    strain = report["equilibrium"].get("strain_share_max")
+    rows = {
+        "size": f"{size} mm",
+        "spirals": str(report["spirals"]["count"]),
+        "patches": str(report["layout"]["patches"]),
+        "distance": f"{found['rms_percent_before']:.2f} % -> {found['rms_percent']:.2f} %",
+        "bending": f"{found['laplacian_rmse_mm_before']:.2f} mm -> {found['laplacian_rmse_mm']:.2f} mm",
+        "strain": "-" if strain is None else f"{100 * strain:.0f} % of what the material bears",
+        "sheets": f"{sheets['sheets']} of {_sheet(sheets)}",
+        "cut": f"{sheets['cut_length_m']:.1f} m, about {_minutes(sheets['cut_minutes'])}",
+        "joints": f"{sheets['joints']}, about {_minutes(sheets['assembly_minutes'])} to join",
+    }
+    table = "\n".join(f"| {key} | {value} |" for key, value in rows.items())
+    return (
+        f"## {item.title}\n\n{item.text}\n\n![{item.title}](images/gallery/{name}.jpg)\n\n| | |\n|---|---|\n{table}\n"
+    )
+
+
+def _sheet(sheets: dict[str, Any]) -> str:
+    width, height = sheets["sizes_mm"][0]
+    return f"{width:.0f} x {height:.0f} mm"
+
+
+def _minutes(minutes: float) -> str:
+    return f"{max(minutes, 1):.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"
