@@ -126,12 +126,12 @@ def _fill(canvas: np.ndarray, points: np.ndarray, colour: np.ndarray) -> None:
         return
     x = np.arange(low[0], high[0]) + 0.5
     y = (np.arange(low[1], high[1]) + 0.5)[:, None]
-    after = np.roll(points, -1, axis=0)
-    area = float((points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0]).sum())
-    sign = 1.0 if area >= 0.0 else -1.0
+    ring: list[list[float]] = points.tolist()
+    sides = list(zip(ring, ring[1:] + ring[:1]))
+    sign = 1.0 if sum(px * qy - py * qx for (px, py), (qx, qy) in sides) >= 0.0 else -1.0
     inside = np.ones((len(y), len(x)), bool)
-    for (px, py), (qx, qy) in zip(points.tolist(), after.tolist()):
-        inside &= sign * ((qx - px) * (y - py) - (qy - py) * (x - px)) >= 0.0
+    for (px, py), (qx, qy) in sides:
+        inside &= sign * (qx - px) * (y - py) >= sign * (qy - py) * (x - px)
     canvas[low[1] : high[1], low[0] : high[0]][inside] = colour
 
 

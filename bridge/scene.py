@@ -141,7 +141,8 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
 def save(path: str | Path) -> None:
     """Save the file, compressed, with the 3D views framed on what is there. Raises ``FlexMapsError`` where it cannot be."""
     _frame_views()
-    Path(path).unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
+    path = Path(path).absolute()  # Blender has a working folder of its own
+    path.unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
     except RuntimeError as error:

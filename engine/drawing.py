@@ -102,6 +102,8 @@ def _svg(item: Item) -> list[str]:
     if isinstance(item, Shapes):
         return _shapes(item)
     if isinstance(item, Strokes):
+        if not len(item.ends):
+            return []
         path = "".join(_path(pair) for pair in item.ends)
         width = f"{item.width:g}"
         return [f'<path d="{path}" fill="none" stroke="{item.colour}" stroke-width="{width}" stroke-linecap="round"/>']

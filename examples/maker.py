@@ -14,6 +14,7 @@ try:
 except ImportError:  # Blender as a Python module, from a checkout
     from flexmaps import api
 
+SETTINGS = {"connect.connector": "dovetail", "cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}  # measure your own kerf
 SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
 
@@ -31,7 +32,7 @@ def main(words: list) -> int:
     """Go through the folder; returns how many meshes could not be made."""
     meshes, out = Path(words[0]), Path(words[1])
     edge = float(words[2]) if len(words) > 2 else 20.0
-    settings = {"connect.connector": "dovetail", "cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}
+    settings = dict(SETTINGS)
     if len(words) > 4:
         settings |= {"sheet.sheet_width": words[3], "sheet.sheet_height": words[4]}
     refused = []

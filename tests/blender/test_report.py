@@ -1,0 +1,300 @@
+"""The page, the plots and the pictures of a run, judged by readers that the project did not write."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps import api
+from flexmaps.bridge import arrange, raster
+from flexmaps.bridge import report as pages
+from flexmaps.engine import colours, drawing, plots, report_plots
+from flexmaps.engine.plots import Colouring
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely.geometry import MultiPoint
+
+SVG = "{http://www.w3.org/2000/svg}"
+VOID = {"meta", "img", "br", "link"}
+FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
+
+
+@pytest.fixture(scope="module")
+def strip() -> api.Piece:
+    return api.sheets(api.optimise(api.load("shape:strip", edge=20, settings=FEW), supports="lowest"))
+
+
+@pytest.fixture(scope="module")
+def out(strip: api.Piece, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    api.report(strip, folder)
+    return folder
+
+
+class Page(HTMLParser):
+    """Tags that were opened and closed, attributes, and the text of table cells."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.wrong: list[str] = []
+        self.links: list[str] = []
+        self.cells: list[str] = []
+        self.text: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "data", "xlink:href", "action")]
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag in ("td", "th"):
+            self.cells.append("")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        pass
+
+    def handle_endtag(self, tag: str) -> None:
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+        if self.open and self.open[-1] in ("td", "th"):
+            self.cells[-1] += data
+
+
+def points_of(path: str) -> list[np.ndarray]:
+    """The closed or open polylines of a path of moves and lines."""
+    return [np.array(re.findall(r"-?[\d.]+", part), float).reshape(-1, 2) for part in path.split("M")[1:]]
+
+
+# -- the page --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_is_whole_and_needs_no_network(out: Path) -> None:
+    text = (out / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert not page.wrong and not page.open
+    assert all(link.startswith("data:") for link in page.links)
+    addresses = set(re.findall(r"https?://[^\s\"'<]+", text)) - {"http://www.w3.org/2000/svg"}
+    assert not addresses and "@import" not in text and "url(" not in text
+
+
+def test_the_row_of_figures_is_that_of_the_report(out: Path) -> None:
+    report = json.loads((out / "report.json").read_text())
+    cells = Page((out / "report.html").read_text(encoding="utf-8")).cells
+    row = dict(zip(cells[:10], cells[10:20]))
+    assert row["Spirals"] == "108" == str(report["spirals"]["count"])
+    assert row["Patches"] == str(report["layout"]["patches"])
+    assert float(row["Opt. (s)"]) == pytest.approx(report["seconds"]["optimise"], abs=0.06)
+    assert float(row["RMSE before (mm)"]) == pytest.approx(report["optimise"]["laplacian_rmse_mm_before"], abs=6e-4)
+    assert float(row["RMSE (mm)"]) == pytest.approx(report["equilibrium"]["laplacian_rmse_mm"], abs=6e-4)
+    assert float(row["RMS distance (%)"]) == pytest.approx(report["equilibrium"]["rms_percent"], abs=6e-4)
+    assert float(row["Max. distance (%)"]) == pytest.approx(report["equilibrium"]["max_percent"], abs=6e-4)
+
+
+def test_the_page_says_what_differs_from_the_defaults_and_what_to_mind(strip: api.Piece, out: Path) -> None:
+    page = Page((out / "report.html").read_text(encoding="utf-8"))
+    assert "Thickness (spiral.thickness)" in page.cells
+    assert page.cells[page.cells.index("Thickness (spiral.thickness)") + 1] == "1.5 mm"
+    assert "Width of the thinnest arm" not in page.text and "Smallest width (spiral.width_min)" not in page.cells
+    assert strip.result.limits is not None and strip.result.limits.advice in page.text
+
+
+def test_names_that_look_like_html_stay_names(strip: api.Piece, tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    api.report(replace(strip, name="<b>a & b</b>.obj"), tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<b>a & b" not in text
+    assert "<b>a & b</b>" in Page(text).text[0] + "".join(Page(text).text)
+
+
+def test_pictures_are_inside(strip: api.Piece) -> None:
+    from flexmaps.engine import report_page
+
+    png = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
+    text = report_page.page(api.report(strip), {}, [("A picture", png)])
+    found = re.search(r'src="data:image/png;base64,([^"]+)"', text)
+    assert found is not None and base64.b64decode(found.group(1)) == png
+
+
+def test_every_stage_that_is_missing_is_left_out(tmp_path: Path) -> None:
+    early = api.load("shape:strip", edge=20)
+    api.report(early, tmp_path)
+    assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"]
+    api.report(api.spirals(early), tmp_path)
+    there = {p.stem for p in (tmp_path / "plots").iterdir()}
+    assert there == {"surface", "patches", "distortion", "width", "twist"}
+    api.report(early, tmp_path)
+    assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"], "what is no longer true goes"
+
+
+# -- the plots -------------------------------------------------------------------------------------------------------------
+
+
+def test_every_plot_is_a_file_that_others_can_read(out: Path) -> None:
+    found = {path.stem: ElementTree.parse(path).getroot() for path in (out / "plots").glob("*.svg")}
+    assert set(found) == set(report_plots.NAMES)
+    for name, root in found.items():
+        _, _, width, height = map(float, root.attrib["viewBox"].split())
+        assert root.find(f"{SVG}title") is not None
+        for path in root.iter(f"{SVG}path"):
+            points = np.concatenate(points_of(path.attrib["d"]))
+            assert np.isfinite(points).all()
+            assert (points >= -0.1).all() and (points <= np.array([width, height]) + 0.1).all(), name
+
+
+def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
+    """The squares of areas on the page and in metres go together, and colours are those of the scale."""
+    flat = strip.result.flat
+    assert flat is not None
+    values = np.arange(len(flat.corners), dtype=float)
+    corners = flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]
+    sides = np.zeros((len(corners), 4), bool)
+    made = plots.flat_map(corners, sides, Colouring.of("Numbers", values, "no unit", colours.MUCH, 0.0, values[-1]))
+    root = ElementTree.fromstring(drawing.svg(made))
+    quads = [
+        (points, path.attrib["fill"])
+        for path in root.iter(f"{SVG}path")
+        if path.attrib["fill"] != "none"
+        for points in points_of(path.attrib["d"])
+    ][: len(corners)]
+    assert len(quads) == len(corners)
+    found = {tuple(np.round(q.mean(axis=0), 0)): colour for q, colour in quads}
+    low, high = corners.reshape(-1, 2).min(axis=0), corners.reshape(-1, 2).max(axis=0)
+    factor = np.ptp(np.concatenate([q for q, _ in quads])[:, 0]) / (high - low)[0]
+    top = np.concatenate([q for q, _ in quads]).min(axis=0)
+    for k in (0, 30, 77, len(corners) - 1):
+        middle = (corners[k].mean(axis=0) - [low[0], high[1]]) * factor * [1, -1] + top
+        near = min(found, key=lambda at: np.hypot(at[0] - middle[0], at[1] - middle[1]))
+        assert np.hypot(near[0] - middle[0], near[1] - middle[1]) < 1.5
+        wanted = [np.interp(k / values[-1], np.linspace(0, 1, 4), colours.MUCH[:, c]) for c in range(3)]
+        assert drawing.rgb(found[near]) == pytest.approx(wanted, abs=0.02)
+
+
+def test_a_histogram_counts_every_spiral_once() -> None:
+    values = np.random.default_rng(3).gamma(2.0, 1.5, 500)
+    made = plots.histogram(values, "Distances", "Distance (mm)", [(3.0, "a mark")])
+    bars = next(item for item in made.items if isinstance(item, drawing.Shapes))
+    heights = np.ptp(bars.points[..., 1], axis=1)
+    unit = heights.sum() / 500
+    assert heights / unit == pytest.approx(np.round(heights / unit), abs=1e-6)
+    left = bars.points[..., 0].min(axis=1)
+    bins = np.histogram(values, 28, (0.0, values.max() * 1.02))[0]
+    assert (np.round(heights / unit)[np.argsort(left)] == bins[bins > 0]).all()
+
+
+@pytest.mark.parametrize("values, steps", [([3.0, 2.0, 1.5], 0.0), ([1.0, 0.1, 0.01], 1.0)])
+def test_a_history_is_logarithmic_where_it_spans_much(values: list[float], steps: float) -> None:
+    """Equal ratios are equal heights then; else equal differences are, from zero on."""
+    made = plots.history(values, "Match", "RMSE (mm)")
+    line = next(item for item in made.items if isinstance(item, drawing.Line) and len(item.points) == 3)
+    y = line.points[:, 1]
+    fall = (y[1] - y[0]) / (y[2] - y[1])
+    assert fall == pytest.approx(1.0 if steps else (3.0 - 2.0) / (2.0 - 1.5))
+
+
+@given(st.floats(-1e6, 1e6), st.floats(1e-6, 1e6))
+def test_ticks_are_round_and_within(low: float, span: float) -> None:
+    found = drawing.ticks(low, low + span)
+    assert found == sorted(found) and len(found) <= 12
+    slack = 1e-6 * max(span, abs(low) * 1e-6)
+    assert all(low - slack <= t <= low + span + slack for t in found)
+    if len(found) > 1:
+        step = found[1] - found[0]
+        lead = step / 10 ** np.floor(np.log10(step * 1.0001))
+        assert min(abs(lead - m) for m in (1, 2, 5, 10)) < 1e-3
+
+
+# -- pixels ----------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(5, 95), st.floats(5, 55)), min_size=3, max_size=6), st.booleans())
+def test_filled_shapes_have_their_area(points: list[tuple[float, float]], clockwise: bool) -> None:
+    hull = MultiPoint(points).convex_hull
+    if hull.geom_type != "Polygon" or hull.area < 20:
+        return
+    ring = np.array(hull.exterior.coords)[:-1]
+    ring = ring[::-1] if clockwise else ring
+    made = drawing.Drawing("A shape", 100, 60, [drawing.Line(np.array([[0.0, 0.0], [0.1, 0.0]]), "#ffffff", 0.1)])
+    empty = raster.pixels(made, {})
+    canvas = np.ascontiguousarray(np.repeat(np.repeat(empty, raster.FINE, 0), raster.FINE, 1))
+    raster._fill(canvas, ring * raster.SCALE * raster.FINE, np.zeros(3))
+    area = (canvas[..., 0] < 0.5).sum() / (raster.SCALE * raster.FINE) ** 2
+    assert area == pytest.approx(hull.area, abs=0.15 * hull.length + 0.1)
+
+
+def test_letters_stand_where_they_are_asked_to() -> None:
+    def ink(**how: Any) -> np.ndarray:
+        made = drawing.Drawing("Text", 200, 100, [drawing.Text((100, 50), "Widths", 16, "#000000", **how)])
+        return np.argwhere(raster.pixels(made, raster.glyphs([made]))[..., 0] < 0.5) / raster.SCALE
+
+    start, end, turned = ink(), ink(anchor="end"), ink(turned=True, anchor="middle")
+    assert start[:, 1].min() == pytest.approx(100, abs=2) and end[:, 1].max() == pytest.approx(100, abs=2)
+    assert start[:, 0].max() == pytest.approx(50, abs=1), "on the baseline"
+    assert np.ptp(turned[:, 0]) == pytest.approx(np.ptp(start[:, 1]), abs=1)
+    assert turned[:, 0].mean() == pytest.approx(50, abs=2) and turned[:, 1].max() <= 101
+
+
+# -- in Blender --------------------------------------------------------------------------------------------------------------
+
+
+def test_what_an_object_holds_tells_the_same(strip: api.Piece, out: Path, tmp_path: Path) -> None:
+    obj = api.show(strip)
+    described = api.report(obj, tmp_path)
+    first = json.loads((out / "report.json").read_text())
+    for block in ("layout", "spirals", "reach"):
+        for key, value in first[block].items():
+            assert described[block][key] == (pytest.approx(value, rel=1e-4) if isinstance(value, float) else value)
+    assert described["optimise"]["history"] == first["optimise"]["history"]
+    assert described["sheets"]["mass_g"] == first["sheets"]["mass_g"]
+    for name in report_plots.NAMES:
+        both = [(folder / "plots" / f"{name}.svg").read_text() for folder in (out, tmp_path)]
+        roots = [ElementTree.fromstring(text) for text in both]
+        texts = [[t.text for t in root.iter(f"{SVG}text")] for root in roots]
+        assert texts[0] == texts[1], name
+
+
+def test_the_button(strip: api.Piece, tmp_path: Path) -> None:
+    obj = api.show(strip)
+    obj.flexmaps.export.folder = str(tmp_path)
+    assert bpy.ops.flexmaps.report() == {"FINISHED"}
+    made = {name: bpy.data.images[f"{obj.name} {name}"] for name in report_plots.NAMES}
+    for name, image in made.items():
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
+        rows = pixels.reshape(image.size[1], image.size[0], 4)
+        assert image.packed_file is not None and (rows[..., 3] == 1).all()
+        assert 0.005 < (rows[..., :3].min(axis=2) < 0.9).mean() < 0.9, name
+        assert rows[: image.size[1] // 2].std() > 0 and rows[image.size[1] // 2 :].std() > 0
+    assert (tmp_path / f"{obj.name}-report" / "report.html").is_file()
+    count = len(bpy.data.images)
+    assert bpy.ops.flexmaps.report(files=False) == {"FINISHED"}
+    assert len(bpy.data.images) == count, "painted over"
+
+
+def test_the_button_in_a_file_that_was_never_saved(dome: Any) -> None:
+    assert not bpy.ops.flexmaps.report.poll()
+    bpy.ops.flexmaps.merge()
+    assert bpy.ops.flexmaps.report() == {"FINISHED"}
+    assert bpy.data.images[f"{dome.name} patches"].size[0] > 500
+    assert f"{dome.name} distance" not in bpy.data.images
+
+
+def test_an_old_simulation_is_not_reported(strip: api.Piece) -> None:
+    obj = api.show(strip)
+    assert "equilibrium" in pages.of_object(obj)[0]
+    obj.flexmaps.material.material = "birch"
+    described, drawn = pages.of_object(obj)
+    assert not {"equilibrium", "reach", "optimise"} & set(described)
+    assert not {"distance", "safety", "history"} & set(drawn)
