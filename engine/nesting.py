@@ -7,10 +7,18 @@ than the sheet. What the quick packing finds is the first answer, so that there 
 
 from __future__ import annotations
 
+import importlib.util
+import json
+import queue
+import subprocess
+import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 
@@ -25,8 +33,8 @@ BAY = 0.012  # metres; bays narrower than twice this are closed, and those narro
 ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
 FULLEST = 1.05  # share of a sheet that the convex hulls of a set of panels may have for the set to be tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
-TURN = 1  # seconds for one set of panels; spyrrow cannot be stopped, so ESC may take that long
-LAST, LONGEST = 0.15, 10  # share of the time limit for drawing the panels of the last sheet together, and most seconds
+TURN = 1  # seconds for one set of panels
+LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
 
 
 def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SILENT) -> Packing:
@@ -52,10 +60,8 @@ def _searched(search: _Search, rough: Packing) -> Packing:
     best, best_worth = rough, _worth(rough, shapes)
     rng = np.random.default_rng(params.seed)
     idle = 0
-    while idle < PATIENCE and len(best.sizes) > search.fewest:
+    while idle < PATIENCE and len(best.sizes) > search.fewest and search.spent() < 1.0 - LAST:
         found = search.fill(rng)
-        if found is None:
-            break
         idle += 1
         if _worth(found, shapes) < best_worth and _sound(found, shapes, params):
             best, best_worth, idle = found, _worth(found, shapes), 0
@@ -64,12 +70,8 @@ def _searched(search: _Search, rough: Packing) -> Packing:
 
 
 def available() -> bool:
-    """Whether spyrrow can be imported here."""
-    try:
-        import spyrrow  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    """Whether spyrrow is installed here."""
+    return importlib.util.find_spec("spyrrow") is not None
 
 
 def _worth(packing: Packing, shapes: list[np.ndarray]) -> tuple[int, float]:
@@ -123,12 +125,11 @@ class _Search:
         fit = [i for i in range(len(shapes)) if self.turns[i]]
         self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self.free.prod() - 1e-9))
         self.known: dict[frozenset[int], _Set | None] = {}
-        self.running: list[threading.Event] = []
+        self.worker = _Worker()
 
     def finish(self) -> None:
-        """Wait for what still runs: a thread that outlives the program would end with a complaint."""
-        for done in self.running:
-            done.wait()
+        """Stop what still runs."""
+        self.worker.stop()
 
     def spent(self) -> float:
         """The share of the time limit that has passed."""
@@ -149,23 +150,28 @@ class _Search:
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
-    def fill(self, rng: np.random.Generator) -> Packing | None:
-        """All panels on sheets, the large ones first, the order shuffled a little from the second time on."""
+    def fill(self, rng: np.random.Generator) -> Packing:
+        """All panels on sheets, the large ones first, the order shuffled a little from the second time on.
+
+        What has found no place when time is up is laid on more sheets the quick way.
+        """
         order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.known))
         sets: list[_Set] = []
+        rest: list[int] = []
         for i in np.argsort(-order, kind="stable").tolist():
             if i in self.large:
                 continue
+            if self.spent() >= 1.0 - LAST:
+                rest.append(i)
+                continue
             for k in sorted(range(len(sets)), key=lambda k: -sets[k].area):
-                if self.spent() >= 1.0:
-                    return None
                 found = self._together(frozenset(sets[k].places) | {i})
                 if found is not None:
                     sets[k] = found
                     break
             else:
                 sets.append(self._alone(i))
-        return self._packing(sets)
+        return self._packing(sets + self._quick(rest))
 
     def _together(self, members: frozenset[int]) -> _Set | None:
         """These panels on one sheet, if that is found in ``TURN`` seconds."""
@@ -181,6 +187,17 @@ class _Search:
         cos, sin = np.cos(angle), np.sin(angle)
         low = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
         return _Set({i: (angle, self.params.margin - low)}, float(self.area[i]))
+
+    def _quick(self, rest: list[int]) -> list[_Set]:
+        """Panels on sheets of their own, by the quick packing."""
+        if not rest:
+            return []
+        p = self.params
+        found = pack([self.shapes[i] for i in rest], self._size(), p.margin, p.spacing, rotation=p.rotation)
+        sheets: list[dict[int, tuple[float, np.ndarray]]] = [{} for _ in found.sizes]
+        for k, i in enumerate(rest):
+            sheets[found.sheet[k]][i] = float(found.rotation[k]), found.shift[k]
+        return [_Set(places, float(self.area[list(places)].sum())) for places in sheets]
 
     def _packing(self, sets: list[_Set]) -> Packing:
         count = len(self.shapes)
@@ -206,7 +223,7 @@ class _Search:
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
         if len(members) < 2 or members & set(self.large):
             return packing
-        found = self._strip(members, 0.0, min(max(TURN, int(LAST * self.params.nesting_seconds)), LONGEST))
+        found = self._strip(members, 0.0, max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds)))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -218,57 +235,112 @@ class _Search:
 
     def _strip(self, members: frozenset[int], enough: float, seconds: int = TURN) -> _Set | None:
         """Panels packed in a strip as high as the sheet, if it is no longer than the sheet; ends once it is ``enough``."""
-        solution = self._solve(members, enough, seconds)
-        if solution is None or solution.width - 2.0 * self.separation * 1e3 > self.free[0] * 1e3:
+        found = self._solve(members, enough, seconds)
+        if found is None or found.width - 2.0 * self.separation > self.free[0]:
             return None
         # spyrrow keeps the separation from the border of its strip too
         move = self.params.margin - self.separation
         return _Set(
-            {
-                int(p.id): (float(np.radians(p.rotation)), np.array(p.translation) * 1e-3 + move)
-                for p in solution.placed_items
-            },
+            {i: (turn, shift + move) for i, (turn, shift) in found.places.items()},
             float(self.area[list(members)].sum()),
         )
 
-    def _solve(self, members: frozenset[int], enough: float, seconds: int) -> Any:
-        """spyrrow's shortest feasible strip for some panels, in millimetres; it runs in a thread of its own, for ESC."""
-        import spyrrow
-
-        items = [
-            spyrrow.Item(str(i), [tuple(p) for p in (self.simple[i] * 1e3).tolist()], 1, self.turns[i])
-            for i in sorted(members)
-        ]
-        high = float(self.free[1] + 2.0 * self.separation) * 1e3
-        task = spyrrow.StripPackingInstance("", high, items)
-        config = spyrrow.StripPackingConfig(
-            total_computation_time=seconds,
-            min_items_separation=self.separation * 1e3,
-            num_workers=1,
-            seed=self.params.seed,
-        )
-        queue, done = spyrrow.ProgressQueue(), threading.Event()
-
-        def work() -> None:
-            try:
-                task.solve(config, queue)
-            except BaseException:  # a panic of its Rust code is no Exception; there is no solution then
-                pass
-            finally:
-                done.set()
-
-        self.running.append(done)
-        threading.Thread(target=work, daemon=True).start()
-        feasible = (spyrrow.ReportType.ExplFeas, spyrrow.ReportType.CmprFeas, spyrrow.ReportType.Final)
+    def _solve(self, members: frozenset[int], enough: float, seconds: int) -> _Strip | None:
+        """spyrrow's shortest feasible strip for some panels; ``None`` without one."""
+        task = {
+            "items": [(str(i), (self.simple[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],
+            "high": float(self.free[1] + 2.0 * self.separation) * 1e3,
+            "seconds": seconds,
+            "separation": self.separation * 1e3,
+            "seed": self.params.seed,
+        }
         best = None
-        while True:
-            ended = done.wait(0.02)
-            for kind, solution in queue.drain():
-                if kind in feasible and (best is None or solution.width < best.width):
-                    best = solution
-            if ended or (best is not None and best.width - 2e3 * self.separation <= enough * 1e3):
-                return best
+        for solution in self.worker.solutions(task, seconds + PATIENCE):
+            best = solution if solution is not None else best
+            if best is not None and best.width <= enough + 2.0 * self.separation:
+                self.worker.stop()
+                break
             self.progress(min(self.spent(), 1.0), f"nesting {len(members)} panels on a sheet")
+        return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """A packed strip: its length in metres and, of every panel on it, turn (radians) and shift (2,) metres."""
+
+    width: float
+    places: dict[int, tuple[float, np.ndarray]]
+
+
+class _Worker:
+    """spyrrow in a process of its own, for it cannot be stopped: a process can."""
+
+    def __init__(self) -> None:
+        self.process: subprocess.Popen[str] | None = None
+        self.lines: queue.Queue[str] = queue.Queue()
+
+    def solutions(self, task: dict[str, Any], seconds: float) -> Iterator[_Strip | None]:
+        """Every better strip as it is found, and ``None`` now and then; ends with the task or after ``seconds``."""
+        begin = time.monotonic()
+        try:
+            self._start()
+            assert self.process is not None and self.process.stdin is not None
+            self.process.stdin.write(json.dumps(task) + "\n")
+            self.process.stdin.flush()
+        except OSError:  # no process may be started here, or it has gone
+            self.stop()
+            return
+        while time.monotonic() - begin < seconds:
+            try:
+                line = self.lines.get(timeout=0.05)
+            except queue.Empty:
+                yield None
+                continue
+            if not line.strip():
+                if not line:
+                    self.stop()  # it has ended by itself
+                return
+            width, places = json.loads(line)
+            yield _Strip(
+                width * 1e-3, {int(i): (float(np.radians(turn)), 1e-3 * np.array(move)) for i, turn, move in places}
+            )
+        self.stop()
+
+    def _start(self) -> None:
+        if self.process is not None:
+            return
+        found = importlib.util.find_spec("spyrrow")
+        where = [str(Path(p).parent) for p in (found.submodule_search_locations or ()) if found] if found else []
+        self.lines = queue.Queue()
+        self.process = subprocess.Popen(
+            [sys.executable, "-I", str(Path(__file__).with_name("nest_worker.py"))],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+        threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True).start()
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps(where) + "\n")
+
+    def stop(self) -> None:
+        """End the process at once; the next task starts another."""
+        process, self.process = self.process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for pipe in (process.stdin, process.stdout):
+                with suppress(OSError):
+                    pipe.close()  # type: ignore[union-attr]
+
+
+def _read(pipe: IO[str], lines: queue.Queue[str]) -> None:
+    """Hand the lines of a pipe on; an empty text at its end."""
+    with suppress(OSError, ValueError):
+        for line in pipe:
+            lines.put(line)
+    lines.put("")
 
 
 def _simplified(shape: np.ndarray, bay: float) -> np.ndarray:

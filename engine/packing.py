@@ -111,6 +111,13 @@ def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float
     return max(ends)
 
 
+def fill(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:
+    """Share of the sheets that shapes of this whole area, square metres, cover; of the emptiest sheet only the used end counts."""
+    used = [used_length(packing, shapes, k) + margin for k in range(len(packing.sizes))]
+    spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in enumerate(used)), default=0.0)
+    return area / float(packing.sizes.prod(axis=1).sum() - max(spare, 0.0))
+
+
 def fits(size: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
     """Whether a box of this size (2,), in metres, longer side first, fits on the sheet: either way round, or along the grain."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]

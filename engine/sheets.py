@@ -16,7 +16,7 @@ from .errors import FlexMapsError
 from .kerf import cut_paths
 from .labels import Labels, make_labels
 from .nesting import nest
-from .packing import Packing, least_box, turn_that_fits, used_length
+from .packing import Packing, fill, least_box, turn_that_fits, used_length
 from .params import ConnectorParams, CutParams, SheetParams
 from .progress import SILENT, Progress
 from .spiral import centre_line
@@ -274,7 +274,7 @@ def _without(made: Connections, params: ConnectorParams) -> list[str]:
     return found
 
 
-def _named(joints: list[tuple[str, Sequence[int]]], most: int = 5) -> str:
+def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
     """The first few joints and the faces on both sides of them."""
     named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
     return ", ".join(named) + (", ..." if len(joints) > most else "")
@@ -338,7 +338,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
         "sheets": sheets.count,
         "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
         "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
-        "fill": round(silhouettes / float(sheets.packing.sizes.prod(axis=1).sum()), 4),
+        "fill": round(fill(sheets.packing, shapes, silhouettes, sheets.params.margin), 4),
         "area_m2": round(sum(p.area for p in sheets.panels), 6),
         "cut_length_m": round(length, 3),
         "slot_min_mm": round(sheets.slot_min * 1e3, 4),

@@ -50,9 +50,11 @@ class Table:
         line = f"{one['mesh']:<18}{one['row']:<{self._width}}{one['asked']:>12}{measured:>14}  {mark:<4} {peer}"
         print(line.rstrip(), flush=True)
 
-    def finish(self, path: Path | None) -> None:
-        """Write the rows as JSON, if asked, and say what was missed."""
+    def finish(self, path: Path | None, keep: bool = False) -> None:
+        """Write the rows as JSON, if asked, and say what was missed; ``keep`` the rows of other meshes that are there."""
         if path is not None:
-            path.write_text(json.dumps(self.rows, indent=1) + "\n")
+            fresh = {r["mesh"] for r in self.rows}
+            earlier = json.loads(path.read_text()) if keep and path.is_file() else []
+            path.write_text(json.dumps([r for r in earlier if r["mesh"] not in fresh] + self.rows, indent=1) + "\n")
         missed = [r for r in self.rows if r["ok"] is False]
         print(f"{len(self.rows)} rows, {len(missed)} missed" + "".join(f"\n  {r['mesh']}: {r['row']}" for r in missed))

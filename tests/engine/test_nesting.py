@@ -7,7 +7,7 @@ import pytest
 import shapely
 from flexmaps.engine import nesting
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.packing import pack, used_length
+from flexmaps.engine.packing import Packing, fill, pack, used_length
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity
@@ -113,3 +113,38 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
     simple = nesting._simplified(np.array(comb), 0.003)
     assert len(simple) < 14
     assert shapely.Polygon(simple).contains(shapely.Polygon(comb))
+
+
+def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
+    shapes = [_wedge(0.38, 0.17, 0.02)] * 12
+    monkeypatch.setattr(nesting, "TURN", 60)  # one call of spyrrow that would go on for a minute
+    asked = []
+
+    def stopped():
+        return bool(asked) and time.monotonic() > asked[0]
+
+    def told(_, text):
+        if "on a sheet" in text and not asked:
+            asked.append(time.monotonic() + 1.0)
+
+    workers = []
+    monkeypatch.setattr(nesting._Worker, "_start", lambda self, start=nesting._Worker._start: (start(self), workers.append(self.process)))  # fmt: skip
+    with pytest.raises(Cancelled):
+        nesting.nest(shapes, SheetParams(nesting_seconds=1e4), Progress(told, stopped=stopped))
+    assert workers and all(w is None or w.poll() is not None for w in workers)  # nothing is left running
+
+
+def test_what_has_no_place_when_time_is_up_is_laid_the_quick_way():
+    shapes = [_wedge(0.38, 0.17, 0.02)] * 12
+    params = SheetParams(nesting_seconds=0.01)
+    packing = nesting.nest(shapes, params)
+    assert len(packing.sizes) <= len(pack(shapes, (0.6, 0.4), 0.005, 0.003).sizes)
+    _check(shapes, packing, params)
+
+
+def test_fill_counts_the_last_sheet_as_far_as_it_is_used():
+    square = np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]])
+    shift = np.array([[0.005, 0.005], [0.13, 0.005], [0.005, 0.005]])
+    found = Packing(np.array([0, 0, 1]), np.zeros(3), shift, np.array([[0.24, 0.12], [0.24, 0.12]]))
+    wanted = 0.03 / (0.24 * 0.12 + 0.11 * 0.12)
+    assert fill(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
