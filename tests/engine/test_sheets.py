@@ -90,7 +90,7 @@ def test_numbers_of_the_report(made):
     assert report["area_m2"] == pytest.approx(sum(p.area for p in polygons), rel=3e-4)
     assert report["cut_length_m"] == pytest.approx(sum(p.length for p in polygons), rel=1e-3)
     # of the only sheet what lies beyond the panels and their margin is left over
-    used = (max(p.bounds[2] for p in polygons) + 0.005) * 0.4
+    used = (max(_polygon(p).bounds[2] for p in made.on_sheet(0)) + 0.005) * 0.4
     assert report["fill"] == pytest.approx(sum(shapely.Polygon(p.exterior).area for p in polygons) / used, rel=1e-3)
     assert report["slot_min_mm"] >= 0.3 - 1e-6
     assert 0.99 <= report["bridge_min_mm"] <= 1.1
