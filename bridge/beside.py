@@ -13,12 +13,12 @@ import bpy
 import numpy as np
 
 from ..engine import colours
-from ..engine.flatten import FlatPatches
 from .objects import find
 
 if TYPE_CHECKING:
     from ..engine.arcs import Curve
     from ..engine.design import SpiralDesign
+    from ..engine.flatten import FlatPatches
     from .solids import Solid
 
 SEAM_COLOURS = 12
