@@ -20,19 +20,21 @@ if TYPE_CHECKING:
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # on the empty
+TABLE = 1.3  # how wide the panels lie, as a share of the piece
 LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived
 
 
 def on_table(design: SpiralDesign, pose: Pose) -> np.ndarray:
     """(N, 3) metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
-    places = arrange.side_by_side(design.flat)
-    low, high = arrange.patch_boxes(design.flat)
-    corner, top = (low + places).min(axis=0), (high + places).max(axis=0)
-    gap = 2.0 * design.flat.layout.mesh.median_edge
-    ground = pose.centres.min(axis=0) - gap / 4
-    middle = 0.5 * (pose.centres[:, 0].min() + pose.centres[:, 0].max())
-    shift = np.array([middle - 0.5 * (corner[0] + top[0]), ground[1] - gap - top[1]])
-    return np.c_[places + shift, np.full(len(places), ground[2])]
+    flat = design.flat
+    spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
+    tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
+    low, high = tips.min(axis=(0, 1)), tips.max(axis=(0, 1))
+    places = arrange.side_by_side(flat, TABLE * float(np.linalg.norm((high - low)[:2])))
+    (corner, top), gap = arrange.patch_boxes(flat), 2.0 * flat.layout.mesh.median_edge
+    corner, top = (corner + places).min(axis=0), (top + places).max(axis=0)
+    shift = np.array([0.5 * (low + high)[0] - 0.5 * (corner + top)[0], low[1] - gap - top[1]])
+    return np.c_[places + shift, np.full(len(places), low[2])]
 
 
 def show(

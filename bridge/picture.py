@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..engine.design import SpiralDesign
 
 SIZE = (1280, 720)
-SAMPLES = 24  # a pixel; the denoiser does the rest
+SAMPLES = 8  # a pixel; the denoiser does the rest
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
 CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
 GAP = 0.12  # between what stands beside each other, as a share of its width
