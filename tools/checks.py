@@ -63,6 +63,8 @@ def _lint() -> list[str]:
             "flexmaps.operators",
             "-p",
             "flexmaps.panels",
+            "-m",
+            "flexmaps.api",
         ]
         config = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
         environment = dict(os.environ, MYPYPATH=folder)

@@ -31,10 +31,13 @@ mount --bind $work $root$work
 exec chroot $root /usr/bin/env -i /bin/bash $work/inside.sh
 """
 
-INSIDE = """
+HEAD = """
 export HOME=/root PATH=/usr/bin:/bin:/usr/sbin LIBGL_ALWAYS_SOFTWARE=1 OPENBLAS_NUM_THREADS=1 PYTHONDONTWRITEBYTECODE=1
 export BLENDER_USER_RESOURCES={work}/user
 cd {work}
+"""
+
+INSIDE = """
 {screen}
 timeout {timeout} blender {options} --python {work}/{script}
 status=$?
@@ -94,8 +97,15 @@ def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subpro
     place = shlex.quote(str(work))
     screen = VIRTUAL_SCREEN.format(work=place, width=width, height=height) if window else ""
     options = "--factory-startup --window-fullscreen" if window else "--factory-startup -b"
-    inside = INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name)
-    (work / "inside.sh").write_text(inside)
+    return shell(
+        INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name), work, timeout
+    )
+
+
+def shell(text: str, work: Path, timeout: int = 240) -> subprocess.CompletedProcess[str]:
+    """Run lines of a shell where ``blender`` is the real one, in the folder ``work``, which both sides see by the same path."""
+    place = shlex.quote(str(work))
+    (work / "inside.sh").write_text(HEAD.format(work=place) + text)
     enter = ENTER.format(root=shlex.quote(str(folder())), work=place)
     return subprocess.run(["unshare", "-m", "bash", "-c", enter], capture_output=True, text=True, timeout=timeout + 60)
 

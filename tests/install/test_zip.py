@@ -73,9 +73,9 @@ def zip_file(build_zip: ModuleType, platform: str) -> Path:
 def test_listing(zip_file: Path) -> None:
     names = zipfile.ZipFile(zip_file).namelist()
     tops = {name.split("/")[0] for name in names}
-    shipped = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md"}
+    shipped = {"__init__.py", "api.py", "blender_manifest.toml", "LICENSE", "README.md"}
     assert shipped <= tops
-    assert tops <= shipped | {"bridge", "data", "engine", "operators", "panels", "wheels"}
+    assert tops <= shipped | {"bridge", "data", "engine", "operators", "panels", "presets", "wheels"}
     assert not any("__pycache__" in name for name in names)
 
 
