@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from . import codesign, curvature
+from .arm_model import ArmModel
 from .assembly import Pose, of_design, target_pose
 from .design import SpiralDesign, curvature_adjusted, fitted
 from .design_space import DesignSpace
@@ -27,6 +28,7 @@ from .threads import one_thread
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
 REPAIR_STEPS = 6
+FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 POLISH_STEPS = 8  # of the spirals alone, after the flat shapes have moved with them
 TOLERANCE = 1e-4  # of the equilibria on the way: what is left is stretch, which hardly moves anything
 
@@ -112,8 +114,8 @@ def optimise(
     """Improve a design until its equilibrium matches the target as well as the method finds.
 
     Arguments as in ``simulate``. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
-    is nearest to the target. With ``codesign`` the flat shapes move too. Shows a ``Look`` after every step. When it is stopped it returns the best design so far,
-    or raises Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
+    is nearest to the target. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    When it is stopped it returns the best design so far, or raises Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
@@ -136,11 +138,13 @@ def optimise(
 
     accepted(start)
     try:
-        share = 0.3 if params.codesign else 0.8
+        codesigned = params.codesign and isinstance(start.model, ArmModel)
+        share = 0.3 if codesigned else 0.8
         METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, share))
-        if params.codesign:
+        if codesigned:
             alone, part = (problem, design, best), progress.part(share, 0.75)
-            codesign.refine(problem, best, design, params, METHODS[params.method], trace, accepted, part)
+            rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
+            codesign.refine(problem, best, design, rough, METHODS[params.method], trace, accepted, part)
             moved = codesign.designed(best, design)
             other = _problem(moved, target, material, params, physics, supports, force)[0]
             start = other.at(other.space.coordinates(moved.width, moved.twist), best.equilibrium.pose, progress.quiet())
@@ -159,8 +163,19 @@ def optimise(
     # whoever has stopped it does not want to wait
     quiet, pose = progress.part(0.95, 1.0) if finished else SILENT, best.equilibrium.pose
     after = _simulated(result, target, material, physics, supports, force, pose, quiet, quick=not finished)
-    n = len(design.width)
+    if name == "given" and not _better(before, after, params):
+        after, best = before, points["given"]
+    n = len(before.design.width)
     return Optimisation(before, after, trace, params.method, name, _at_bound(best.x[:n]), best.gradient[:n], finished)
+
+
+def _better(before: Simulation, after: Simulation, params: OptimiseParams) -> bool:
+    """Whether the result is worth having, told by the whole model: on the way the quick one stood in for it."""
+    one, two = before.report(), after.report()
+    if params.strain_share > 0.0 and one.get("strain_share_max", 0.0) > params.strain_share:
+        return True  # it may cost some of the match to strain the arms less
+    kind = "laplacian_rmse_mm" if params.laplacian else "rms_mm"
+    return bool(two[kind] < one[kind])
 
 
 def _problem(

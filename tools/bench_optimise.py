@@ -106,7 +106,7 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     assert design is not None
     held = supports(mesh)
     started = time.process_time()
-    free = OptimiseParams(strain_share=0.0)
+    free = OptimiseParams(strain_share=0.0, codesign=False)
     result = optimise.optimise(design, mesh, MATERIAL, free, SimulateParams(), supports=held)
     whole = time.process_time() - started
     block, limits = result.report(), reach.reach(result)

@@ -147,12 +147,24 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     assert found.finished and found.after.equilibrium.converged
     assert seen and seen[-1].vertices.shape == mesh.vertices.shape
     # the result is as it was asked for: cutting it again changes nothing
-    again = fitted(design.flat, design.params, found.design.width, found.design.twist)
+    again = fitted(found.design.flat, design.params, found.design.width, found.design.twist)
     assert again.twist == pytest.approx(found.design.twist, abs=1e-6)
     limits = reach(found)
     assert len(limits.kind) == len(mesh.quads) and limits.kind.max() < len(NAMES)
     assert limits.share.sum() == pytest.approx(1.0) and limits.advice.endswith(".")
     assert sum(limits.report()["spirals"].values()) == len(mesh.quads)
+
+
+def test_a_further_run_never_ends_worse() -> None:
+    design, mesh = made("saddle")
+    params = OptimiseParams(restart=False, codesign=False, stop=1e-4)
+    rmse = []
+    for _ in range(3):
+        found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
+        design = found.design
+        rmse.append(found.report()["laplacian_rmse_mm"])
+    # equilibria are found to a tolerance
+    assert all(b <= a * (1.0 + 1e-6) for a, b in pairwise(rmse))
 
 
 def test_stopping_keeps_the_best_so_far() -> None:
