@@ -168,7 +168,7 @@ class FlatPoint(Point):
         """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
         answer = self.system.solve(pull)
         at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
-        by_spirals = (self._forces.T @ answer.ravel()).reshape(-1, 2)
+        by_spirals = (self._back_forces @ answer.ravel()).reshape(-1, 2)
         return -np.concatenate([by_spirals, self._from_geometry(at_joints @ self._by_geometry[:, :12])])
 
     def _geometry(self, change: np.ndarray) -> np.ndarray:

@@ -138,6 +138,11 @@ class Point:
         return self.problem.joint_sum(blocks.transpose(0, 2, 1, 3))
 
     @cached_property
+    def _back_forces(self) -> csr_array:
+        """Its transpose."""
+        return csr_array(self._forces.T)
+
+    @cached_property
     def _slopes(self) -> np.ndarray:
         """(m, 2, 2, 2) of width and twist (rows) by coordinates (columns) of both spirals of every joint."""
         return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
@@ -148,7 +153,7 @@ class Point:
 
     def adjoint(self, pull: np.ndarray) -> np.ndarray:
         """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
-        return -(self._forces.T @ self.system.solve(pull).ravel()).reshape(-1, 2)
+        return -(self._back_forces @ self.system.solve(pull).ravel()).reshape(-1, 2)
 
     def _gathered(self, share: np.ndarray) -> np.ndarray:
         """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""

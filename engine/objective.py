@@ -42,6 +42,11 @@ class Target:
         return csr_array(matrix / (self.unit * np.sqrt(n)))
 
     @cached_property
+    def back(self) -> csr_array:
+        """The operator's transpose."""
+        return csr_array(self.operator.T)
+
+    @cached_property
     def wanted(self) -> np.ndarray:
         """(n, 3) the target's coordinates."""
         return self.centred(self.operator @ self.points)
@@ -102,7 +107,7 @@ class Mismatch:
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
         """The transpose of ``forward``."""
         kept = self._without_turns(change) if project else change
-        return self.target.operator.T @ self.target.centred(kept @ self.rotation)
+        return self.target.back @ self.target.centred(kept @ self.rotation)
 
     def _without_turns(self, change: np.ndarray) -> np.ndarray:
         flat = change.ravel()

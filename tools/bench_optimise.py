@@ -3,14 +3,15 @@
 python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--json FILE]
 
 Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of
-2600 MPa. Open surfaces stand on their lowest spirals, as the published shell does.
+2600 MPa. Most rows are of the publication's problem: the spirals alone, however strained; "within it" keeps the material's limit,
+and "flats too" are the usual settings: within the limit, and the flat shapes move. Open surfaces stand on their lowest spirals, as the published shell does.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -59,7 +60,6 @@ PUBLISHED = {
 }
 MEASURED = (*PUBLISHED, "spot")
 LARGE = 10_000
-CODESIGN_MOST = 1500  # spirals up to which moving the flat shapes too is measured
 
 
 def main(arguments: list[str]) -> int:
@@ -110,7 +110,10 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     result = optimise.optimise(design, mesh, MATERIAL, free, SimulateParams(), supports=held)
     whole = time.process_time() - started
     block, limits = result.report(), reach.reach(result)
-    borne = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held)
+    borne = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(codesign=False), SimulateParams(), supports=held)
+    started = time.process_time()
+    usual = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held)
+    usual_seconds, further = time.process_time() - started, usual.report()
     ours, theirs = _optimisers(design, mesh, held)
     rows = [
         row(name, "spirals", "", len(design.width), None, {"published": published.spirals} if published else None),
@@ -134,15 +137,12 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
         row(name, "strain / limit then", "", round(borne.after.report()["strain_share_max"], 2), None),
         row(name, "reach", "said", limits.advice, True),
     ]  # fmt: skip
-    if len(design.width) <= CODESIGN_MOST:
-        moved_too = replace(free, codesign=True)
-        started = time.process_time()
-        further = optimise.optimise(design, mesh, MATERIAL, moved_too, SimulateParams(), supports=held).report()
-        rows += [
-            row(name, "seconds, flats too", "", round(time.process_time() - started, 1), None),
-            row(name, "rmse mm, flats too", "", round(further["laplacian_rmse_mm"], 4), None),
-            row(name, "rms %, flats too", "", round(further["rms_percent"], 3), None),
-        ]
+    rows += [
+        row(name, "seconds whole, flats too", "", round(usual_seconds, 1), None),
+        row(name, "rmse mm, flats too", "", round(further["laplacian_rmse_mm"], 4), None),
+        at_most(name, "rms %, flats too", 1.0, round(further["rms_percent"], 3)),
+        row(name, "strain / limit, flats too", "", round(usual.after.report()["strain_share_max"], 2), None),
+    ]
     return rows
 
 
@@ -187,7 +187,8 @@ def large() -> list[Row]:
     found = job.run(PolygonMesh.of(torus), Settings(), edge=EDGE, stop_after="spirals")
     assert found.design is not None
     started = time.process_time()
-    result = optimise.optimise(found.design, found.mesh, MATERIAL, OptimiseParams(), SimulateParams())
+    alone = OptimiseParams(codesign=False)
+    result = optimise.optimise(found.design, found.mesh, MATERIAL, alone, SimulateParams())
     seconds, block = time.process_time() - started, result.report()
     return [
         at_most(f"torus of {len(torus.quads)}", "seconds whole", 60.0, round(seconds, 1)),
