@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from ..engine.flatten import FlatPatches
     from .solids import Solid
 
-SEAM_COLOURS = 12
 LINE = 0.03  # half the thickness of a drawn line, in quad edges
 
 
@@ -111,11 +110,12 @@ def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, 
     ids, starts, ends = _outline(flat, sides)
     runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
     curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
-    for k in range(SEAM_COLOURS):
-        curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colours.of_seams(SEAM_COLOURS)[k]))
+    palette = colours.of_seams(len(flat.layout.seams))  # as on the assembly sheet
+    for k, colour in enumerate(palette):
+        curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colour))
     curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
     for spline, (_, seam) in zip(curve.splines, runs, strict=True):
-        spline.material_index = seam % SEAM_COLOURS if seam >= 0 else SEAM_COLOURS
+        spline.material_index = seam if seam >= 0 else len(palette)
     add(obj, scene, "seams", "seams", curve, place)
 
 
@@ -252,8 +252,11 @@ def show_spirals(
     clear(obj)
     place = origin(obj, scene, 3 * design.flat.layout.mesh.median_edge)
     mesh = polygons(f"{obj.name} panels", shape.vertices, shape.corners, shape.sizes)
-    palette = colours.of_patches(len(design.flat.layout.patches))
-    paint(mesh, np.repeat(palette[design.flat.layout.patch_of[shape.quad_of]], shape.sizes, axis=0))
+    layout = design.flat.layout
+    # connectors have their seam's colour, as on the assembly sheet
+    palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
+    row = np.where(shape.seam_of < 0, layout.patch_of[shape.quad_of], len(layout.patches) + shape.seam_of)
+    paint(mesh, np.repeat(palette[row], shape.sizes, axis=0))
     mesh.materials.append(material("FlexMaps panel", None))
     made = add(obj, scene, "panels", "panels", mesh, place)
     if shape.flat:  # thick in renders only

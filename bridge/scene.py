@@ -111,14 +111,14 @@ def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, sur
         return
     mesh.write_design(obj, result.design)
     notes.write(obj.data, "spirals", design_report(result.design))
-    shape = solids.solid(result.design, centres)
+    shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
     for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
         pass
 
 
 def _outlines(result: Result) -> list[tuple[Any, ...]]:
     if result.sheets is not None:
-        return [(panel.outline, *panel.holes) for panel in result.sheets.panels]
+        return [(panel.outline, *panel.holes) for panel in result.sheets.panels if panel.patch >= 0]
     design: SpiralDesign = result.design  # type: ignore[assignment]
     root = hubs(design.arms, design.params.fillet)
     drawn = outlines(design.flat.layout, design.arms, root, slot_needed(design.params), DRAWN)

@@ -56,6 +56,7 @@ class Connections:
     unsolved : (name, quad, quad) of the joints that have no room for any connector: they keep their plain ends
     clearance : metres
     taken : (F, 4) metres of every arm, from its joint on, that a connector needs
+    tips : the ends of all arms that have a connector
     """
 
     outlines: tuple[Outline, ...]
@@ -63,6 +64,7 @@ class Connections:
     unsolved: tuple[tuple[str, int, int], ...]
     clearance: float
     taken: np.ndarray
+    tips: tuple[Tip, ...] = ()
 
     @property
     def bridge(self) -> float:
@@ -149,7 +151,7 @@ def connect(
     progress(0.8, "outlines with connectors")
     gathered = room.gathered(tips, ends(design.flat.layout, design.arms, room.slot), tolerance)
     drawn = design.outlines(tolerance, gathered)
-    return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken)
+    return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
 
 @dataclass(frozen=True, eq=False)

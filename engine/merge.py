@@ -236,10 +236,7 @@ def symmetry_notes(
     if not found:
         return {}
     rest = keeping(found, board.cut)
-    names = sorted({s.name for s in rest})
-    said = {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}
-    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
-    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
+    said, text = symmetry_kept(found, rest)
     if len(kept) < len(found):
         text += "; the first cuts chose one of several equal parametric lines"
     if len(rest) < len(kept):
@@ -249,6 +246,14 @@ def symmetry_notes(
             f"; with {1 + len(largest.symmetries)} of them there would be {more} patches instead of {len(board.pieces)}"
         )
     return said | {"symmetry": text}
+
+
+def symmetry_kept(found: list[Symmetry], rest: list[Symmetry]) -> tuple[dict[str, object], str]:
+    """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
+    names = sorted({s.name for s in rest})
+    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
+    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
+    return {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}, text
 
 
 def greedy(board: Board, way: Way, progress: Progress) -> bool:

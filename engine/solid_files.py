@@ -45,7 +45,7 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> So
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
     filled = shapely.constrained_delaunay_triangles(polygon)
     corners = shapely.get_coordinates(filled).reshape(-1, 4, 2)[:, :3]
-    triangles = _numbered(flat, corners.reshape(-1, 2)).reshape(-1, 3)
+    triangles = places(flat, corners.reshape(-1, 2)).reshape(-1, 3)
     assert triangles.min() >= 0  # the triangles' corners are the polygon's, exactly
     a, b, c = flat[triangles].transpose(1, 0, 2)
     clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
@@ -64,7 +64,7 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> So
     return Solid(f"panel {panel.number}", vertices, faces)
 
 
-def _numbered(known: np.ndarray, points: np.ndarray) -> np.ndarray:
+def places(known: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Which of the ``known`` points (V, 2) every one of ``points`` (M, 2) is, exactly; -1 for none."""
     keys, wanted = _keys(known), _keys(points)
     order = np.argsort(keys)

@@ -17,7 +17,7 @@ from .edit import with_cuts
 from .errors import FlexMapsError
 from .flatten import FlatPatches
 from .layout import PatchLayout, alone
-from .merge import forced_notes
+from .merge import forced_notes, symmetry_kept
 from .params import LayoutParams, SheetParams
 from .progress import SILENT, Progress
 from .symmetry import keeping, symmetries
@@ -42,7 +42,7 @@ def split(
         return flat
     room = usable(sheet)
     _refuse_large_quads(flat, room, sheet)
-    first = len(flat.layout.patches)
+    first, before = len(flat.layout.patches), flat.layout.cut
     found = symmetries(flat.layout.mesh) if params.symmetric else []
     for turn in range(rounds):
         cut = flat.layout.cut.copy()
@@ -69,6 +69,12 @@ def split(
             f"{added} cuts more, so that every panel fits a sheet of {sheet.sheet_width * 1e3:g} x "
             f"{sheet.sheet_height * 1e3:g} mm"
         )
+    if added and found:
+        rest = keeping(found, flat.layout.cut)
+        said, text = symmetry_kept(found, rest)
+        if len(rest) < len(keeping(found, before)):
+            text += "; the cuts to the sheet's size broke the others"
+        flat.layout.notes.update(said | {"symmetry": text})
     return flat
 
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge import notes
-from ..engine.params import ObjectSettings
-from ..engine.progress import Progress
+from ..engine.errors import FlexMapsError
+from ..engine.params import ConnectorParams, ObjectSettings
+from ..engine.progress import SILENT, Progress
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
@@ -36,13 +37,19 @@ class Drawn:
     outlines: list[tuple[Curve, ...]]
 
     @classmethod
-    def of(cls, design: SpiralDesign, settings: ObjectSettings) -> Drawn:
+    def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> Drawn:
+        """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
         from ..bridge import arrange, solids
+        from ..engine import connectors
 
         tolerance = max(settings.sheet.tolerance, DRAWN)
-        outlines = [(o.outer, *o.holes) for o in design.outlines(tolerance)]
+        try:
+            made = connectors.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
+        except FlexMapsError:  # Export says why
+            made = connectors.connect(design, ConnectorParams(connector="none"), tolerance)
         centres = arrange.side_by_side(design.flat)
-        return cls(design, centres, solids.light(design, centres), outlines)
+        shape = solids.light(design, centres, made.tips)
+        return cls(design, centres, shape, [(o.outer, *o.holes) for o in made.outlines])
 
     def show(self, context: bpy.types.Context, surface: Any) -> Iterator[None]:
         from ..bridge import beside
@@ -73,7 +80,7 @@ class Spirals(Stage, bpy.types.Operator):
             flat = mesh.current_flat(surface, quads)
             made = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(quads))
             progress(0.5, "Drawing outlines")
-            return Drawn.of(made, settings), design.design_report(made)
+            return Drawn.of(made, settings, progress.part(0.5, 1.0)), design.design_report(made)
 
         return work
 

@@ -104,6 +104,43 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     assert (away < 1.5 * made.scale[quad]).all()
 
 
+@pytest.mark.parametrize("connector", ["dovetail", "key", "tab"])
+def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
+    """Against the outlines that are cut: the same shape from above (shapely), closed (trimesh), in the colours of their seams."""
+    import shapely
+    import trimesh
+
+    flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams())
+    cut = sheets.make_sheets(
+        made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector=connector)
+    )
+    centres = arrange.side_by_side(flat)
+    shape = solids.solid(made, centres, cut.connections.tips)
+    starts = np.cumsum(shape.sizes) - shape.sizes
+    fans = [
+        [shape.corners[s], shape.corners[s + k], shape.corners[s + k + 1]]
+        for s, n in zip(starts, shape.sizes)
+        for k in range(1, n - 1)
+    ]
+    solid = trimesh.Trimesh(shape.vertices, np.array(fans), process=False)
+    assert solid.is_watertight and solid.is_winding_consistent
+    assert solid.body_count == len(flat.layout.patches)
+    panels = [p for p in cut.panels if p.patch >= 0]
+    assert solid.volume == pytest.approx(sum(p.area for p in panels) * made.params.thickness, rel=0.005)
+    # every vertex of a connector lies on the outline that is cut
+    heads = np.concatenate([np.arange(s, s + n) for s, n, k in zip(starts, shape.sizes, shape.seam_of) if k >= 0])
+    points, quad = shape.vertices[shape.corners[heads], :2], np.repeat(shape.quad_of, shape.sizes)[heads]
+    for panel in panels:
+        mine = flat.layout.patch_of[quad] == panel.patch
+        outline = shapely.LinearRing(panel.outline.sampled(1e-6))
+        assert shapely.distance(shapely.points(points[mine] - centres[panel.patch]), outline).max() < 3e-5
+    seams = {int(k) for k in shape.seam_of} - {-1}
+    assert seams == {c.seam for c in cut.connections.connectors}
+    upper = solids.light(made, centres, cut.connections.tips, most=2000)
+    assert upper.flat and {int(k) for k in upper.seam_of} - {-1} == seams
+
+
 def test_bezier_curves_are_arcs() -> None:
     """A circle of four arcs: every point of Blender's curve is on it."""
     from flexmaps.engine.arcs import Curve

@@ -8,6 +8,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.flatten import overlapping
 from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import LayoutParams, Settings, SheetParams
+from flexmaps.engine.symmetry import keeping, symmetries
 
 LAYOUT = LayoutParams()
 
@@ -119,3 +120,15 @@ def test_the_main_job_cuts_to_size_before_the_spirals():
     assert all(_fits(p, settings.sheet) for p in _pieces(result.flat))
     assert "split" in result.seconds
     assert result.design is None
+
+
+def test_note_about_symmetry_is_of_the_layout_after_the_cuts():
+    """What the note says against the cuts themselves: how many motions of the mesh map them onto themselves."""
+    flat = merge.merge(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    made = split.split(flat, LayoutParams(), SheetParams(sheet_width=0.12, sheet_height=0.1))
+    assert len(made.layout.patches) > len(flat.layout.patches)
+    found = symmetries(made.layout.mesh)
+    kept = 1 + len(keeping(found, made.layout.cut))
+    assert made.layout.notes["symmetries_kept"] == kept
+    assert f"keeps {kept} of {1 + len(found)} symmetries" in str(made.layout.notes["symmetry"])
+    assert "instead of" not in str(made.layout.notes["symmetry"])
