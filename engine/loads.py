@@ -14,7 +14,7 @@ from .mesh import QuadMesh
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
-GROUND = 0.25  # so far above the lowest vertex, in median edges, a vertex still stands on the ground
+GROUND = 0.25  # so far above the lowest quad, in median edges, another one still stands on the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +92,11 @@ class Loads:
 def standing(mesh: QuadMesh, which: str | Sequence[int]) -> np.ndarray:
     """(k,) int: the quads that ``which`` names: ``LOWEST``, numbers, or a text such as "1,2,3".
 
-    The lowest ones have two corners or more on the ground. Raises FlexMapsError where it names no quad of the mesh.
+    The lowest ones have two corners, if not more, at the height of the lowest such quad. Raises FlexMapsError where it names no quad of the mesh.
     """
     if isinstance(which, str) and which.strip() == LOWEST:
-        height = mesh.vertices[:, 2]
-        down = height <= height[mesh.quads].min() + GROUND * mesh.median_edge
-        quads = np.flatnonzero(down[mesh.quads].sum(axis=1) >= 2)
-        if not len(quads):
-            raise FlexMapsError("No quad has two corners at the lowest height; name the supports by their numbers")
-        return quads
+        second = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
+        return np.flatnonzero(second <= second.min() + GROUND * mesh.median_edge)
     try:
         numbers = np.array([int(x) for x in (which.split(",") if isinstance(which, str) else which)], dtype=np.int64)
     except (TypeError, ValueError):

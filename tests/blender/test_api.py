@@ -99,6 +99,12 @@ def test_supports_stand_on_the_ground_and_stay_there(strip: api.Piece) -> None:
     assert away[held].max() < 1e-9 < away.max()
 
 
+@pytest.mark.parametrize("name, feet", [("vault", 4), ("demo", 3)])
+def test_feet_that_stand_on_their_tips(name: str, feet: int) -> None:
+    held = api.load(f"shape:{name}", edge=20, supports="lowest").result.supports
+    assert held is not None and len(held) == feet
+
+
 @pytest.mark.parametrize("wrong", ["5,9999", "-1", "feet", "", [3.5, "a"]])
 def test_supports_that_name_nothing_are_refused(strip: api.Piece, wrong: Any) -> None:
     with pytest.raises(api.FlexMapsError):
