@@ -145,17 +145,18 @@ def _duration(seconds: float) -> str:
 
 def _thumbnails(page: Page, box: _Box, sheets: CutSheets, look: _Look) -> None:
     """All sheets with their panels, small."""
-    page.text("Where the panels lie on the sheets", (box.x, box.y + box.height + 0.002), 0.0032, GREY)
     sizes = sheets.packing.sizes
     scale, columns = max(
         (min(0.95 * box.width / n / sizes[:, 0].max(), 0.92 * box.height / -(-len(sizes) // n) / sizes[:, 1].max()), n)
         for n in range(1, len(sizes) + 1)
     )
     across = min(box.width / columns, 1.06 * scale * float(sizes[:, 0].max()))
-    down = box.height / -(-len(sizes) // columns)
+    rows = -(-len(sizes) // columns)
+    down = min(box.height / rows, 1.06 * scale * float(sizes[:, 1].max()))
+    page.text("Where the panels lie on the sheets", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
     for index, size in enumerate(sizes):
         row, column = divmod(index, columns)
-        corner = np.array([box.x + column * across, box.y + box.height - (row + 1) * down])
+        corner = np.array([box.x + column * across, box.y + (rows - row - 1) * down])
         frame = corner + scale * size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
         page.fill(frame, "#ffffff", GREY, 1.5e-4)
         for panel in sheets.on_sheet(index):

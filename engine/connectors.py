@@ -90,7 +90,8 @@ class Connections:
         count = {k: sum(c.kind == k for c in made) for k in ("dovetail", "key", "tab")}
         if not made and not self.unsolved:
             return {"connectors": 0}
-        necks = {"connector_neck_min_mm": round(min(c.made.size.neck for c in made) * 1e3, 4)} if made else {}
+        held = [c.made.size.neck for c in made if c.kind != "tab"]
+        necks = {"connector_neck_min_mm": round(min(held) * 1e3, 4)} if held else {}
         return {
             "connectors": len(made),
             "connector_kinds": {k: n for k, n in count.items() if n},

@@ -72,21 +72,23 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
     import shapely
 
     points = curve.points @ np.array([1.0, 1.0j])
+    # after a holding tab straight to the side, or the way in would cut into the tab
+    angles = _ANGLES if curve.closed else _ANGLES[-1:]
     starts = np.unique(np.linspace(0, len(points) - 1, _STARTS).astype(int)) if curve.closed else np.zeros(1, dtype=int)
     following = points[(starts + 1) % len(points)]
     way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
     way = way / np.abs(way)
     for share in _SHARES:
         # back from where the path sets out, and to its right
-        offset = share * length * -way[:, None] * np.exp(1j * _ANGLES)
+        offset = share * length * -way[:, None] * np.exp(1j * angles)
         begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
         lines = np.stack([begin, end], axis=-1).reshape(-1, 2)
         found = np.flatnonzero(free(shapely.linestrings(np.stack([lines.real, lines.imag], axis=-1))))
         if not len(found):
             continue
         # the flattest that fits, at the earliest place
-        best = int(found[np.argmin(found % len(_ANGLES))])
-        start, lead = int(starts[best // len(_ANGLES)]), lines[best, 0]
+        best = int(found[np.argmin(found % len(angles))])
+        start, lead = int(starts[best // len(angles)]), lines[best, 0]
         order = (np.arange(len(points) + curve.closed) + start) % len(points)
         run = np.concatenate([[[lead.real, lead.imag]], curve.points[order]])
         bulge = np.concatenate([[0.0], curve.bulge[order[:-1]], [0.0]])
