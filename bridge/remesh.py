@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import bpy
 import numpy as np
@@ -18,13 +18,17 @@ VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
 SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
-def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool) -> bpy.types.Object:
+def quads_in_pieces(
+    obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool
+) -> Generator[tuple[float, str], None, bpy.types.Object]:
     """A new object of about ``count`` quads in the shape that is seen of ``obj``, simulations apart, in the same place.
 
-    A clean surface, open or closed, goes straight to QuadriFlow; anything else (several parts that overlap, edges of three
-    faces, mixed normals) becomes one closed surface first. Quads that the check would refuse are sought anew. Raises
-    ``FlexMapsError`` where nothing works, and leaves nothing behind then.
+    Yields (fraction, text) between its pieces, and returns the object. A clean surface, open or closed, goes straight to
+    QuadriFlow; anything else (several parts that overlap, edges of three faces, mixed normals) becomes one closed surface
+    first. Quads that the check would refuse are sought anew. Raises ``FlexMapsError`` where nothing works; then, and where
+    it is closed before its end, nothing is left behind.
     """
+    yield 0.0, "Reading the surface"
     with equilibrium.shown_at(obj, 0.0):
         depsgraph = context.evaluated_depsgraph_get()
         mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph))
@@ -38,13 +42,24 @@ def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, sm
         collection.objects.link(made)
     try:
         _clean(mesh)
-        _seek(context, made, count, smooth)
+        yield from _seek(context, made, count, smooth)
         return made
-    except FlexMapsError:
+    except BaseException:  # also where it is closed
         mesh = made.data
         bpy.data.objects.remove(made)
         bpy.data.meshes.remove(mesh)
         raise
+
+
+def quads_from(obj: bpy.types.Object, context: bpy.types.Context, count: int, smooth: bool) -> bpy.types.Object:
+    """``quads_in_pieces`` at once."""
+    pieces = quads_in_pieces(obj, context, count, smooth)
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as last:
+            made: bpy.types.Object = last.value
+            return made
 
 
 def polygons_from(polygons: PolygonMesh, count: int, smooth: bool) -> PolygonMesh:
@@ -67,11 +82,14 @@ def polygons_from(polygons: PolygonMesh, count: int, smooth: bool) -> PolygonMes
                 bpy.data.meshes.remove(mesh)
 
 
-def _seek(context: bpy.types.Context, made: bpy.types.Object, count: int, smooth: bool) -> None:
+def _seek(
+    context: bpy.types.Context, made: bpy.types.Object, count: int, smooth: bool
+) -> Generator[tuple[float, str], None, None]:
     """Turn the object's surface into sound quads; raises ``FlexMapsError`` with what was wrong with the last ones."""
     refused = FlexMapsError(
         "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is inside"
     )
+    tried = 0
     for _ in _surfaces(context, made, count):
         surface = made.data.copy()
         try:
@@ -79,6 +97,8 @@ def _seek(context: bpy.types.Context, made: bpy.types.Object, count: int, smooth
                 if seed:
                     made.data.clear_geometry()
                     _copy_geometry(surface, made.data)
+                tried += 1
+                yield 1.0 - 0.9**tried, f"QuadriFlow: try {tried}"
                 if not _quadriflow(context, made, count, smooth, seed):
                     refused = FlexMapsError(
                         "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"

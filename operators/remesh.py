@@ -6,11 +6,12 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes
-from ..engine.errors import FlexMapsError
+from ..bridge import job, notes, settings
+from ..bridge.objects import find, unusable
+from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work, redraw
+from .stage import Stage, Work, redraw, show_progress
 
 
 class QuadRemesh(bpy.types.Operator):
@@ -20,14 +21,17 @@ class QuadRemesh(bpy.types.Operator):
     bl_label = "Quad remesh"
     bl_options = {"REGISTER", "UNDO"}
 
+    _work: job.Steps
+    _timer: Any = None
+    _source = 0  # Blender's id of the object that is remeshed
+
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        from ..bridge import job
-        from ..bridge.objects import unusable
-
         obj = context.object
         running = job.current()
-        problem = f"{running.title} is running" if running is not None else unusable(obj)
+        problem = (
+            f"{running.title} is running; wait for it, or stop it with ESC" if running is not None else unusable(obj)
+        )
         if problem is None and obj.mode != "OBJECT":
             problem = "Go to Object Mode: a new object is made"
         if problem is not None:
@@ -35,27 +39,85 @@ class QuadRemesh(bpy.types.Operator):
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..bridge import beside, mesh, remesh, settings
-        from ..engine import check
+        work = self._begin(context)
+        while not work.finished:
+            work.step()
+        return self._end(context, work)
 
-        obj = context.object
-        wanted = settings.read(obj.flexmaps, ObjectSettings)
-        try:
-            made = remesh.quads_from(obj, context, wanted.remesh.quads, wanted.remesh.smooth)
-            quads = check.as_quad_mesh(mesh.read_surface(made, context.scene).polygons)
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        if bpy.app.background:
+            return self.execute(context)
+        self._work = self._begin(context)
+        manager = context.window_manager
+        self._timer = manager.event_timer_add(0.05, window=context.window)
+        manager.progress_begin(0, 100)
+        manager.modal_handler_add(self)
+        show_progress(context, self._work)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+        """Only the stop is heard: what Blender works on must not be edited meanwhile."""
+        if event.type == "ESC" and event.value == "PRESS":
+            self._work.stop()
+        elif event.type == "TIMER":
+            self._work.step()
+            if self._work.finished:
+                return self._end(context, self._work)
+        show_progress(context, self._work)
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Called by Blender when the window closes meanwhile."""
+        self._clear(context, self._work)
+
+    def _begin(self, context: bpy.types.Context) -> job.Steps:
+        from ..bridge import remesh
+
+        self._source = context.object.session_uid
+        wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
+        work = job.Steps(self.bl_label, remesh.quads_in_pieces(context.object, context, wanted.quads, wanted.smooth))
+        work.start()
+        return work
+
+    def _end(self, context: bpy.types.Context, work: job.Steps) -> set[str]:
+        self._clear(context, work)
+        if isinstance(work.error, Cancelled):
+            self.report({"WARNING"}, f"{self.bl_label} was stopped; nothing was changed")
             return {"CANCELLED"}
-        settings.write(made.flexmaps, wanted)
-        beside.clear(obj)
-        obj.select_set(False)
-        obj.hide_set(True)
-        obj.hide_render = True
-        context.view_layer.objects.active = made
-        made.select_set(True)
-        redraw(context)
-        self.report({"INFO"}, f"'{made.name}': {len(quads.quads)} quads, edge {quads.median_edge * 1e3:.3g} mm")
+        if isinstance(work.error, FlexMapsError):
+            self.report({"ERROR"}, str(work.error))
+            return {"CANCELLED"}
+        if work.error is not None:
+            raise work.error
+        self.report({"INFO"}, _take_over(context, find(self._source), work.result))
         return {"FINISHED"}
+
+    def _clear(self, context: bpy.types.Context, work: job.Steps) -> None:
+        work.end()
+        if self._timer is not None:
+            context.window_manager.event_timer_remove(self._timer)
+            context.window_manager.progress_end()
+            self._timer = None
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+        redraw(context)
+
+
+def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> str:
+    """The new object takes the place of the old one, with its settings; returns what there is to say."""
+    from ..bridge import beside, mesh
+    from ..engine import check
+
+    settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
+    beside.clear(obj)
+    obj.select_set(False)
+    obj.hide_set(True)
+    obj.hide_render = True
+    context.view_layer.objects.active = made
+    made.select_set(True)
+    redraw(context)
+    edge = check.median_edge(mesh.read_surface(made, context.scene).polygons)
+    return f"'{made.name}': {len(made.data.polygons)} quads, edge {edge * 1e3:.3g} mm"
 
 
 class SetSize(Stage, bpy.types.Operator):
