@@ -13,6 +13,7 @@ from .stages import StagePanel, button, result
 
 SHEET = ("sheet_width", "sheet_height")  # what is always in sight; the rest is folded away
 CONNECT = ("connector",)
+CUT = tuple(CutParams.__dataclass_fields__)  # the last one is the width of the holding tabs
 
 
 class ExportPanel(StagePanel, bpy.types.Panel):
@@ -35,13 +36,14 @@ class ExportPanel(StagePanel, bpy.types.Panel):
                 more_names = tuple(ConnectorParams.__dataclass_fields__)[len(CONNECT) :]
                 settings_rows(body, settings.connect, ConnectorParams, more_names)
             body.separator()
-            settings_rows(body, settings.cut, CutParams)
+            settings_rows(body, settings.cut, CutParams, CUT if settings.cut.tabs else CUT[:-1])
         body = fold(layout, "flexmaps_files", "Kinds of files")
         if body is not None:
             settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
         block = notes.read(obj.data).get("sheets")
         if block is not None:
             _sheets(result(layout, context, "sheets"), block)
+        layout.operator("flexmaps.report", icon="FILE_TEXT").browse = True
 
 
 def _sheets(layout: Any, block: dict[str, Any]) -> None:
@@ -50,6 +52,8 @@ def _sheets(layout: Any, block: dict[str, Any]) -> None:
     number(grid, "Cut length", decimals(block, "cut_length_m", 1, " m"))
     if block.get("joints"):
         number(grid, "Assembly, about", duration(block.get("assembly_minutes", 0)))
+    if block.get("glued"):
+        number(grid, "For glue", str(len(block["glued"])))
     if block.get("unsolved"):
         number(grid, "Without connector", str(len(block["unsolved"])), alert=True)
     rest = fold(layout, "flexmaps_sheets_rest", "More figures")
