@@ -5,13 +5,14 @@ from __future__ import annotations
 import bpy
 
 from ..bridge import plot
-from . import preview, sidebar
+from . import preview, sidebar, translations
 
 # in the order in which they are seen
-CLASSES = (*sidebar.CLASSES[:-1], *preview.CLASSES, sidebar.CLASSES[-1])
+CLASSES = (*sidebar.CLASSES, *preview.CLASSES)
 
 
 def register() -> None:
+    translations.register()
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 
@@ -20,3 +21,4 @@ def unregister() -> None:
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
     plot.unregister()
+    translations.unregister()

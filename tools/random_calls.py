@@ -26,6 +26,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress
 
+PRESETS = sorted((Path(__file__).resolve().parent.parent / "presets" / "flexmaps").glob("*.py"))
 PATIENCE = 6.0  # seconds after which a stage is stopped, as with ESC
 # settings whose upper end only means waiting, or a folder on the disk: their ranges here
 TAMED: dict[str, tuple[float, float] | None] = {
@@ -90,7 +91,7 @@ def session(rng: random.Random, calls: int, folder: Path, log: Log) -> None:
 
 def operators() -> list[str]:
     """All that there are; those that need seconds for a picture are left to their own tests."""
-    return [name for name in dir(bpy.ops.flexmaps) if name not in {"render", "animate", "report", "preset"}]
+    return [name for name in dir(bpy.ops.flexmaps) if name not in {"render", "animate", "preset"}]
 
 
 def _choose(rng: random.Random) -> str:
@@ -140,7 +141,7 @@ def _impatient(began: float) -> Any:
 def _options(rng: random.Random, operator: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for prop in operator.get_rna_type().properties:
-        if prop.identifier == "rna_type" or rng.random() < 0.2:
+        if prop.identifier in {"rna_type", "browse"} or rng.random() < 0.2:  # no web browsers are opened
             continue
         if prop.type == "ENUM":
             found[prop.identifier] = rng.choice([item.identifier for item in prop.enum_items])
@@ -148,6 +149,8 @@ def _options(rng: random.Random, operator: Any) -> dict[str, Any]:
             found[prop.identifier] = rng.random() < 0.5
         elif prop.type == "INT":
             found[prop.identifier] = rng.choice((max(prop.hard_min, 0), 1, 5, min(prop.hard_max, 1000)))
+        elif prop.identifier == "filepath":
+            found[prop.identifier] = str(rng.choice([*PRESETS, Path("nowhere.py")]))
         elif prop.type == "FLOAT":
             found[prop.identifier] = rng.choice((prop.soft_min, prop.soft_max, prop.default))
     return found

@@ -1,0 +1,93 @@
+"""Translations: every name in the sidebar has one, none is left over, and places for values stay.
+
+Blender as a module is built without languages, so nothing is looked up here; the dictionaries are held against the texts.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+from flexmaps import operators, panels
+from flexmaps.bridge import states
+from flexmaps.engine.params import SHOWN, ObjectSettings
+from flexmaps.panels import translations
+
+FOLDER = Path(panels.__file__).parent
+SHOWING = {"number", "fold", "iface_", "wrapped", "label", "operator"}  # calls in panels whose texts are seen
+# the same in every language, or names of things
+SAME = {"FlexMaps", "SVG", "DXF", "PDF", "R2010", "R12", "3MF", "STL", "MDF", "VeroWhite", "RMSE", "Gauss-Newton", "L-BFGS-B",
+        "Delrin (POM)", "Delrin", "Material", "Render"}  # fmt: skip
+
+
+def of_settings() -> set[str]:
+    """Names of settings and choices, without what belongs to pictures only."""
+    found = set()
+    for block in fields(ObjectSettings):
+        if block.name not in {"preview", "film", "render"}:
+            for f in fields(block.default_factory):  # type: ignore[arg-type]
+                found |= {f.metadata["label"], *(choice[1] for choice in f.metadata["choices"])}
+    return found
+
+
+def of_panels() -> set[str]:
+    """Texts in the panels' own sources."""
+    found = {cls.bl_label for cls in panels.CLASSES}
+    for file in FOLDER.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and _name(node.func) in SHOWING:
+                words = [*node.args, *(k.value for k in node.keywords if k.arg in {"text", "label"})]
+                found |= {w.value for w in words if isinstance(w, ast.Constant) and isinstance(w.value, str)}
+            elif isinstance(node, ast.Tuple) and len(node.elts) == 2:  # of choice_row
+                found |= {e.value for e in node.elts[1:] if isinstance(e, ast.Constant) and isinstance(e.value, str)}
+    return {text for text in found if text[:1].strip() and not text.startswith("flexmaps")}
+
+
+def _name(func: ast.expr) -> str:
+    return func.id if isinstance(func, ast.Name) else func.attr if isinstance(func, ast.Attribute) else ""
+
+
+def everything() -> set[str]:
+    found = of_settings() | of_panels() | {cls.bl_label for cls in operators.CLASSES}
+    return found | {
+        *states.WHY.values(),
+        states.SETTING,
+        states.EARLIER,
+        *(c.on_stop for c in operators.CLASSES if hasattr(c, "on_stop")),
+    }
+
+
+@pytest.fixture(params=translations.LANGUAGES)
+def words(request: Any) -> dict[str, str]:
+    return translations.LANGUAGES[request.param]
+
+
+def test_nothing_is_left_over(words: dict[str, str]) -> None:
+    assert not set(words) - everything()
+
+
+def test_every_stage_button_and_setting_has_its_word(words: dict[str, str]) -> None:
+    wanted = {cls.bl_label for cls in (*panels.CLASSES, *operators.CLASSES)}
+    wanted |= {f.metadata["label"] for name in ("remesh", "layout", "spiral", "simulate", "optimise", "sheet", "export")
+               for block in fields(ObjectSettings) if block.name == name for f in fields(block.default_factory)}  # type: ignore[arg-type]  # fmt: skip
+    assert not wanted - set(words) - SAME
+    assert not {*states.WHY.values(), states.SETTING, states.EARLIER} - set(words)
+
+
+def test_values_keep_their_places(words: dict[str, str]) -> None:
+    for english, translated in words.items():
+        assert re.findall(r"{[^}]*}", english) == re.findall(r"{[^}]*}", translated), english
+        assert translated.strip()
+
+
+def test_units_stay_with_their_names(words: dict[str, str]) -> None:
+    made = translations.table(words)
+    for block in fields(ObjectSettings):
+        for f in fields(block.default_factory):  # type: ignore[arg-type]
+            unit = SHOWN[f.metadata["unit"]][1]
+            if unit and f.metadata["label"] in words:
+                assert made["*", f"{f.metadata['label']} ({unit})"].endswith(f"({unit})")
