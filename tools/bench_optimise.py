@@ -59,7 +59,7 @@ PUBLISHED = {
     "flower_cmc1": Published("Shell", 1296, 4, 28.79, 0.107),
 }
 MEASURED = (*PUBLISHED, "spot")
-LARGE = 10_000
+LARGE_SIDE = 100  # quads along either side of the largest vault
 
 
 def main(arguments: list[str]) -> int:
@@ -180,19 +180,20 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
 
 @one_thread
 def large() -> list[Row]:
-    """A torus of about 10,000 spirals."""
+    """A vault of 10,000 spirals that stands on its feet."""
     from flexmaps.engine import shapes
 
-    torus = shapes.make("torus", EDGE * np.sqrt(len(shapes.make("torus", EDGE).quads) / LARGE))
-    found = job.run(PolygonMesh.of(torus), Settings(), edge=EDGE, stop_after="spirals")
+    vault = shapes.vault(LARGE_SIDE)
+    found = job.run(PolygonMesh.of(vault), Settings(), edge=EDGE, stop_after="spirals")
     assert found.design is not None
-    started = time.process_time()
-    alone = OptimiseParams(codesign=False)
-    result = optimise.optimise(found.design, found.mesh, MATERIAL, alone, SimulateParams())
-    seconds, block = time.process_time() - started, result.report()
+    started, alone = time.process_time(), OptimiseParams(codesign=False)
+    result = optimise.optimise(
+        found.design, found.mesh, MATERIAL, alone, SimulateParams(), supports=supports(found.mesh)
+    )
+    seconds, block, name = time.process_time() - started, result.report(), f"vault {len(vault.quads)}"
+    before, after = block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     return [
-        at_most(f"torus of {len(torus.quads)}", "seconds whole", 60.0, round(seconds, 1)),
-        row(
-            "torus", "rmse mm", "", f"{block['laplacian_rmse_mm_before']:.3f} to {block['laplacian_rmse_mm']:.3f}", None
-        ),
+        at_most(name, "seconds whole", 60.0, round(seconds, 1)),
+        row(name, "steps, evaluations", "", f"{block['iterations']}, {block['evaluations']}", None),
+        row(name, "rmse mm", "", f"{before:.3f} to {after:.3f}", None),
     ]
