@@ -45,12 +45,15 @@ class MainPanel(Sidebar, bpy.types.Panel):
         modifiers = changed_by_modifiers(obj)
         if modifiers is not None:
             wrapped(layout, context, modifiers, icon="MODIFIER")
-            layout.operator("object.convert", text="Apply all modifiers", icon="CHECKMARK").target = "MESH"
+            row = layout.row()
+            row.active_default = True
+            row.operator("object.convert", text="Apply all modifiers", icon="CHECKMARK").target = "MESH"
         others = shared(obj)
         if others:
             text = iface_("The mesh is shared with {}: seams and results are common to all").format(others)
             wrapped(layout, context, text, icon="LINKED")
-        _next(layout, look(context).next_button)
+        if modifiers is None or look(context).next_button == "flexmaps.quad_remesh":
+            _next(layout, look(context).next_button)
 
 
 def _next(layout: Any, idname: str) -> None:
