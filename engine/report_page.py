@@ -159,7 +159,7 @@ def _paper_row(described: Mapping[str, Any], title: str) -> str:
         ("Spirals", str(described["spirals"]["count"])),
         ("Patches", str(described["layout"]["patches"])),
         ("Opt. (s)", f"{seconds['optimise']:.1f}" if "optimise" in seconds else "\N{EN DASH}"),
-        ("Assembly (h)", "\N{EN DASH}" if minutes is None else f"{minutes / 60:.1f}"),
+        ("Assembly (h)", "\N{EN DASH}" if not minutes else f"{minutes / 60:.1f}"),
         ("RMSE before (mm)", f"{better['laplacian_rmse_mm_before']:.3f}" if better else "\N{EN DASH}"),
         ("RMSE (mm)", f"{shape['laplacian_rmse_mm']:.3f}" if shape else "\N{EN DASH}"),
         ("RMS distance (%)", f"{shape['rms_percent']:.3f}" if shape else "\N{EN DASH}"),
