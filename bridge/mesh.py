@@ -5,6 +5,7 @@ attributes hold what belongs to a quad:
 
     seams             edge    where the surface is cut, to be edited by hand
     flexmaps_cut      edge    the cuts that the flat patches were made for
+    flexmaps_seam     edge    the number of the seam that a cut belongs to, -1 elsewhere: its colour
     flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
     flexmaps_patch    face    number of the patch
     flexmaps_energy   face    distortion E
@@ -266,7 +267,10 @@ def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centr
     uv = np.empty((len(surface.loops), 2))
     uv[surface.loops] = ((flat.corners + centres[flat.layout.patch_of][:, None]) * 1e3).reshape(-1, 2)
     attributes.put(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
+    seam = np.full(len(cut), -1)
+    seam[surface.edge_of] = flat.layout.seam_of
     attributes.put(obj, "flexmaps_cut", "EDGE", "BOOLEAN", cut)
+    attributes.put(obj, "flexmaps_seam", "EDGE", "INT", seam)
     attributes.put(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
     attributes.put(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
     attributes.put(obj, "flexmaps_square", "FACE", "FLOAT", flat.square)

@@ -42,6 +42,7 @@ SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 EDIT_ALPHA = 0.55
 LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 ROW = 18  # height of a line of the legend, in pixels at the usual size
+SEAMS, NO_SEAM = "flexmaps_seam", -2
 LIFT = 0.005  # how far the colours float above the surface, in edges
 
 
@@ -198,7 +199,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    corners, values, sides = _quads(obj, KINDS[kind][0])
+    corners, values, seams = _quads(obj, KINDS[kind][0])
     if values is None or not len(values) or not _current(obj, kind):
         return None
     rgb, legend = painted(obj, kind, values)
@@ -214,16 +215,30 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     rgba = np.repeat(np.c_[srgb, alpha], 6, axis=0).astype(np.float32)
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
     lines = None
+    sides = seams != NO_SEAM
     if sides.any():
         ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2) + 2 * LIFT * edge * normal[:, None, None]
-        pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-        lines = batch_for_shader(pen, "LINES", {"pos": ends[sides].reshape(-1, 3).astype(np.float32)})
+        pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
+        look = {"pos": ends[sides].reshape(-1, 3), "color": np.repeat(_seam_colours(seams[sides], kind), 2, axis=0)}
+        lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
     return faces, lines, legend
 
 
+def _seam_colours(seams: np.ndarray, kind: str) -> np.ndarray:
+    """(N, 4) sRGB of the lines on seams (N,): over the patches each in its own colour, as on the assembly sheet."""
+    palette = np.clip(colours.of_seams(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
+    own = (seams >= 0) & (kind == "PATCH")
+    rgb = np.tile(colours.SEAM, (len(seams), 1))
+    rgb[own] = palette[seams[own]]
+    return np.c_[rgb, np.ones(len(rgb))]
+
+
 def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Corners (F, 4, 3) in the object's frame, values (F,) of a face attribute, and which sides (F, 4) are seams."""
-    nothing = np.zeros((0, 4, 3)), None, np.zeros((0, 4), bool)
+    """Corners (F, 4, 3) in the object's frame, values (F,) of a face attribute, and the seam on every side (F, 4).
+
+    -1 for a seam that has no number yet, ``NO_SEAM`` where there is none.
+    """
+    nothing = np.zeros((0, 4, 3)), None, np.full((0, 4), NO_SEAM)
     if obj.data.is_editmode:
         import bmesh
 
@@ -232,7 +247,9 @@ def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | N
         if layer is None or any(len(face.verts) != 4 for face in bm.faces):
             return nothing
         corners = np.array([[v.co for v in face.verts] for face in bm.faces], dtype=float)
-        seams = np.array([[loop.edge.seam for loop in face.loops] for face in bm.faces], dtype=bool)
+        number = bm.edges.layers.int.get(SEAMS)
+        seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
+        seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
         return corners, np.array([face[layer] for face in bm.faces]), seams
     mesh = obj.data
     values = attributes.get(mesh, name)
@@ -244,7 +261,9 @@ def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | N
     mesh.loops.foreach_get("edge_index", edges)
     mesh.edges.foreach_get("use_seam", seams)
     corners = equilibrium.shown_positions(mesh)[index].reshape(-1, 4, 3).astype(float)
-    return corners, values, seams[edges].reshape(-1, 4)
+    number = attributes.get(mesh, SEAMS)
+    numbers = np.full(len(mesh.edges), -1) if number is None else number
+    return corners, values, np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
 
 
 def _draw_colours() -> None:
@@ -261,11 +280,10 @@ def _draw_colours() -> None:
         gpu.matrix.multiply_matrix(obj.matrix_world)
         faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
         if lines is not None:
-            pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+            pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
             pen.bind()
             pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-            pen.uniform_float("lineWidth", 2.5)
-            pen.uniform_float("color", (*map(float, colours.SEAM), 1.0))
+            pen.uniform_float("lineWidth", 3.5)
             lines.draw(pen)
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")

@@ -295,6 +295,30 @@ def test_an_error_selects_the_culprits_and_changes_nothing(add: Any, content: An
     assert [f.index for f in obj.data.polygons if f.select] == [len(faces) - 1]
 
 
+def test_later_stages_select_the_culprits_too(add: Any, tmp_path: Path) -> None:
+    """A corner that was pulled over its neighbour after the spirals were made: every stage shows the faces around it."""
+    mesh = shapes.dome(3)
+    obj = add((mesh.vertices * (0.02 / mesh.median_edge), mesh.quads))
+    obj.flexmaps.export.folder = str(tmp_path)
+    press("flatten")
+    press("spirals")
+    inner = next(
+        v.index
+        for v in obj.data.vertices
+        if all(len(_faces_of(obj, e.index)) == 2 for e in obj.data.edges if v.index in e.vertices)
+    )
+    around = {f.index for f in obj.data.polygons if inner in f.vertices}
+    obj.data.vertices[inner].co.x += 0.05
+    for button in ("regularise", "merge", "update_from_seams", "spirals", "simulate", "optimise", "export", "preview"):
+        obj.data.polygons.foreach_set("select", np.zeros(len(obj.data.polygons), bool))
+        with pytest.raises(RuntimeError) as refusal:
+            getattr(bpy.ops.flexmaps, button)()
+        assert "Traceback" not in str(refusal.value), button
+        selected = {f.index for f in obj.data.polygons if f.select}
+        assert selected and selected <= around, button
+    assert not any(tmp_path.iterdir())
+
+
 def test_check_lists_what_is_wrong_and_shows_it(add: Any) -> None:
     mesh = shapes.make("dome")
     obj = add((mesh.vertices, [*mesh.quads[:-1].tolist(), mesh.quads[-1][:3].tolist()]))
@@ -545,3 +569,23 @@ def test_merge_cuts_what_is_larger_than_the_sheet(dome: Any) -> None:
     assert "160 x 120 mm" in found["split"]
     # the cuts are the mesh's seams, as all others
     assert sum(edge.use_seam for edge in dome.data.edges) == found["cut_edges"]
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> None:
+    from flexmaps.bridge import mesh as bridge
+    from flexmaps.bridge import overlay
+    from flexmaps.engine import colours
+
+    press("merge")
+    surface = bridge.read_surface(dome, bpy.context.scene)
+    flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    bpy.ops.object.mode_set(mode=mode)
+    seams = overlay._quads(dome, "flexmaps_patch")[2]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    wanted = flat.layout.seam_of[flat.layout.mesh.quad_edges]
+    assert (np.where(seams == overlay.NO_SEAM, -1, seams) == wanted).all() and wanted.max() >= 0
+    drawn = overlay._seam_colours(np.array([wanted.max(), -1]), "PATCH")
+    assert np.abs(colours.linear(drawn[0, :3]) - colours.of_seams(int(wanted.max()) + 1)[-1]).max() < 0.01
+    assert drawn[1, :3] == pytest.approx(colours.SEAM)
+    assert overlay._seam_colours(np.array([0]), "ENERGY")[0, :3] == pytest.approx(colours.SEAM)
