@@ -19,6 +19,7 @@ from ..engine.errors import FlexMapsError
 from . import beside
 
 MARGIN = 1.06
+UNDENOISED = 4  # times as many samples where there is no denoiser
 LENS = 85.0  # millimetres, long enough that shapes are not drawn out of true
 GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 
@@ -181,6 +182,7 @@ class Studio:
             data.ortho_scale = float((spread / np.array([width, height])).max()) * max(width, height)
             middle = (low + high) / 2
             camera.location = (middle[0], middle[1], high[2] + 5 * radius)
+            camera.rotation_euler = (0.0, 0.0, 0.0)
             return
         data.lens, data.sensor_fit = LENS, "HORIZONTAL"
         axes = np.array(camera.rotation_euler.to_matrix())
@@ -240,9 +242,10 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     render.engine = "CYCLES"
     cycles = scene.cycles
     cycles.device = "CPU"
-    cycles.samples = samples
+    denoise = _denoises()
+    cycles.samples = samples if denoise else UNDENOISED * samples
     cycles.use_adaptive_sampling = False
-    cycles.use_denoising = True
+    cycles.use_denoising = denoise
     cycles.denoising_prefilter = "FAST"
     if hasattr(cycles, "denoising_quality"):
         cycles.denoising_quality = "BALANCED"
@@ -266,6 +269,13 @@ def _as_film(render: bpy.types.RenderSettings) -> None:
         raise FlexMapsError("This Blender writes no films; give a file that ends in .png") from error
     render.resolution_x += render.resolution_x % 2
     render.resolution_y += render.resolution_y % 2
+
+
+def _denoises() -> bool:
+    """Whether this Blender was built with a denoiser; some distributions' are not, and fail when asked to."""
+    import _cycles
+
+    return bool(_cycles.with_openimagedenoise)
 
 
 def _eevee(scene: bpy.types.Scene, samples: int) -> None:

@@ -23,7 +23,7 @@ def zip_file(build_zip: ModuleType) -> Path:
 
 def drive(real_blender: ModuleType, script: Path, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
     shutil.copy2(zip_file, work)
-    done = real_blender.run(script, work, window=window, timeout=480)  # drawn by software
+    done = real_blender.run(script, work, window=window, timeout=900)  # drawn by software, maybe on a busy machine
     console, result = done.stdout + done.stderr, work / "result.json"
     assert result.is_file(), console[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
