@@ -20,6 +20,7 @@ PICTURES = {
     "layout.png": "The surface with its patches",
     "panels.png": "The flat panels with their spirals",
     "shape.png": "The shape that the assembled panels take",
+    "together.png": "The surface, the assembled piece and its panels",
 }
 
 
@@ -55,9 +56,11 @@ def write(
         model = scene.show(result, name, settings)
         scene.save(new(out / MODEL))
         if pictures:
-            made = (True, result.flat is not None, result.simulation is not None)
-            draws = (picture.layout, picture.panels, picture.shape)
-            for share, wanted, draw, (file, says) in zip((0.4, 0.6, 0.8), made, draws, PICTURES.items(), strict=True):
+            simulated = result.simulation is not None
+            made = (True, result.flat is not None, simulated, simulated)
+            draws = (picture.layout, picture.panels, picture.shape, picture.overview)
+            shares = (0.3, 0.45, 0.6, 0.8)
+            for share, wanted, draw, (file, says) in zip(shares, made, draws, PICTURES.items(), strict=True):
                 if wanted:
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))

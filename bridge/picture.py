@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SIZE = (1280, 720)
 SAMPLES = 8  # a pixel; the denoiser does the rest
+Size = tuple[int, int] | None
 ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
 CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
 GAP = 0.12  # between what stands beside each other, as a share of its width
@@ -28,20 +29,20 @@ PAGE = 1.05  # how wide the panels before it may lie, as a share of its width
 MANY = 1200  # spirals, from which on fewer pieces are enough
 
 
-def layout(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """The target in the colours of its patches, quads as thin and seams as dark lines."""
-    with studio(size, samples) as place:
+    with studio(size or SIZE, samples or SAMPLES) as place:
         _target(place, obj, "PATCH")
         place.set_up(ASIDE)
         place.take(path)
 
 
-def panels(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """The flat panels, or the flat patches before there are spirals, straight from above.
 
     Raises ``FlexMapsError`` where there are none yet.
     """
-    with studio(size, samples) as place:
+    with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
         if design is not None:
             _panels(place, obj, design, "PATCH")
@@ -56,7 +57,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE
         place.take(path)
 
 
-def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE, samples: int = SAMPLES) -> None:
+def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """The assembled piece as the simulation found it, its spirals coloured by their distance to the target, with a scale.
 
     Raises ``FlexMapsError`` where nothing was simulated yet.
@@ -64,11 +65,16 @@ def shape(obj: bpy.types.Object, path: str | Path, size: tuple[int, int] = SIZE,
     design = stored_design(obj)
     if equilibrium.key_of(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
-    with studio(size, samples) as place:
+    with studio(size or SIZE, samples or SAMPLES) as place:
         _assembled(place, obj, design, "DISTANCE")
         place.set_up(ASIDE)
         _legend(place, overlay.legend_of(obj, "DISTANCE"))
         place.take(path)
+
+
+def overview(obj: bpy.types.Object, path: str | Path) -> None:
+    """``together`` in the colours of the patches. Raises as that does."""
+    together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
 def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexmaps.bridge import command
+from flexmaps.bridge import command, picture
 from flexmaps.engine import files, shapes
 
 
@@ -33,7 +33,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()} if folder.is_dir() else {}
 
 
-def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
+def test_everything_is_written(dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picture, "SIZE", (160, 90))
+    monkeypatch.setattr(picture, "SAMPLES", 1)
     out = tmp_path / "out"
     assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out) == 0
     report = json.loads((out / "report.json").read_text())
@@ -44,7 +46,8 @@ def test_everything_is_written(dome: Path, tmp_path: Path) -> None:
     assert report["layout"]["energy_max"] <= 0.035
     assert report["layout"]["flips"] == 0 and report["layout"]["overlaps"] == 0
     assert report["spirals"]["count"] == report["input"]["quads"]
-    named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "layout.png", "panels.png", "shape.png"}
+    named = set(report["sheets"]["files"]) | {"report.json", "model.blend"}
+    named |= {"layout.png", "panels.png", "shape.png", "together.png"}
     assert named | {"report.html", "plots"} == {p.name for p in out.iterdir()}
     assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
