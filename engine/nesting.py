@@ -70,8 +70,14 @@ def _searched(search: _Search, rough: Packing) -> Packing:
 
 
 def available() -> bool:
-    """Whether spyrrow is installed here."""
-    return importlib.util.find_spec("spyrrow") is not None
+    """Whether spyrrow is installed here, and a Python that can be started to run it."""
+    return importlib.util.find_spec("spyrrow") is not None and _python() is not None
+
+
+def _python() -> str | None:
+    """The Python of this program; inside Blender that is the one that comes with it, never Blender itself."""
+    name = Path(sys.executable or "").name.lower()
+    return sys.executable if name.startswith(("python", "pypy")) else None
 
 
 def _worth(packing: Packing, shapes: list[np.ndarray]) -> tuple[int, float]:
@@ -313,7 +319,7 @@ class _Worker:
         where = [str(Path(p).parent) for p in (found.submodule_search_locations or ()) if found] if found else []
         self.lines = queue.Queue()
         self.process = subprocess.Popen(
-            [sys.executable, "-I", str(Path(__file__).with_name("nest_worker.py"))],
+            [str(_python()), "-I", str(Path(__file__).with_name("nest_worker.py"))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
