@@ -74,8 +74,13 @@ def still(region):
 
 
 def xdotool(*words):
-    """Without waiting for it: Blender draws meanwhile."""
-    return subprocess.Popen(["xdotool", *map(str, words)])
+    """Without waiting for its end, for Blender draws meanwhile; but after the one before, so that all comes in order."""
+    if _sent:
+        _sent.pop().wait()
+    _sent.append(subprocess.Popen(["xdotool", *map(str, words)]))
+
+
+_sent = []
 
 
 def move(place):
@@ -224,7 +229,7 @@ def find(method, identifier, text=None):
                 x, y = (columns.min() + columns.max()) // 2, (rows.min() + rows.max()) // 2
                 return region.x + int(x), int(len(pixels()) - region.y - region.height + y)
             before = plain
-            turns, wheel = (WHEEL, 5) if direction == "down" else (100, 4)
+            turns, wheel = (WHEEL, 5) if direction == "down" else (60, 4)
             xdotool("mousemove", *_middle(region), "click", "--repeat", turns, "--delay", 5, wheel)
             yield 0.4
             yield from aside()
