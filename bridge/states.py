@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import bmesh
 import bpy
 import numpy as np
 
@@ -40,6 +41,7 @@ WHY = {
     "down": "The object was turned since",
 }
 SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
+MANY = 20_000  # edges whose seams can be looked at one by one in a redraw (a millisecond or two)
 EDGES = 64  # so many edges, evenly picked, tell the size of the quads well enough
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
 MADE_SQUARER = {"concave", "warped"}
@@ -95,8 +97,14 @@ class _Present:
         return positions.tobytes() + corners.tobytes() + rest.encode()
 
     def _seams(self) -> bytes:
-        seams = np.empty(len(self._obj.data.edges), bool)
-        self._obj.data.edges.foreach_get("use_seam", seams)
+        mesh = self._obj.data
+        if (
+            mesh.is_editmode and len(mesh.edges) <= MANY
+        ):  # where seams are edited, the mesh itself does not know of it yet
+            edges = bmesh.from_edit_mesh(mesh).edges
+            return np.fromiter((edge.seam for edge in edges), bool, len(edges)).tobytes()
+        seams = np.empty(len(mesh.edges), bool)
+        mesh.edges.foreach_get("use_seam", seams)
         return seams.tobytes()
 
     def _design(self) -> bytes:
@@ -160,7 +168,7 @@ def stamp_regularised(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
-    """The state of every stage. In edit mode: as the mesh was when edit mode or the last stage wrote it."""
+    """The state of every stage. In edit mode all but the seams is as edit mode found it, or as the last stage wrote it."""
     blocks, stamps, now = notes.read(obj.data), _stamps(obj.data), _Present(obj, scene)
     found: dict[str, State] = {}
     for stage, parts in PARTS.items():

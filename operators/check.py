@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -48,8 +49,12 @@ class ShowFinding(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        obj = context.object
-        return obj is not None and obj.type == "MESH" and bool(notes.read(obj.data).get("checks"))
+        problem = unusable(context.object)
+        if problem is None and not notes.read(context.object.data).get("checks"):
+            problem = "There is nothing to show; press Check first"
+        if problem is not None:
+            cls.poll_message_set(problem)
+        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge import mesh

@@ -172,6 +172,37 @@ def test_edited_seams_ask_for_an_update(made: Any) -> None:
     assert kinds(made)["layout"] == DONE
 
 
+def test_seams_marked_in_edit_mode_are_seen_at_once(made: Any) -> None:
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    assert kinds(made)["layout"] == DONE
+    bpy.ops.mesh.mark_seam(clear=False)
+    assert offered(made) == "update_from_seams"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert offered(made) == "update_from_seams"
+
+
+def test_every_button_says_why_it_is_grey(piece: Any) -> None:
+    """Where poll fails there is a sentence: in an empty scene, on a camera, and before anything was done."""
+
+    def silent() -> list[str]:
+        found = []
+        for name in dir(bpy.ops.flexmaps):
+            operator = getattr(bpy.ops.flexmaps, name)
+            if not operator.poll():
+                with pytest.raises(RuntimeError) as refusal:
+                    operator()
+                if "context is incorrect" in str(refusal.value):  # Blender's own words where there are none
+                    found.append(name)
+        return found
+
+    assert silent() == []
+    bpy.ops.object.camera_add()
+    assert silent() == []
+    bpy.context.view_layer.objects.active = None
+    assert silent() == []
+
+
 def test_a_later_stage_is_out_of_date_when_an_earlier_one_runs_again(piece: Any) -> None:
     press("merge")
     press("spirals")
