@@ -116,11 +116,11 @@ def write(
 
 
 def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
-    """The shape key of that name at vertices (V, 3) metres in world axes; vertices of no quad stay."""
+    """The shape key of that name at the engine's vertices (V, 3), metres in world axes; those of no quad stay."""
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
-    corners = surface.polygons.corners
-    positions[corners] = vertices[corners] @ inverse[:3, :3].T + inverse[:3, 3]
+    used = np.unique(surface.polygons.corners)  # the engine knows no others
+    positions[used] = vertices @ inverse[:3, :3].T + inverse[:3, 3]
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False

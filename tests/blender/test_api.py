@@ -215,6 +215,18 @@ def test_a_vertex_group_holds(dome: Any) -> None:
     assert held is not None and set(held) == set(api.load(dome, supports="lowest").result.supports)  # type: ignore[arg-type]
 
 
+def test_vertices_of_no_face_stay_and_disturb_nothing(strip: api.Piece, add: Any) -> None:
+    mesh = strip.mesh
+    far = np.array([[9.0, 9.0, 9.0]])
+    vertices = np.concatenate([far, mesh.vertices[:70], far, mesh.vertices[70:]])
+    moved = mesh.quads + 1 + (mesh.quads >= 70)
+    obj = api.show(api.simulate(api.load(add((vertices, moved))), supports="lowest"))
+    key = np.array([point.co for point in obj.data.shape_keys.key_blocks["FlexMaps equilibrium"].data])
+    assert key[[0, 71]] == pytest.approx(np.repeat(far, 2, axis=0))
+    wanted = strip.result.simulation.vertices  # type: ignore[union-attr]
+    assert np.delete(key, [0, 71], axis=0) == pytest.approx(wanted, abs=2e-5)
+
+
 def test_another_object_is_not_written_over(strip: api.Piece, dome: Any, content: Any) -> None:
     before = content(dome)
     with pytest.raises(api.FlexMapsError, match="other faces"):
