@@ -218,12 +218,10 @@ def _unwound(turns: np.ndarray, pairs: np.ndarray, count: int) -> np.ndarray:
         start = members[np.argmin(size[members])]
         order, before = csgraph.breadth_first_order(graph, start, directed=False)
         for hub in order[1:].tolist():
-            angle = size[hub]
-            if angle < 1.0:
-                continue
-            axis, near = turns[hub] / angle, out[before[hub]]
-            choices = np.array([angle - 2 * np.pi, angle, angle + 2 * np.pi])[:, None] * axis
-            out[hub] = choices[np.argmin(np.linalg.norm(choices - near, axis=1))]
+            near = out[before[hub]]
+            # about the same axis, as many whole turns more as bring it nearest to the hub before
+            axis = turns[hub] / size[hub] if size[hub] > 1e-9 else near / max(float(np.linalg.norm(near)), 1e-9)
+            out[hub] += 2.0 * np.pi * np.round((near @ axis - size[hub]) / (2.0 * np.pi)) * axis
     return out
 
 
