@@ -28,8 +28,7 @@ def film(dome):
     return assembly_film.film(made, pose, table, DETAILS["COARSE"]), table
 
 
-def test_it_begins_on_the_table(dome, film):
-    made, _ = dome
+def test_it_begins_on_the_table(film):
     found, table = film
     flat = found.panels.flat(table[:, :2])
     for track in found.tracks:
