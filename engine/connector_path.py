@@ -8,6 +8,7 @@ the other arm everything is turned by half a turn. Places are given by the param
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ _REACH = 0.85  # share of an arm, from its tip to its hub, that a connector may 
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
 _SAMPLES = 41
 _TABLE = 41
+_STEPS = 160
 
 
 def complexes(points: np.ndarray) -> np.ndarray:
@@ -127,10 +129,26 @@ class Through:
     own: Half
     other: Half
 
-    @property
+    @cached_property
     def turned(self) -> Through:
         """The same, seen from the other half."""
         return Through(self.other, self.own)
+
+    @cached_property
+    def steps(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Steps along the arm as it is: tau (N,) in their middles, lengths (2, N) of the left and the right edge, widths (N,)."""
+        tau = np.linspace(-self.other.end / self.scale, self.own.end, _STEPS + 1)
+        edges = self.edges(tau, Widening(0.0, 0.0, 0.0, 0.0))[0]
+        wide = np.abs(edges[0] - edges[1])
+        return 0.5 * (tau[1:] + tau[:-1]), np.abs(np.diff(edges, axis=1)), 0.5 * (wide[1:] + wide[:-1])
+
+    def folds(self, begin: float, full: float, wide: Widening) -> bool:
+        """Whether an edge would fold between two tau if the arm were as much wider there; for parallel curves, quickly."""
+        tau, (left, right), width = self.steps
+        here = (tau > begin) & (tau < full)
+        turn = (left - right)[here] / width[here]
+        one, two = left[here] + turn * wide.left, right[here] - turn * wide.right
+        return bool((np.minimum(one, two) < _UNFOLDED * np.maximum(one, two)).any())
 
     @property
     def scale(self) -> float:
@@ -145,6 +163,12 @@ class Through:
 
     def centre(self, tau: float) -> tuple[complex, complex, float]:
         """Point and outward unit direction of the centre line, and the width of the arm."""
+        known = self.__dict__.setdefault("_centres", {})
+        if tau not in known:
+            known[tau] = self._centre(tau)
+        return known[tau]
+
+    def _centre(self, tau: float) -> tuple[complex, complex, float]:
         half, t, sign = (self.own, tau, 1.0) if tau >= 0.0 else (self.other, -tau * self.scale, -1.0)
         p, d, _ = (complexes(x[0, 0]) for x in centre_line(half.arms, np.array([[[t]]])))
         direction = -d[0] / half.out  # outwards, from the one half into the other
@@ -260,6 +284,8 @@ def make_tip(through: Through, role: str, a: Attempt, shift: float, aside: float
     if over < least or begin >= full or -begin * through.scale > through.other.end:
         return None
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
+    if through.folds(begin, full, wide):
+        return None
     tau = np.linspace(begin, over, _SAMPLES)
     (left, right), (left_way, right_way) = through.edges(tau, wide)
     steps = np.abs(np.diff(left)), np.abs(np.diff(right))
