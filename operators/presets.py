@@ -17,7 +17,7 @@ from ..engine.params import ObjectSettings
 
 FOLDER = Path(__file__).resolve().parent.parent
 MENU = "FLEXMAPS_PT_presets"
-OWN = {"loads", "export.folder"}  # of the object, not of a way to work
+OWN = {"loads", "export.folder", "render.file"}  # of the object, not of a way to work
 
 
 def values() -> list[str]:
