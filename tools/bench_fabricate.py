@@ -129,10 +129,11 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
     partners = {"dovetail": {"head", "socket"}, "key": {"socket"}, "tab": {"face"}}
     alone = sum(set(c.roles) != partners[c.kind] for c in made.connectors) + len(made.connectors) - len(sides & cuts)
     given_way = {"shrunk": sum(c.shrunk for c in made.connectors), "swapped": sum(c.swapped for c in made.connectors)}
+    given_way["for glue"] = sum(c.kind == "tab" for c in made.connectors)
     rows = [
         row(name, "connectors", "", len(made.connectors), None, given_way),
         at_most(name, "without their partner", 0, alone + len(cuts) - len(set(named))),
-        at_most(name, "joints without connector", 0, len(made.unsolved)),
+        at_most(name, "joints without connector", 0, len(made.unsolved), _cramped(spirals, made)),
     ]
     for kerf in KERFS if made.connectors else ():
         found = connector_check.fit(spirals, made, kerf)
@@ -140,6 +141,12 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
         overlap = {"overlaps": int((found.overlap > 0.0).sum())}
         rows.append(at_most(name, f"clearance off, kerf {kerf * 1e3:g}", 0.01, off * 1e3, overlap))
     return rows
+
+
+def _cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
+    """How small the spirals are whose joints have no connector."""
+    small = [float(spirals.scale[[*faces]].min()) * 1e3 for _, *faces in made.unsolved]
+    return {"their spirals, mm": f"{min(small):.1f} to {max(small):.1f}"} if small else {}
 
 
 # -- nesting ---------------------------------------------------------------------------------------------------------
@@ -350,7 +357,7 @@ def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     """Solids of the panels that are not too large, as trimesh sees them; the first one through a file too."""
     import trimesh
 
-    chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO / 4]
+    chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO]
     if not chosen:
         return []
     tight, off = 0, 0.0
