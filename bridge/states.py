@@ -219,7 +219,12 @@ def next_button(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[str, 
     for stage, idname in (("equilibrium", "flexmaps.simulate"), ("optimise", "flexmaps.optimise")):
         if found[stage].kind != DONE:
             return idname
-    return "flexmaps.export"
+    return "wm.save_mainfile" if unsaved(obj) else "flexmaps.export"
+
+
+def unsaved(obj: bpy.types.Object) -> bool:
+    """Whether the files would go beside a .blend file that is not there yet."""
+    return obj.flexmaps.export.folder.startswith("//") and not bpy.data.filepath
 
 
 def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[str, State]) -> str:

@@ -6,9 +6,9 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes
+from ..bridge import notes, states
 from ..engine.params import ConnectorParams, CutParams, ExportParams, SheetParams
-from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows
+from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
 SHEET = ("sheet_width", "sheet_height")  # what is always in sight; the rest is folded away
@@ -27,6 +27,11 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         column = layout.column(align=True)
         settings_rows(column, settings.sheet, SheetParams, SHEET)
         layout.prop(settings.export, "folder", text="")
+        if states.unsaved(obj):
+            wrapped(
+                layout, context, "The folder begins with //: save the file first, or choose another one", icon="INFO"
+            )
+            button(layout, context, "wm.save_mainfile", icon="FILE_TICK")
         button(layout, context, "flexmaps.export", icon="EXPORT")
         more(layout, "flexmaps_sheet", settings.sheet, SheetParams, SHEET)
         body = fold(layout, "flexmaps_connect", "Connectors and kerf")

@@ -165,6 +165,7 @@ WORDS: dict[str, str] = {
     "Both": "Beide",
     "Solids": "Körper",
     "Assembly sheet": "Bauanleitung",
+    "The folder begins with //: save the file first, or choose another one": "Der Ordner beginnt mit //: erst die Datei speichern, oder einen anderen wählen",
     "Sheets": "Platten",
     "Cut length": "Schnittlänge",
     "Assembly, about": "Zusammenbau, etwa",

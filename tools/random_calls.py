@@ -99,7 +99,7 @@ def _choose(rng: random.Random) -> str:
     obj = bpy.context.object
     if obj is not None and obj.type == "MESH" and rng.random() < 0.5:
         offered = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
-        if offered:
+        if offered.startswith("flexmaps."):
             return offered.removeprefix("flexmaps.")
     if rng.random() < 0.3:
         return rng.choice(STEPS)

@@ -71,6 +71,13 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.svg"))
 
 
+def test_an_unsaved_file_is_to_be_saved_before_sheets_go_beside_it(made: Any, tmp_path: Path) -> None:
+    notes.drop_from(made.data, "sheets")
+    assert offered(made) == "wm.save_mainfile"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
+    assert offered(made) == "export"
+
+
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_done_in_either_mode_and_after_leaving_it(piece: Any, mode: str) -> None:
     bpy.ops.object.mode_set(mode=mode)
