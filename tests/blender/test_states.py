@@ -72,7 +72,7 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
 
 
 def test_an_unsaved_file_is_to_be_saved_before_sheets_go_beside_it(made: Any, tmp_path: Path) -> None:
-    notes.drop_from(made.data, "sheets")
+    made.flexmaps.sheet.margin = 7.0
     assert offered(made) == "wm.save_mainfile"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
     assert offered(made) == "export"
