@@ -145,9 +145,9 @@ def progress(_: argparse.Namespace) -> Iterator[Row]:
     """Seconds from a button to its first visible progress: of real clicks, and of the work before the first redraw here."""
     if WINDOW.is_file():
         for name, figures in json.loads(WINDOW.read_text())["stages"].items():
-            first = figures.get("first_s") if isinstance(figures, dict) else None
+            first = figures.get("first_progress_ms")
             if first is not None:
-                yield at_most("real window", f"{name}: click to progress, s", 0.2, float(first))
+                yield at_most("real window", f"{name}: click to progress, s", 0.2, 1e-3 * first)
     obj = _piece()
     from flexmaps.operators import layout, optimise, regularise, simulate, spirals
 
