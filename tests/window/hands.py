@@ -102,6 +102,21 @@ def key(*names):
     yield 0.3
 
 
+def installed():
+    """Install the zip, empty the scene, let the 3D view fill the window, and open the tab in its sidebar."""
+    zip_file = str(next(HERE.glob("*.zip")))
+    bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
+    yield 0.5
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    yield from key("ctrl+space")
+    yield 0.5
+    yield from key("n")
+    yield 0.5
+    sidebar().active_panel_category = "FlexMaps"
+    spy_on([c for c in bpy.types.Panel.__subclasses__() if "flexmaps" in c.__module__])
+
+
 def look_at(objects):
     """Turn the view to some objects, as View Selected does."""
     active, selected = bpy.context.object, bpy.context.selected_objects

@@ -97,27 +97,12 @@ def walk():
 
 
 def install():
-    zip_file = str(next(HERE.glob("*.zip")))
-    bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=True)
-    yield 0.5
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
+    yield from hands.installed()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
     bpy.context.object.scale = (1.3, 1.0, 0.7)
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
-    yield from hands.key("ctrl+space")  # the 3D view fills the window
-    yield 0.5
-    yield from hands.key("n")
-    yield 0.5
-    hands.sidebar().active_panel_category = "FlexMaps"
-    hands.spy_on(panel_classes())
     yield 0.5
     yield from picture("start")
-
-
-def panel_classes():
-    """The panels of the extension."""
-    return [c for c in bpy.types.Panel.__subclasses__() if "flexmaps" in c.__module__]
 
 
 def make_quads():
@@ -244,6 +229,8 @@ def export():
     expect(not missing, f"all files are there, but {missing}")
     expect(block["panels"] == blocks()["layout"]["patches"], "every patch is a panel")
     yield from picture("exported")
+    yield from press("report")
+    expect(list((HERE / "sheets").glob("*-report/*.html")), "Report leaves a page beside the sheets")
     from_zip = ("scipy", "shapely", "igl", "ezdxf")
     FOUND["places"] = {name: sys.modules[name].__file__ for name in from_zip if name in sys.modules}
 

@@ -1,0 +1,78 @@
+"""Runs inside a real Blender with a window: a ring, made from a script, in the views that the guide shows.
+
+Driven by tools/guide_pictures.py, which cuts the pictures to size.
+"""
+
+import json
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+import hands  # noqa: E402
+
+FOUND = {"errors": [], "shots": {}}
+
+
+def shot(name):
+    """The screen as it is, and where the 3D view and the sidebar are in it: left, top, right, bottom."""
+    yield from hands.still(hands.view()[1])
+    hands.shot(name)
+    height = len(hands.pixels())
+    rects = {}
+    for key, r in (("view", hands.view()[1]), ("sidebar", hands.sidebar())):
+        rects[key] = (r.x, height - r.y - r.height, r.x + r.width, height - r.y)
+    FOUND["shots"][name] = rects
+
+
+def walk():
+    yield from hands.installed()
+    from bl_ext.user_default.flexmaps import api
+
+    piece = api.simulate(api.load("shape:torus", edge=20))
+    obj = api.show(piece)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    yield 0.5
+    yield from hands.look_at([obj])
+    bpy.ops.flexmaps.overlay(kind="PATCH")
+    yield 0.3
+    yield from hands.aside()
+    yield from shot("sidebar")
+    yield from hands.click("popover", "FLEXMAPS_PT_presets")
+    yield 0.6
+    yield from shot("presets")
+    yield from hands.aside()
+    bpy.ops.flexmaps.overlay(kind="REACH")
+    yield from hands.find("operator", "flexmaps.overlay", "Limits")
+    yield from shot("limits")
+    bpy.ops.flexmaps.preview()
+    bpy.ops.flexmaps.overlay(kind="NONE")
+    made = next(o for o in bpy.data.objects if "Assembled" in o.name)
+    hands.view()[1].spaces.active.shading.color_type = "VERTEX"
+    yield from hands.unfold("FLEXMAPS_PT_preview")
+    yield from hands.find("operator", "flexmaps.render")
+    yield from hands.look_at([obj, made])
+    yield from shot("preview")
+
+
+STEPS = walk()
+
+
+def tick():
+    try:
+        return next(STEPS)
+    except StopIteration:
+        pass
+    except Exception:
+        FOUND["errors"].append(traceback.format_exc())
+    (HERE / "result.json").write_text(json.dumps(FOUND, indent=1))
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
