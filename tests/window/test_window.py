@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
+pytestmark = pytest.mark.timeout(1000)  # some minutes where the machine is free
 PYTHON_COMPLAINS = re.compile(r"Traceback|\.py:\d+: \w*Warning|^Error in |\bunregistered\b", re.MULTILINE)
 
 
