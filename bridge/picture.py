@@ -44,11 +44,14 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
-        if design is not None:
+        found = beside.existing(obj)
+        shown = [o for o in found.objects if not o.hide_render] if found is not None else []
+        solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
+        if design is not None and solid is not None:
+            place.put(solid.data.copy())  # with the connectors, as they are cut
+        elif design is not None:
             _panels(place, obj, design, "PATCH")
         else:
-            found = beside.existing(obj)
-            shown = [o for o in found.objects if not o.hide_render] if found is not None else []
             if not shown:
                 raise FlexMapsError("There are no flat patches yet; merge or flatten first")
             for other in shown:
