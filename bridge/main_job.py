@@ -22,6 +22,7 @@ PICTURES = {
     "shape.png": "The shape that the assembled panels take",
     "together.png": "The surface, the assembled piece and its panels",
 }
+TITLE = "together.png"  # of the report
 
 
 @contextmanager
@@ -64,7 +65,7 @@ def write(
                 if wanted:
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))
-                    shown.append((says, new(out / file)))
+                    shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
     described = report.build(result, source=name, files=written, settings=settings)
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     pages.write(described, pages.drawings(result, described, settings), out, new, shown)

@@ -24,6 +24,7 @@ h2 { font-size: 19px; margin: 44px 0 12px; padding-top: 14px; border-top: 1px so
 p { margin: 6px 0; } .sub { color: var(--grey); } .small { font-size: 13px; color: var(--grey); }
 .pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(300px, 1fr)); gap: 14px; margin: 22px 0; }
 figure { margin: 0; } figure img, figure svg { width: 100%; height: auto; display: block; border-radius: 8px; }
+.pictures .wide { grid-column: 1 / -1; }
 .pictures img { border: 1px solid var(--line); } figcaption { font-size: 13px; color: var(--grey); margin-top: 5px; }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(440px, 1fr)); gap: 18px 24px; }
 .plots figure { border: 1px solid var(--line); border-radius: 8px; padding: 6px; }
@@ -55,7 +56,7 @@ def page(
     """The page as HTML text.
 
     described : the report, see ``report.build``; drawings : plots by name, see ``report_plots.drawings``
-    pictures : PNG files with what they show, for the top; made : when
+    pictures : PNG files with what they show, for the top, of more than three the first one large; made : when
     """
     title = _title(described)
     parts = [
@@ -111,9 +112,10 @@ def _head(described: Mapping[str, Any], title: str, made: str) -> str:
 
 def _pictures(drawings: Mapping[str, Drawing], pictures: Sequence[tuple[str, bytes]]) -> str:
     shown = [
-        f'<figure><img alt="{escape(text)}" src="data:image/png;base64,{b64encode(data).decode("ascii")}">'
+        f"<figure{' class=wide' if k == 0 and len(pictures) > 3 else ''}>"
+        f'<img alt="{escape(text)}" src="data:image/png;base64,{b64encode(data).decode("ascii")}">'
         f"<figcaption>{escape(text)}</figcaption></figure>"
-        for text, data in pictures
+        for k, (text, data) in enumerate(pictures)
     ]
     if not shown:
         shown = [

@@ -125,6 +125,10 @@ def test_pictures_are_inside(strip: api.Piece) -> None:
     text = report_page.page(api.report(strip), {}, [("A picture", png)])
     found = re.search(r'src="data:image/png;base64,([^"]+)"', text)
     assert found is not None and base64.b64decode(found.group(1)) == png
+    assert report_page.page(api.report(strip), {}, [("One", png)] * 3).count("class=wide") == text.count("class=wide")
+    assert (
+        report_page.page(api.report(strip), {}, [("One", png)] * 4).count("class=wide") == text.count("class=wide") + 1
+    )
 
 
 def test_every_stage_that_is_missing_is_left_out(tmp_path: Path) -> None:
