@@ -58,6 +58,9 @@ def _searched(search: _Search, rough: Packing) -> Packing:
     """The best packing that the search finds, or the rough one."""
     shapes, params = search.shapes, search.params
     best, best_worth = rough, _worth(rough, shapes)
+    emptied = search.emptied(rough)
+    if _worth(emptied, shapes) < best_worth and _sound(emptied, shapes, params):
+        best, best_worth = emptied, _worth(emptied, shapes)
     rng = np.random.default_rng(params.seed)
     idle = 0
     while idle < PATIENCE and len(best.sizes) > search.fewest and search.spent() < 1.0 - LAST:
@@ -193,6 +196,33 @@ class _Search:
         cos, sin = np.cos(angle), np.sin(angle)
         low = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
         return _Set({i: (angle, self.params.margin - low)}, float(self.area[i]))
+
+    def emptied(self, packing: Packing) -> Packing:
+        """Panels of the emptiest sheet moved to the others one by one, as far as they have room: sheet after sheet."""
+        if len(packing.sizes) < 2:
+            return packing
+        sets = []
+        for k in range(len(packing.sizes)):
+            on = [i for i in np.flatnonzero(packing.sheet == k).tolist() if i not in self.large]
+            if on:
+                places = {i: (float(packing.rotation[i]), packing.shift[i]) for i in on}
+                sets.append(_Set(places, float(self.area[on].sum())))
+        while len(sets) > 1:
+            least = min(range(len(sets)), key=lambda k: sets[k].area)
+            source = sets.pop(least)
+            for i in sorted(source.places, key=lambda i: -self.area[i]):
+                for k in sorted(range(len(sets)), key=lambda k: sets[k].area):
+                    if self.spent() >= 1.0 - LAST:
+                        return self._packing([*sets, source])
+                    found = self._together(frozenset(sets[k].places) | {i})
+                    if found is not None:
+                        sets[k] = found
+                        places = {j: place for j, place in source.places.items() if j != i}
+                        source = _Set(places, source.area - float(self.area[i]))
+                        break
+            if source.places:
+                return self._packing([*sets, source])
+        return self._packing(sets)
 
     def _quick(self, rest: list[int]) -> list[_Set]:
         """Panels on sheets of their own, by the quick packing."""

@@ -148,3 +148,19 @@ def test_fill_counts_the_last_sheet_as_far_as_it_is_used():
     found = Packing(np.array([0, 0, 1]), np.zeros(3), shift, np.array([[0.24, 0.12], [0.24, 0.12]]))
     wanted = 0.03 / (0.24 * 0.12 + 0.11 * 0.12)
     assert fill(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
+
+
+def test_a_sheet_is_emptied_where_the_others_have_room():
+    """Triangles beside wedges: each has room in the slanted gap that no quarter turn fits."""
+    params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
+    shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
+    rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
+    search = nesting._Search(shapes, params, Progress())
+    try:
+        packing = search.emptied(rough)
+    finally:
+        search.finish()
+    assert sorted(np.bincount(packing.sheet).tolist())[0] < sorted(np.bincount(rough.sheet).tolist())[0] or len(
+        packing.sizes
+    ) < len(rough.sizes)
+    _check(shapes, packing, params)
