@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import time
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from . import arrange, attributes, beside, looks, notes, overlay
 if TYPE_CHECKING:
     from ..engine.assembly import Pose
     from ..engine.bent_arms import BentArms
+    from ..engine.connector_path import Tip
     from ..engine.design import SpiralDesign
     from ..engine.panel_mesh import PanelMesh
     from ..engine.params import PreviewParams
@@ -47,8 +49,8 @@ class Built:
     seconds: float
 
 
-def build(design: SpiralDesign, pose: Pose, detail: str) -> Built:
-    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread."""
+def build(design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = ()) -> Built:
+    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
     from ..engine.bent_arms import bent
     from ..engine.panel_mesh import DETAILS, panel_mesh
 
@@ -56,7 +58,7 @@ def build(design: SpiralDesign, pose: Pose, detail: str) -> Built:
     arms = bent(design, pose)
     if detail == "LINES":
         return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began)
-    panels = panel_mesh(design, DETAILS[detail])
+    panels = panel_mesh(design, DETAILS[detail], tips)
     vertices = panels.placed(arms, pose)
     return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)
 

@@ -497,6 +497,9 @@ class PreviewParams(Params):
             ("MATERIAL", "Material", "The look of the chosen material"),
         ),
     )
+    joined: bool = setting(
+        False, "With connectors", "Draw the connectors along the seams in their true shape; takes longer"
+    )
     place: str = setting(
         "BESIDE",
         "Place",

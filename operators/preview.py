@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -10,7 +10,11 @@ from ..bridge import notes
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
+from .spirals import DRAWN
 from .stage import Stage, Work
+
+if TYPE_CHECKING:
+    from ..engine.connector_path import Tip
 
 
 class Preview(Stage, bpy.types.Operator):
@@ -35,15 +39,20 @@ class Preview(Stage, bpy.types.Operator):
         def work(progress: Progress) -> Any:
             from ..engine import check
             from ..engine.assembly import target_pose
+            from ..engine.connectors import connect
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)
             design = mesh.design_of(surface, mesh.current_flat(surface, quads), settings.spiral)
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
-            progress(0.2, "Bending the arms")
+            tips: tuple[Tip, ...] = ()
+            if settings.preview.joined and settings.preview.detail != "LINES":
+                made = connect(design, settings.connect, DRAWN, progress.part(0.2, 0.7), settings.cut.mill)
+                tips = made.tips
+            progress(0.7, "Bending the arms")
             stand = target_pose(quads, design.flat.corners) if found is None else found
-            return preview.build(design, stand, settings.preview.detail), settings.preview, found is not None
+            return preview.build(design, stand, settings.preview.detail, tips), settings.preview, found is not None
 
         return work
 

@@ -117,6 +117,18 @@ def test_colours_that_are_not_there_are_refused(piece: Any) -> None:
     assert len(set(np.round([c.color[0] for c in made.data.attributes["flexmaps_colour"].data], 4))) > 3
 
 
+def test_connectors_are_drawn_on_request(piece: Any) -> None:
+    press("simulate")
+    piece.flexmaps.preview.detail = "COARSE"
+    counts = []
+    for joined in (False, True):
+        piece.flexmaps.preview.joined = joined
+        press("preview")
+        counts.append(preview.note_of(piece)["triangles"])
+    joints = sum(edge.use_seam for edge in piece.data.edges)
+    assert counts[1] - counts[0] > 20 * joints  # rounded heads and sockets on both sides of every joint
+
+
 def test_scene_units_and_a_mirrored_object(add: Any) -> None:
     """A piece of the same size in other units, mirrored: the preview has its true size and place all the same."""
     obj = add(shapes.make("dome"))

