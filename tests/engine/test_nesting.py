@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import nesting
+from flexmaps.engine import nest_process, nesting
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.packing import Packing, fill, pack, used_length
 from flexmaps.engine.params import SheetParams
@@ -128,7 +128,7 @@ def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
             asked.append(time.monotonic() + 1.0)
 
     workers = []
-    monkeypatch.setattr(nesting._Worker, "_start", lambda self, start=nesting._Worker._start: (start(self), workers.append(self.process)))  # fmt: skip
+    monkeypatch.setattr(nest_process.Worker, "_start", lambda self, start=nest_process.Worker._start: (start(self), workers.append(self.process)))  # fmt: skip
     with pytest.raises(Cancelled):
         nesting.nest(shapes, SheetParams(nesting_seconds=1e4), Progress(told, stopped=stopped))
     assert workers and all(w is None or w.poll() is not None for w in workers)  # nothing is left running
