@@ -27,7 +27,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py test [engine|database|blender|install|window ...] [-k NAME]
                                                 lint, types and tests
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
-  python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (an hour)
+  python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)

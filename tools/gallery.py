@@ -53,6 +53,9 @@ def suzanne() -> Any:
 
 
 ITEMS = {
+    "canopy": Item(
+        "Canopy", "The surface of the demo, standing on its three feet.", "shape:demo", {"supports": "lowest"}
+    ),
     "dome": Item("Dome", "Half a ball, standing on its rim.", "shape:dome", {"supports": "lowest"}),
     "vault": Item("Vault", "A shell on four feet.", "shape:vault", {"supports": "lowest"}, elevation=28.0),
     "saddle": Item(
