@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import job, notes
+from ..bridge import job, notes, warm
 from ..bridge.objects import changed_by_modifiers, shared, unusable
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import optimise, presets, simulate
@@ -31,6 +31,7 @@ class MainPanel(Sidebar, bpy.types.Panel):
         running = job.current()
         obj = context.object
         problem = unusable(obj)
+        warm.warm_up()
         if problem is None:
             look(context, afresh=True)
         if running is not None:

@@ -1,0 +1,34 @@
+"""The numerics are imported when the sidebar is first seen, beside Blender, so that the first button answers at once."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+
+import bpy
+
+# what the first buttons need, with scipy behind it; names below the package
+MODULES = (
+    "engine.check",
+    "engine.flatten",
+    "engine.design",
+    "engine.regularise",
+    "engine.merge",
+    "bridge.mesh",
+    "bridge.beside",
+)
+_begun: list[threading.Thread] = []
+
+
+def warm_up() -> None:
+    """Begin, unless it was begun or Blender has no window. Not a daemon: Blender waits for it rather than end in an import."""
+    if _begun or bpy.app.background:
+        return
+    _begun.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
+    _begun[0].start()
+
+
+def _import() -> None:
+    package = __package__.rpartition(".")[0]
+    for name in MODULES:
+        importlib.import_module(f"{package}.{name}")
