@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,9 +15,10 @@ from .errors import FlexMapsError
 from .kerf import cut_paths
 from .labels import Labels, make_labels
 from .nesting import nest
-from .packing import Packing, fill, least_box, turn_that_fits, used_length
+from .packing import Packing, fill, used_length
 from .params import ConnectorParams, CutParams, SheetParams
 from .progress import SILENT, Progress
+from .sheet_checks import check_kerf, check_mill, oversize, tight, without
 from .spiral import centre_line
 from .toolpath import Runs, plan
 
@@ -134,7 +134,7 @@ def make_sheets(
         raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
-    _check_mill(design, params, cut)
+    check_mill(design, params, cut)
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
@@ -151,13 +151,13 @@ def make_sheets(
         Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes), holds[i])
         for i, o in enumerate(drawn)
     )
-    _check_kerf(design, panels, params, cut)
+    check_kerf(design, panels, params, cut)
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
-    warnings = [*_oversize(panels, layout.patches, params), *_tight(design), *_without(made, connectors)]
+    warnings = [*oversize(panels, layout.patches, params), *tight(design), *without(made, connectors)]
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
@@ -194,51 +194,9 @@ def _holds(design: SpiralDesign, made: Connections) -> list[np.ndarray]:
     return found
 
 
-def _check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> None:
-    """Raise ``FlexMapsError`` where a mill does not fit between the panels or into the slots."""
-    if cut.mill == 0.0:
-        return
-    if params.spacing < cut.mill:
-        raise FlexMapsError(
-            f"The panels lie closer together than the mill of {cut.mill * 1e3:g} mm is thick; make the spacing larger"
-        )
-    narrow = design.narrower(cut.mill)
-    if len(narrow):
-        raise FlexMapsError(
-            f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {len(narrow)} spirals, which are down to "
-            f"{design.narrowest[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
-            f"{cut.mill * 500:g} mm, the object larger, or take a thinner mill",
-            faces=narrow,
-        )
-
-
 def _path(panel: Panel, cut: CutParams) -> Panel:
     path = cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes)
     return replace(panel, outline=path.outer, holes=path.holes)
-
-
-def _check_kerf(design: SpiralDesign, panels: tuple[Panel, ...], params: SheetParams, cut: CutParams) -> None:
-    """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
-    widest = max(cut.kerf_outline, cut.kerf_holes)
-    if widest == 0.0:
-        return
-    if params.spacing < cut.kerf_outline:
-        raise FlexMapsError(
-            f"The panels lie closer together than the kerf of {cut.kerf_outline * 1e3:g} mm; make the spacing larger"
-        )
-    remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
-    paths = []
-    for panel in panels:
-        try:
-            path = _path(panel, cut)
-        except FlexMapsError as error:
-            raise FlexMapsError(
-                f"Panel {panel.number}: {remedy}", faces=design.flat.layout.patches[panel.patch]
-            ) from error
-        paths.append(Outline(path.outline, path.holes))
-    where = touching(paths)
-    if len(where):
-        raise FlexMapsError(f"{len(where)} places cannot be cut: {remedy}", faces=nearest_quads(design.flat, where))
 
 
 def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
@@ -257,63 +215,6 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
         np.concatenate([packing.shift, shift]),
         np.concatenate([packing.sizes, used[None]]),
     )
-
-
-def _without(made: Connections, params: ConnectorParams) -> list[str]:
-    """Warnings where joints have no connector, or ends for glue that were not asked for; faces are numbered as in Blender."""
-    found, whole = [], len(made.unsolved) + len(made.connectors)
-    remedy = "make the object larger, or the thinnest part of the connectors smaller"
-    glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
-    if glued:
-        found.append(f"{len(glued)} of {whole} joints have room for ends to be glued only ({_named(glued)}): {remedy}")
-    if made.unsolved:
-        plain = _named([(name, faces) for name, *faces in made.unsolved])
-        found.append(
-            f"{len(made.unsolved)} of {whole} joints have no room for a connector and keep plain ends ({plain}): {remedy}"
-        )
-    return found
-
-
-def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
-    """The first few joints and the faces on both sides of them."""
-    named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
-    return ", ".join(named) + (", ..." if len(joints) > most else "")
-
-
-def _oversize(panels: tuple[Panel, ...], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:
-    """A warning for every panel that is larger than the sheet, or an error if so asked."""
-    found = []
-    for panel in panels:
-        shape = panel.outline.sampled(1e-4)
-        if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
-            continue
-        size = least_box(shape)[1]
-        text = (
-            f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
-            f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
-        )
-        if params.oversize == "error":
-            raise FlexMapsError(
-                f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch]
-            )
-        found.append(f"{text}; it gets a sheet of the size that it needs")
-    return found
-
-
-def _tight(design: SpiralDesign) -> list[str]:
-    """Warnings where some quads are too small for what was asked of their spirals."""
-    found, params = [], design.params
-    if len(design.thin):
-        found.append(
-            f"{len(design.thin)} quads have no room for arms {params.width_min * 1e3:g} mm wide; "
-            f"theirs are down to {design.width.min() * 1e3:.2g} mm: make the object larger or those quads more regular"
-        )
-    if design.narrowest[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:
-        found.append(
-            f"The narrowest slot is {design.narrowest[0] * 1e3:.2g} mm wide and not {params.slot_min * 1e3:g} mm; "
-            "make the object larger or its smallest quads more regular"
-        )
-    return found
 
 
 def _runs_report(sheets: CutSheets) -> dict[str, Any]:
