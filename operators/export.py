@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from ..bridge import notes
 from ..engine.errors import FlexMapsError
 from ..engine.params import ExportParams, ObjectSettings
 from ..engine.progress import Progress
+from .spirals import Drawn, shown
 from .stage import Stage, Work
 
 
@@ -29,7 +31,10 @@ class Export(Stage, bpy.types.Operator):
         from ..bridge.objects import find
 
         formats = _formats(settings.export)
-        name = find(surface.uid).name
+        obj = find(surface.uid)
+        name, look = obj.name, Drawn.look_of(settings)
+        # panels that stand beside the model with other connectors are drawn anew
+        stale = any(o.get("flexmaps_look", look) != look for o in shown(obj))
         base = _folder(settings.export.folder) / _file_name(name)
 
         def work(progress: Progress) -> Any:
@@ -51,12 +56,16 @@ class Export(Stage, bpy.types.Operator):
                     checked = assembly_check.check_assembly(design, made.connections)
                     written.append(assembly_sheet.write(design, made, figures, guide, name, new, checked))
             block = sheets.sheets_report(made) | estimates.estimates_report(figures)
-            return block | {"files": [file.name for file in written]}, base.parent
+            drawn = Drawn.made_of(design, made.connections, settings) if stale else None
+            return block | {"files": [file.name for file in written]}, base.parent, drawn
 
         return work
 
+    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
+        return iter(()) if result[2] is None else result[2].show(context, surface)
+
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        block, folder = result
+        block, folder, _ = result
         notes.write(obj.data, "sheets", block)
         return f"{', '.join(block['files'])} in {folder}"
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from ..bridge.solids import Solid
     from ..engine.arcs import Curve
+    from ..engine.connectors import Connections
     from ..engine.design import SpiralDesign
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
@@ -28,18 +29,24 @@ DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model 
 class Drawn:
     """The panels of a design, ready to be shown beside the model.
 
+    look : the settings that their connectors were made with
     centres : (N, 2) metres, where the origin of every panel lies; outlines : of every panel the outer one, then its holes
     """
 
     design: SpiralDesign
+    look: str
     centres: np.ndarray
     shape: Solid
     outlines: list[tuple[Curve, ...]]
 
+    @staticmethod
+    def look_of(settings: ObjectSettings) -> str:
+        """What the connectors hang on."""
+        return f"{settings.connect}, mill {settings.cut.mill:g}"
+
     @classmethod
     def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> Drawn:
         """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
-        from ..bridge import arrange, solids
         from ..engine import connectors
 
         tolerance = max(settings.sheet.tolerance, DRAWN)
@@ -47,16 +54,33 @@ class Drawn:
             made = connectors.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
         except FlexMapsError:  # Export says why
             made = connectors.connect(design, ConnectorParams(connector="none"), tolerance)
+        return cls.made_of(design, made, settings)
+
+    @classmethod
+    def made_of(cls, design: SpiralDesign, made: Connections, settings: ObjectSettings) -> Drawn:
+        """With connectors that are there already."""
+        from ..bridge import arrange, solids
+
         centres = arrange.side_by_side(design.flat)
         shape = solids.light(design, centres, made.tips)
-        return cls(design, centres, shape, [(o.outer, *o.holes) for o in made.outlines])
+        return cls(design, cls.look_of(settings), centres, shape, [(o.outer, *o.holes) for o in made.outlines])
 
     def show(self, context: bpy.types.Context, surface: Any) -> Iterator[None]:
         from ..bridge import beside
         from ..bridge.objects import find
 
         obj = find(surface.uid)
-        return beside.show_spirals(obj, context.scene, self.design, self.shape, self.outlines, self.centres)
+        yield from beside.show_spirals(obj, context.scene, self.design, self.shape, self.outlines, self.centres)
+        for panels in shown(find(surface.uid)):
+            panels["flexmaps_look"] = self.look
+
+
+def shown(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The panels that stand beside an object."""
+    from ..bridge import beside
+
+    found = beside.existing(obj)
+    return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
 
 
 class Spirals(Stage, bpy.types.Operator):

@@ -366,9 +366,17 @@ def test_export_follows_the_connectors_and_the_kerf(dome: Any, tmp_path: Path) -
     press("merge")
     press("spirals")
     dome.flexmaps.export.folder, dome.flexmaps.export.dxf = str(tmp_path), "NONE"
+    kinds = ("panels", "outlines")
+    stood = [o for o in bpy.data.objects if o.get("flexmaps_kind") in kinds]
+    press("export")
+    # nothing has changed, so nothing is drawn anew
+    assert [o for o in bpy.data.objects if o.get("flexmaps_kind") in kinds] == stood
+    vertices = len(stood[[o["flexmaps_kind"] for o in stood].index("panels")].data.vertices)
     dome.flexmaps.connect.connector, dome.flexmaps.connect.clearance = "tab", 0.1
     dome.flexmaps.cut.kerf_outline, dome.flexmaps.cut.kerf_holes = 0.2, 0.1
     press("export")
+    panels = next(o for o in bpy.data.objects if o.get("flexmaps_kind") == "panels")
+    assert len(panels.data.vertices) < vertices  # plain ends have fewer corners than dovetails
     found = report(dome)["sheets"]
     assert found["connector_kinds"] == {"tab": found["connectors"]}
     assert found["connectors"] + len(found["unsolved"]) == found["joints"]
