@@ -28,6 +28,12 @@ def warm_up() -> None:
     _begun[0].start()
 
 
+def wait() -> None:
+    """Until what was begun is done: two threads that import the same libraries at once can disturb each other."""
+    for thread in _begun:
+        thread.join()
+
+
 def _import() -> None:
     package = __package__.rpartition(".")[0]
     for name in MODULES:

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes
+from ..bridge import notes, warm
 from ..bridge.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
@@ -57,6 +57,7 @@ class ShowFinding(bpy.types.Operator):
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        warm.wait()
         from ..bridge import mesh
 
         obj = context.object

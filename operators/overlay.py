@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..bridge import warm
 from ..bridge.objects import unusable
 
 STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
@@ -41,6 +42,7 @@ class Overlay(bpy.types.Operator):
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
+        warm.wait()
         from ..bridge import overlay
 
         manager = context.window_manager

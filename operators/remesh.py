@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge import job, notes, settings
+from ..bridge import job, notes, settings, warm
 from ..bridge.objects import find, unusable
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
@@ -71,6 +71,7 @@ class QuadRemesh(bpy.types.Operator):
         self._clear(context, self._work)
 
     def _begin(self, context: bpy.types.Context) -> job.Steps:
+        warm.wait()
         from ..bridge import remesh
 
         self._source = context.object.session_uid

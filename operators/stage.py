@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import job
+from ..bridge import job, warm
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -137,6 +137,7 @@ class Stage:
     # -- the steps ---------------------------------------------------------------------------------------------------------
 
     def _read(self, context: bpy.types.Context) -> Work:
+        warm.wait()
         from ..bridge import mesh, settings
 
         obj = context.object

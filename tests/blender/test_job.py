@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from types import SimpleNamespace
@@ -344,3 +345,17 @@ def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window, mon
     assert job.current() is None
     remesh.cancel(window)
     assert clean(window)
+
+
+def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    from flexmaps.bridge import warm
+
+    monkeypatch.setattr(warm, "_begun", [])
+    warm.warm_up()
+    assert not warm._begun  # this Blender has no window
+    monkeypatch.setattr(warm, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    warm.warm_up()
+    warm.warm_up()
+    warm.wait()
+    assert len(warm._begun) == 1 and not warm._begun[0].is_alive()
+    assert {f"flexmaps.{name}" for name in warm.MODULES} <= set(sys.modules)
