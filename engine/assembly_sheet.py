@@ -299,14 +299,17 @@ def _model(
         shade = 0.8 + 0.2 * abs(float(towards[index])) if towards[index] > 0 else 0.62
         colour = _mixed(look.patches[patch], "#ffffff", 0.0 if patch in strong else 0.45)
         page.fill(points, _mixed(colour, "#000000", 1.0 - shade), _mixed(colour, "#000000", 0.3), 5e-5)
-    for patch in there:
+    written: list[np.ndarray] = []
+    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small ones have the least choice
         quads = layout.patches[patch]
         quads = quads[towards[quads] > 0.2]
         quads = quads[np.argsort(-_goodness(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]
         seen = quads[_seen(places, mesh.quads, quads, shown)]
-        if len(seen):
-            x, y = drawn[mesh.quads[seen[0]]].mean(axis=0).tolist()
-            page.text(panel_name(patch), (x, y - 0.0012), 0.0036, INK, middle=True)
+        for at in drawn[mesh.quads[seen]].mean(axis=1):
+            if all(np.abs((at - other) / [0.0065, 0.004]).max() > 1.0 for other in written):
+                written.append(at)
+                page.text(panel_name(patch), (float(at[0]), float(at[1]) - 0.0012), 0.0036, INK, middle=True)
+                break
 
 
 def _goodness(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
