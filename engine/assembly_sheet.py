@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -115,12 +116,27 @@ def _overview(
         "seam is engraved with the seam's letters and its number:",
         "A1 goes to A1, A2 to A2. The engraved side is outside.",
         "Work along a seam from one end to the other.",
+        *_without_head(sheets),
     ):
         page.text(line, (0.135, y), 0.0025, INK)
         y -= 0.0042
     _thumbnails(page, _Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look)
     _seam_list(page, _Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
     return page
+
+
+def _without_head(sheets: CutSheets) -> list[str]:
+    """Lines that name the joints that do not hold by themselves, where others do."""
+    made = sheets.connections
+    glued = [c.name for c in made.connectors if c.kind == "tab"]
+    if len(glued) == len(made.connectors):  # tabs, or no connectors at all, were asked for
+        return []
+    found = []
+    for said, names in (("Glue these joints", glued), ("These have plain ends", [name for name, *_ in made.unsolved])):
+        if names:
+            text = f"{said}: {', '.join(names)}."
+            found += ["", *textwrap.wrap(text, 52, max_lines=8, placeholder=" ...")]
+    return found
 
 
 def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """The order of assembly, and the sheet that shows it as PDFium reads it."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -90,3 +91,22 @@ def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
     places = np.concatenate([mesh.vertices, mesh.vertices + np.array([0.0, 0.0, 0.1])])
     quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
     assert not assembly_sheet._seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
+
+
+def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
+    spirals = design.uniform(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=1.0)
+    made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
+    one, *rest = made.connections.connectors
+    tab = replace(one, made=replace(one.made, kind="tab"))
+    joints = replace(made.connections, connectors=(tab, *rest), unsolved=(("B7", 0, 1),))
+
+    def words(sheet):
+        figures = estimates.estimate(sheet, spirals, MATERIALS["pom"])
+        page = assembly_sheet.pages(spirals, sheet, figures, "x")[0]
+        text = pdfium.PdfDocument(assembly_sheet.document([page], "x"))[0].get_textpage().get_text_range()
+        return " ".join(text.split())
+
+    assert "Glue" not in words(made)
+    found = words(replace(made, connections=joints))
+    assert f"Glue these joints: {one.name}." in found
+    assert "These have plain ends: B7." in found
