@@ -194,7 +194,10 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Excess:
-    """Strains beyond a limit, as a penalty: half the mean square of their excess over the limit, times ``STRAIN_WEIGHT``.
+    """Strains beyond a limit, as a penalty: half the mean square of their relative excess, times ``STRAIN_WEIGHT``.
+
+    Beyond an excess of ``HOPELESS`` it goes on in a straight line (Huber's loss): a few arms that no spirals could save
+    would else outweigh all the rest.
 
     found : the strains, None where they do not count; slope, curvature : (m, 2) derivatives of the penalty by them
     """
@@ -208,11 +211,15 @@ class Excess:
     def of(cls, found: StrainChanges, limit: float) -> Excess:
         over = np.maximum(found.values / limit - 1.0, 0.0)
         unit = STRAIN_WEIGHT / over.size
-        value = 0.5 * unit * float((over**2).sum())
-        return cls(value, unit * over / limit, np.where(over > 0.0, unit / limit**2, 0.0), found)
+        near = np.minimum(over, HOPELESS)
+        value = unit * float((near * (over - 0.5 * near)).sum())
+        # the curvature of the parabola with the same slope: so Gauss-Newton steps go down
+        curvature = np.divide(near, over, out=np.zeros_like(over), where=over > 0.0) * unit / limit**2
+        return cls(value, unit * near / limit, curvature, found)
 
 
 STRAIN_WEIGHT = 1.0
+HOPELESS = 0.25
 NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)
 
 
