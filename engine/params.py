@@ -554,7 +554,9 @@ class RenderParams(Params):
     pixels_y: int = setting(0, "Height", "Pixels down; 0: as many as the pieces need", low=0, high=16384)
     samples: int = setting(24, "Samples", "Rays per pixel: more are smoother and slower", low=1, high=4096)
     film: bool = setting(
-        False, "Animation", "Render the frames of the assembly's animation instead: PNG files, or a film if the file ends in .mp4"
+        False,
+        "Animation",
+        "Render the frames of the assembly's animation instead: PNG files, or a film if the file ends in .mp4",
     )
     file: str = setting("//flexmaps-render.png", "File", "Where the picture goes; // is the folder of the .blend file")
 
