@@ -62,7 +62,7 @@ def test_each_sets_the_same_settings() -> None:
 def test_a_piece_can_be_made_with_it(path: Path, add: Any, tmp_path: Path) -> None:
     """Applied as it is, the stages to the sheets have nothing to refuse or to leave out."""
     wanted = assigned(path)
-    mesh = shapes.dome(5)
+    mesh = shapes.dome(4)
     obj = add((mesh.vertices * (wanted["remesh.edge"] * 1e-3 / mesh.median_edge), mesh.quads))
     obj.flexmaps.export.folder, obj.flexmaps.sheet.nesting = str(tmp_path), "FAST"
     obj.flexmaps.export.guide = False  # takes longest, and does not depend on the preset
