@@ -72,14 +72,15 @@ class Studio:
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> np.ndarray:
-        """(N, 3): the corners of the boxes of the user's objects in some frames."""
+        """(N, 3): vertices of the user's meshes, some of them, as they are seen in some frames."""
         found, graph = [], self.scene.view_layers[0].depsgraph
         for frame in frames:
             self.scene.frame_set(frame)
             for obj in self._theirs:
                 if obj.type == "MESH":
                     there = obj.evaluated_get(graph)
-                    found.append(np.array([there.matrix_world @ beside.vector(v) for v in there.bound_box]))
+                    points, matrix = vertices_of(there.data)[::5], np.array(there.matrix_world)
+                    found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
         return np.concatenate(found)
 
     def set_up(
@@ -218,13 +219,15 @@ def _pixels(width: int, aspect: float) -> int:
 
 def points_of(obj: bpy.types.Object) -> np.ndarray:
     """(N, 3): the vertices of a mesh, or the corners of another object's box, in the world."""
-    if obj.type == "MESH":
-        found = np.empty(3 * len(obj.data.vertices), np.float32)
-        obj.data.vertices.foreach_get("co", found)
-        points = found.reshape(-1, 3).astype(float)
-    else:
-        points = np.array(obj.bound_box, dtype=float)
+    points = vertices_of(obj.data) if obj.type == "MESH" else np.array(obj.bound_box, dtype=float)
     return points + np.array(obj.location)
+
+
+def vertices_of(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(V, 3) in the mesh's own frame."""
+    found = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", found)
+    return found.reshape(-1, 3).astype(float)
 
 
 def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:

@@ -126,6 +126,10 @@ def test_frames_of_the_animation(piece: Any, tmp_path: Path) -> None:
     assert len(frames) == scene.frame_end - scene.frame_start + 1 >= 4
     first, last = pixels(frames[0]), pixels(frames[-1])
     assert first.shape == (36, 64, 3) and np.abs(first - last).max() > 0.2
+    if bpy.app.build_options.codec_ffmpeg:
+        piece.flexmaps.render.file = str(tmp_path / "film.mp4")
+        press("render")
+        assert (tmp_path / "film.mp4").read_bytes()[4:8] == b"ftyp"  # ISO base media file
 
 
 def test_an_unsaved_file_needs_a_whole_path(piece: Any) -> None:

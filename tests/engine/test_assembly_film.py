@@ -36,6 +36,15 @@ def test_it_begins_on_the_table(film):
         assert points == pytest.approx(flat[track.vertices], abs=1e-9)
 
 
+def test_nothing_dips_under_the_table(film):
+    """While it flies every panel stays on or above the ground that it lay on."""
+    found, _ = film
+    half = 0.5 * found.panels.design.params.thickness
+    for track in found.tracks:
+        for turn, place in zip(track.turns[:-4], track.places[:-4], strict=True):
+            assert (track.shapes[0] @ turn.T + place)[:, 2].min() > -half - 1e-3
+
+
 def test_it_ends_in_the_pose(dome, film):
     made, pose = dome
     found, _ = film
