@@ -95,7 +95,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     shapes = [p.outline.sampled(2e-5) for p in quick.panels if p.patch >= 0]
     started = time.monotonic()
     packed = sheets.with_keys(nesting.nest(shapes, params), quick.connections.keys, params)
-    made = CutSheets(**{**quick.__dict__, "packing": packed, "params": params})
+    made = replace(quick, packing=packed, params=params)
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
     report = sheets.sheets_report(made)
