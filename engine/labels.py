@@ -86,6 +86,15 @@ def make_labels(
     return Labels(curves, placed, left_out)
 
 
+def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
+    """The name of a loose key's joint, across its middle; nothing where it is too small. Width and length in metres."""
+    height = min(params.label_height, _FILL * neck, 0.8 * long / length(name))
+    if not params.labels or height < params.label_min:
+        return ()
+    found = straight(name, height, np.zeros(2), np.array([1.0, 0.0]))
+    return tuple(Curve(s, np.zeros(len(s)), closed=False) for s in found)
+
+
 class _Lines:
     """Where letters may stand: the free part of every arm, from its joint to its hub."""
 

@@ -13,7 +13,7 @@ from .contours import Outline, touching
 from .design import SpiralDesign, nearest_quads
 from .errors import FlexMapsError
 from .kerf import cut_paths
-from .labels import Labels, make_labels
+from .labels import Labels, key_label, make_labels
 from .nesting import nest
 from .packing import Packing, fill, used_length
 from .params import ConnectorParams, CutParams, SheetParams
@@ -163,7 +163,11 @@ def make_sheets(
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     shapes = [p.outline.sampled(2e-5) for p in panels]
     packing = with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
-    panels += tuple(Panel(0, -1, k.outer, (), (), k.outer.area) for k in made.keys)
+    keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
+    panels += tuple(
+        Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
+        for k, (name, a) in zip(made.keys, keyed, strict=True)
+    )
     slot, bridge = design.narrowest
     return CutSheets(
         panels, packing, params, tuple(warnings), labels.placed, labels.left_out,

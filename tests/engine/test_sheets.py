@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 import svgelements
-from flexmaps.engine import design, dxf, sheets, svg
+from flexmaps.engine import design, dxf, lettering, sheets, svg
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.labels import panel_name, seam_name
 from flexmaps.engine.params import ConnectorParams, SheetParams, SpiralParams
@@ -232,3 +232,17 @@ def test_sheets_of_real_layouts(name):
         grown = [shapely.Polygon(p.outline.sampled(1e-5)).buffer(0.00149) for p in panels]
         one, two = shapely.STRtree(grown).query(grown, predicate="intersects")
         assert (one == two).all()
+
+
+def test_keys_carry_the_names_of_their_joints(flat_grid):
+    spirals = design.uniform(flat_grid(4, 3, 0.03, cut=lambda x, _: x == 2), SpiralParams(), width=0.002, twist=0.5)
+    made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
+    keys = [p for p in made.panels if p.patch < 0]
+    assert len(keys) == 3
+    for key, joint in zip(keys, made.connections.connectors, strict=True):
+        assert len(key.labels) == len(lettering.strokes(joint.name))
+        material = shapely.Polygon(key.outline.sampled(1e-6)).buffer(-0.0001)
+        assert all(material.contains(shapely.LineString(s.points)) for s in key.labels)
+    small = SheetParams(nesting="FAST", label_min=0.005)
+    made = sheets.make_sheets(spirals, small, connectors=ConnectorParams(connector="key"))
+    assert not any(p.labels for p in made.panels if p.patch < 0)
