@@ -17,6 +17,7 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 
 PREFIX = "flexmaps_"
+LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
 
 # attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers)
 KINDS: dict[str, tuple[str, int, type, str]] = {
@@ -68,6 +69,8 @@ def has(obj: bpy.types.Object, name: str) -> bool:
 
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
+    if KINDS[kind][2] is np.float32:  # what is larger would be infinite there, and the mesh not valid
+        values = np.clip(values, -LARGEST, LARGEST)
     if obj.data.is_editmode:
         _put_bmesh(obj.data, name, domain, kind, values)
         return

@@ -203,3 +203,15 @@ def test_modifiers_that_change_the_surface_are_named(dome: Any) -> None:
         read(dome)
     dome.modifiers["Fine"].show_viewport = False
     read(dome)
+
+
+def test_folded_quads_leave_the_mesh_valid(add: Any) -> None:
+    """Two closed bodies flattened without a layout: quads fold over, and their measures have no bound."""
+    mesh = shapes.two_bodies()
+    obj = add((mesh.vertices * (0.02 / mesh.median_edge), mesh.quads))
+    assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
+    for name in ("flexmaps_energy", "flexmaps_square"):
+        values = np.empty(len(obj.data.polygons), np.float32)
+        obj.data.attributes[name].data.foreach_get("value", values)
+        assert np.isfinite(values).all()
+    assert not obj.data.validate()
