@@ -322,10 +322,23 @@ def _faults() -> list[str]:
             found.append(f"the temporary mesh {mesh.name} is left")
         if not mesh.is_editmode and mesh.validate(verbose=False):
             found.append(f"the mesh {mesh.name} was not valid")
+        found += [f"{mesh.name}: {name} is not finite" for name in _not_finite(mesh)]
         if "flexmaps_fresh" in mesh:
             found.append("a stage wrote notes without a stamp")
         json.loads(mesh.get("flexmaps_report", "{}"))
     return found + _undrawn()
+
+
+def _not_finite(mesh: Any) -> list[str]:
+    """Attributes of ours with values that a newer Blender calls not valid."""
+    found = []
+    for attribute in mesh.attributes:
+        if attribute.name.startswith("flexmaps") and attribute.data_type == "FLOAT" and not mesh.is_editmode:
+            values = np.empty(len(attribute.data), np.float32)
+            attribute.data.foreach_get("value", values)
+            if not np.isfinite(values).all():
+                found.append(attribute.name)
+    return found
 
 
 def _undrawn() -> list[str]:
