@@ -6,9 +6,12 @@ Everything is done by ``api``, which is imported when a command runs: registerin
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 NAME = "flexmaps"
@@ -42,7 +45,7 @@ def main(argv: list[str]) -> int:
         return int(end.code or 0)
     console = Console()
     try:
-        with quiet_blender():
+        with stoppable(), quiet_blender():
             described = args.run(args, console)
         status = 2 if args.command == "check" and any(f["severity"] == "error" for f in described["checks"]) else 0
     except FlexMapsError as error:
@@ -65,6 +68,20 @@ def main(argv: list[str]) -> int:
         args.tell(described, args)
     sys.stdout.flush()
     return status
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Ctrl-C stops the work as in any Python program; Blender by itself would only take note of it, and end at the second."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    except ValueError:  # another thread than the main one
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
 
 
 class Console:

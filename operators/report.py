@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -57,21 +58,27 @@ class Report(Stage, bpy.types.Operator):
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import raster
         from ..bridge import report as pages
 
-        name, shown, folder = result
-        made = [raster.image(f"{name} {kind}", pixels) for kind, pixels in shown.items()]
-        for window in context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type == "IMAGE_EDITOR":
-                    area.spaces.active.image = made[0]
+        _, shown, folder = result
         if folder is None:
-            return f"{len(made)} pictures for the image editor; save the .blend file to get the page too"
+            return f"{len(shown)} pictures for the image editor; save the .blend file to get the page too"
         page = folder / pages.PAGE
         if self.browse and not bpy.app.background:
             bpy.ops.wm.url_open(url=page.as_uri())
-        return f"{len(made)} pictures for the image editor; {page}"
+        return f"{len(shown)} pictures for the image editor; {page}"
+
+    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
+        from ..bridge import raster
+
+        name, shown, _ = result
+        for kind, pixels in shown.items():
+            made = raster.image(f"{name} {kind}", pixels)
+            for window in context.window_manager.windows:
+                for area in window.screen.areas:
+                    if area.type == "IMAGE_EDITOR" and area.spaces.active.image is None:
+                        area.spaces.active.image = made
+            yield
 
 
 CLASSES = (Report,)

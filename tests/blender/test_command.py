@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,25 @@ def test_a_fault_of_the_program_is_no_mistake_of_the_users(
     assert run("layout", "shape:strip") == 1
     said = capsys.readouterr()
     assert said.out == "" and "sixth of five" in said.err
+
+
+def test_control_c_is_the_users_while_a_command_runs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever handler Blender has; and it has it back afterwards."""
+
+    def pressed(*_: object, **__: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("flexmaps.engine.job.trace.trace", pressed)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert run("run", "shape:strip", "--out", tmp_path / "out") == 130
+        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(lines(capsys.readouterr().err)) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_results_to_standard_output_and_progress_to_standard_error(

@@ -20,6 +20,9 @@ from bl_ext.user_default.flexmaps import api
 print("quads:", len(api.load("shape:strip").mesh.quads))
 END
 name=script; say blender -b --python script.py
+blender --command flexmaps run shape:demo --optimise --out stopped > stopped.out 2> stopped.err &
+for i in $(seq 200); do grep -q Step stopped.err && break; sleep 0.5; done
+kill -INT $!; wait $!; echo $? > stopped.status
 """
 
 
@@ -36,7 +39,7 @@ def test_command_and_api_of_the_installed_extension(
 
     statuses = {path.stem: int(path.read_text()) for path in tmp_path.glob("*.status")}
     assert statuses == {
-        "install": 0, "help": 0, "simulate": 0, "report": 0, "export": 0, "mistake": 2, "script": 0,
+        "install": 0, "help": 0, "simulate": 0, "report": 0, "export": 0, "mistake": 2, "script": 0, "stopped": 130,
     }, said("install", "err") + said("simulate", "err")  # fmt: skip
     assert "optimise" in said("help", "out")
     report = json.loads(said("simulate", "out"))
@@ -46,3 +49,4 @@ def test_command_and_api_of_the_installed_extension(
     assert said("mistake", "out") == ""
     assert said("mistake", "err").count("flexmaps: ") == 1 and "Traceback" not in said("mistake", "err")
     assert "quads: 108" in said("script", "out")
+    assert not (tmp_path / "stopped").exists()
