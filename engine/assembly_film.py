@@ -97,8 +97,8 @@ def film(design: SpiralDesign, pose: Pose, table: np.ndarray, detail: Detail, pr
             # it keeps its last shape until the other panel comes
             marks += [other + FLIGHT, other + FLIGHT + CLOSING]
             which += [which[-1], len(shares) + e]
-        corners = design.flat.corners[layout.patches[p]].reshape(-1, 2) - (rest[p] - table[p])[:2]
-        moves = _flight(number, rest[p], home[1][p], home[0][p], size, corners)
+        bending = [shape[own] for shape in shapes[: len(shares)]]
+        moves = _flight(number, rest[p], home[1][p], home[0][p], size, bending)
         tracks.append(Track(p, own, np.stack([shapes[k][own] for k in which]), np.array(marks), *moves))
     return Film(panels, tuple(tracks), len(order) - 1 + FLIGHT + CLOSING)
 
@@ -131,11 +131,11 @@ def _table_places(design: SpiralDesign, table: np.ndarray) -> np.ndarray:
 
 
 def _flight(
-    number: int, table: np.ndarray, place: np.ndarray, turn: np.ndarray, size: float, corners: np.ndarray
+    number: int, table: np.ndarray, place: np.ndarray, turn: np.ndarray, size: float, bending: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times (M,), turns (M, 3, 3) and places (M, 3) of the panel that is joined in a step: up in an arc, then in from outside.
 
-    corners : (n, 2) metres, of the flat panel seen from its middle; they stay above the table
+    bending : its shapes (n, 3) metres from flat to bent, evenly spaced in time; until it is there it stays above the table
     """
     share = np.linspace(0.0, 1.0, WAYPOINTS)
     ease = share * share * (3.0 - 2.0 * share)
@@ -143,13 +143,15 @@ def _flight(
     hover = place + 0.15 * size * turn[:, 2]
     arc = table + ease[:, None] * (hover - table)
     arc[:, 2] += 0.35 * size * np.sin(np.pi * ease)
-    lowest = (turns[:, 2, :2] @ corners.T).min(axis=1)
-    arc[:, 2] = np.maximum(arc[:, 2], table[2] - lowest)
-    closing = np.linspace(0.0, 1.0, 5)[1:]
-    slow = closing * (2.0 - closing)
-    inwards = arc[-1] + slow[:, None] * (place - arc[-1])
+    ground = table[2] + float(bending[0][:, 2].min())
+    arc[:, 2] = np.maximum(arc[:, 2], ground - (turns[:, 2] @ bending[0].T).min(axis=1))
+    closing = np.linspace(0.0, 1.0, len(bending))[1:]
+    inwards = arc[-1] + (closing * (2.0 - closing))[:, None] * (place - arc[-1])
+    lowest = np.array([(shape @ turn[2]).min() for shape in bending[1:]])
+    inwards[:-1, 2] = np.maximum(inwards[:-1, 2], (ground - lowest)[:-1])
     when = number + np.concatenate([FLIGHT * share, FLIGHT + CLOSING * closing])
-    return when, np.concatenate([turns, np.broadcast_to(turn, (4, 3, 3))]), np.concatenate([arc, inwards])
+    held = np.broadcast_to(turn, (len(closing), 3, 3))
+    return when, np.concatenate([turns, held]), np.concatenate([arc, inwards])
 
 
 # -- how they bend --------------------------------------------------------------------------------------------------------
