@@ -30,7 +30,7 @@ SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
 _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
-_TRIES = 4  # shifts that are tried for every size, and twice as many where necks lie beside their arms
+_TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
 _VIEW = 5e-3  # metres; how far to look beside an arm
 _LOOK = 1e-4  # metres along the arm from one look to the next
 
@@ -140,7 +140,7 @@ class Room:
                     if kind == "dovetail" and s.length > gap:
                         continue
                     fitting = [(x, e) for x in steps if (e := openings.aside(s, x, beside)) is not None]
-                    for shift, aside in fitting[: _TRIES * (1 + beside)]:
+                    for shift, aside in fitting if beside else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 
