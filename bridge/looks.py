@@ -34,7 +34,7 @@ class Look:
 LOOKS: dict[str, Look] = {
     "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
     "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),
-    "acrylic": Look("acrylic", (0.88, 0.16, 0.12), 0.22, coat=0.3, glass=0.25),
+    "acrylic": Look("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, glass=0.25),
     "pla": Look("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
     "petg": Look("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
     "birch": Look("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
@@ -59,7 +59,7 @@ def of_material(key: str) -> bpy.types.Material:
         "Base Color": rgba,
         "Roughness": look.roughness,
         "Coat Weight": look.coat,
-        "Coat Roughness": 0.25,
+        "Coat Roughness": 0.4,
         "Sheen Weight": look.sheen,
         "Transmission Weight": look.glass,
         "IOR": 1.49,
