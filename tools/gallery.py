@@ -23,11 +23,12 @@ Made by the program itself, with
 
     python3 tools/dev.py gallery
 
-from shapes of its own and Blender's, 20 mm quads in sheets of 2 mm unless it says otherwise. Every picture shows the target, the
-assembled piece with its true spirals in the shape that the simulation finds, and its panels, in the colours of the patches.
-*Distance* is how far the spirals' centres end from the target (root mean square, as a share of the size); *bending* compares how
-the surface bends at every spiral (RMSE). Both are given for spirals from the curvature and for optimised ones. The time is that
-of a laser of 60 W, and rough.
+from shapes of its own and Blender's, 20 mm quads in sheets of 2 mm. Every picture shows the target, the assembled piece with its
+true spirals in the shape that the simulation finds, and its panels, in the colours of the patches. *Distance* is how far the
+spirals' centres end from the target (root mean square, as a share of the size); *bending* compares how the surface bends at every
+spiral (RMSE). Both are given for spirals from the curvature and for optimised ones. *Strain* is a safe estimate of the largest
+one; where it is beyond the limit, thinner arms, a larger piece or another material help. The time is that of a laser of
+60 W, and rough.
 """
 
 
@@ -54,7 +55,12 @@ def suzanne() -> Any:
 
 ITEMS = {
     "canopy": Item(
-        "Canopy", "The surface of the demo, standing on its three feet.", "shape:demo", {"supports": "lowest"}
+        "Canopy",
+        "The surface of the demo, standing on its three feet.",
+        "shape:demo",
+        {"supports": "lowest"},
+        azimuth=-25.0,
+        elevation=42.0,
     ),
     "dome": Item("Dome", "Half a ball, standing on its rim.", "shape:dome", {"supports": "lowest"}),
     "vault": Item("Vault", "A shell on four feet.", "shape:vault", {"supports": "lowest"}, elevation=28.0),
