@@ -201,9 +201,9 @@ class FlatPoint(Point):
         out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
         return out
 
-    def gauss_newton(self, change: np.ndarray) -> np.ndarray:
+    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
         """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
         n, flat = self.assembly.size, self.problem.flat
-        out = super().gauss_newton(change)
+        out = super().gauss_newton(change, calm)
         out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
         return out

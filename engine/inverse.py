@@ -165,10 +165,14 @@ class Point:
         """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
         return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray) -> np.ndarray:
-        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve."""
+    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
+        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
+
+        With ``calm``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
+        """
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
+        pull[:, 3:] = calm * moves[:, 3:]
         strain = self._strain
         if strain.found is None:
             return self.adjoint(pull) + self.rough(change)

@@ -19,7 +19,10 @@ from .threads import one_thread
 PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
-INNER_ITERATIONS = 40  # Newton iterations after which a step's equilibrium is given up
+HOPE = 0.25  # share of what the model foretells that counts as still to be had
+INNER_ITERATIONS = (
+    150  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
+)
 
 
 @dataclass
@@ -55,9 +58,9 @@ def gauss_newton(
     """Damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
 
     The next equilibrium is sought from the pose that the tangent predicts. The damping falls while the quadratic model
-    foretells the objective well and rises where it does not.
+    foretells the objective well and rises where it does not; where no equilibrium is found, turns are damped instead.
     """
-    here, damping = start, None
+    here, damping, calm = start, None, 0.0
     small = 0
     for k in range(params.iterations):
         progress(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
@@ -66,27 +69,29 @@ def gauss_newton(
             damping = float(np.linalg.norm(here.gradient) / (0.3 * np.sqrt(here.x.size)))
         found = None
         for _ in range(12):
-            step = _box_step(here, damping, params)
+            step = _box_step(here, damping, calm, params)
             if not np.abs(step).max() > 1e-9:
                 break
             moves = here.moves(step)
             gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
-            trial = _predicted(problem, here, step, moves, trace, progress)
+            # near buckling, clipping a step that was not solved to the end may even point uphill
+            trial = _predicted(problem, here, step, moves, trace, progress) if gain > 0.0 else None
             if trial is None:
-                damping *= 8.0
+                calm = max(8.0 * calm, here.value / (TURN_MOST**2 * len(moves)))
                 continue
             ratio = (here.value - trial.value) / max(gain, 1e-300)
             if ratio > 0.7:
-                damping *= 0.3
+                damping, calm = 0.3 * damping, 0.3 * calm
             elif ratio < 0.25:
-                damping *= 4.0
+                damping, calm = 4.0 * damping, 8.0 * calm
             if ratio > 1e-3:
                 found = trial
                 break
             trace.rejected += 1
         if found is None:
             break
-        fall = (here.value - found.value) / here.value
+        # where the model is poor, a small fall does not mean that nothing is to be had any more
+        fall = max(here.value - found.value, HOPE * gain) / here.value
         here = found
         trace.note(here)
         accepted(here)
@@ -114,8 +119,10 @@ def _predicted(
     return trial
 
 
-def _box_step(here: Point, damping: float, params: OptimiseParams) -> np.ndarray:
+def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams) -> np.ndarray:
     """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
+
+    damping : of the coordinates; calm : of the hubs' turns, which near buckling grow beyond what the tangent tells
 
     Coordinates at a bound that the gradient pushes outwards stay; those that the step runs into a bound with stop there, and
     the rest is solved again.
@@ -125,7 +132,7 @@ def _box_step(here: Point, damping: float, params: OptimiseParams) -> np.ndarray
     fixed = np.zeros_like(x)
 
     def product(v: np.ndarray) -> np.ndarray:
-        return here.gauss_newton(v) + damping * v
+        return here.gauss_newton(v, calm) + damping * v
 
     step = np.zeros_like(x)
     for _ in range(CG_ROUNDS):
