@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -53,8 +52,6 @@ def run_processes(
     command = [sys.executable, str(ENTRY), "database", "work", "--dir", str(folder), *options]
     workers = [subprocess.Popen([*command, "--stripe", f"{k}/{processes}"], env=environment) for k in range(processes)]
     start, total, last = time.time(), len(todo), 0.0
-    # so that workers do not outlive this process when it is told to end
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         while any(w.poll() is None for w in workers):
             time.sleep(0.5)
@@ -63,7 +60,6 @@ def run_processes(
                 done = sum((folder / t.name).is_file() for t in todo)
                 say(f"{done} of {total} chunks{_left(done, total, last - start)}")
     finally:
-        signal.signal(signal.SIGTERM, before)
         for w in workers:
             if w.poll() is None:
                 w.terminate()
