@@ -11,10 +11,11 @@ from ..engine import check
 from ..engine.errors import FlexMapsError
 from ..engine.mesh import PolygonMesh
 from . import beside, equilibrium
-from .mesh import read_surface
+from .mesh import read_surface, to_metres
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
+TRIES = 12  # then it is given up: what fails so often rarely comes to an end
 SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
@@ -29,6 +30,8 @@ def quads_in_pieces(
     it is closed before its end, nothing is left behind.
     """
     yield 0.0, "Reading the surface"
+    if abs(np.linalg.det(to_metres(obj, context.scene)[:3, :3])) < 1e-30:
+        raise FlexMapsError(f"'{obj.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis")
     with equilibrium.shown_at(obj, 0.0):
         depsgraph = context.evaluated_depsgraph_get()
         mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph))
@@ -97,6 +100,8 @@ def _seek(
                 if seed:
                     made.data.clear_geometry()
                     _copy_geometry(surface, made.data)
+                if tried == TRIES:
+                    raise refused
                 tried += 1
                 yield 1.0 - 0.9**tried, f"QuadriFlow: try {tried}"
                 if not _quadriflow(context, made, count, smooth, seed):

@@ -176,6 +176,14 @@ def test_quads_are_made_of_what_the_modifiers_show(piece: Any) -> None:
     assert tuple(made.dimensions) == pytest.approx(seen, rel=0.2)
 
 
+def test_nothing_is_made_of_what_is_squeezed_flat(piece: Any) -> None:
+    piece.scale = (0.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match="squeezed flat"):
+        bpy.ops.flexmaps.quad_remesh()
+    assert [o.name for o in bpy.data.objects] == ["piece"]
+
+
 # -- several objects -----------------------------------------------------------------------------------------------------
 
 
