@@ -15,7 +15,6 @@ from .mesh import read_surface, to_metres
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
-TRIES = 12  # then it is given up: what fails so often rarely comes to an end
 SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
@@ -100,8 +99,6 @@ def _seek(
                 if seed:
                     made.data.clear_geometry()
                     _copy_geometry(surface, made.data)
-                if tried == TRIES:
-                    raise refused
                 tried += 1
                 yield 1.0 - 0.9**tried, f"QuadriFlow: try {tried}"
                 if not _quadriflow(context, made, count, smooth, seed):
