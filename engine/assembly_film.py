@@ -76,8 +76,7 @@ def film(design: SpiralDesign, pose: Pose, table: np.ndarray, detail: Detail, pr
     shapes: list[np.ndarray] = []
     for k in range(rounds):
         progress(k / rounds, "Bending the panels")
-        bending = k < len(shares)
-        stand = blend.at(shares[k]) if bending else blend.at(1.0)
+        stand = blend.at(shares[k]) if k < len(shares) else blend.at(1.0)
         # an arm at a seam takes its share as its own panel arrives, or later, when the other one does
         late = np.where(sides >= 0, sides + 1, 0)
         load = np.where(late == 0, shares[min(k, len(shares) - 1)], (k - len(shares) + 1 >= late) * 1.0)

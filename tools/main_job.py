@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-DEMO = ["shape:demo", "--optimise", "--out", "out"]
+DEMO = ["shape:demo", "--optimise", "--supports", "lowest", "--out", "out"]
 
 
 def main(argv: list[str]) -> int:
