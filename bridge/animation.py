@@ -59,11 +59,14 @@ def show(
         return first + rate * (LEAD + pace * time)
 
     whole = preview.piece_mesh("FlexMaps film", film.panels, film.panels.flat(np.zeros((len(film.tracks), 2))), rgb)
-    look = looks.of_material(obj.flexmaps.material.material) if rgb is None else beside.material("FlexMaps panel", None)
+    quad_of, patch_of = film.panels.quad_of, film.panels.design.flat.layout.patch_of
     try:
         for track in film.tracks:
             made = _panel(obj, scene, film, track, whole)
-            made.data.materials.append(look)
+            if rgb is None:
+                made.data.materials.append(looks.of_material(obj.flexmaps.material.material))
+            else:
+                beside.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
             made.parent = root
             _bends(made, track, frame)
             _moves(made, track, frame)

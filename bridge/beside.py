@@ -102,8 +102,9 @@ def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, 
     points = np.zeros((len(flat.points), 3))
     points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
     mesh = quads(f"{obj.name} panels", points, flat.layout.flat_corners)
-    paint(mesh, np.repeat(colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of], 4, axis=0))
-    mesh.materials.append(material("FlexMaps panel", None))
+    rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
+    paint(mesh, np.repeat(rgb, 4, axis=0))
+    wear(mesh, rgb)
     add(obj, scene, "panels", "panels", mesh, place)
 
     sides = flat.layout.outline_sides
@@ -216,6 +217,23 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
     return made
 
 
+FEW = 64
+
+
+def wear(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
+    """Give the faces the materials of their colours (N, 3), linear: so they are seen in solid view too.
+
+    Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute.
+    """
+    found, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
+    if len(found) > FEW:
+        mesh.materials.append(material("FlexMaps panel", None))
+        return
+    for name, colour in zip(colours.hexadecimal(found), found, strict=True):
+        mesh.materials.append(material(f"FlexMaps {name}", colour))
+    mesh.polygons.foreach_set("material_index", which.ravel().astype(np.int32))
+
+
 def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
     """Like ``material``, but as bright as its colour, whatever the light."""
     known = name in bpy.data.materials
@@ -257,7 +275,7 @@ def show_spirals(
     palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
     row = np.where(shape.seam_of < 0, layout.patch_of[shape.quad_of], len(layout.patches) + shape.seam_of)
     paint(mesh, np.repeat(palette[row], shape.sizes, axis=0))
-    mesh.materials.append(material("FlexMaps panel", None))
+    wear(mesh, palette[row])
     made = add(obj, scene, "panels", "panels", mesh, place)
     if shape.flat:  # thick in renders only
         thick = made.modifiers.new("Thickness", "SOLIDIFY")

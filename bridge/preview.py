@@ -112,8 +112,12 @@ def show(
         data = piece_mesh(name, built.panels, moved.vertices, rgb)
         for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
             put(data, kind, "FACE", domain_values)
-    look = looks.of_material(obj.flexmaps.material.material) if rgb is None else beside.material("FlexMaps panel", None)
-    data.materials.append(look if built.panels is not None or rgb is None else beside.material("FlexMaps wire", _WIRE))
+    if rgb is None:
+        data.materials.append(looks.of_material(obj.flexmaps.material.material))
+    elif built.panels is None:
+        data.materials.append(beside.material("FlexMaps wire", _WIRE))
+    else:
+        beside.wear(data, rgb[built.panels.quad_of])
     place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     triangles = 0 if built.panels is None else built.panels.triangles

@@ -118,6 +118,18 @@ def test_colours_that_are_not_there_are_refused(piece: Any) -> None:
     assert len(set(np.round([c.color[0] for c in made.data.attributes["flexmaps_colour"].data], 4))) > 3
 
 
+def test_patches_are_told_apart_in_solid_view(piece: Any) -> None:
+    """There a face has its material's colour, which must be that of the renders."""
+    press("preview")
+    made = preview.existing(piece).data
+    slots = np.array([m.diffuse_color[:3] for m in made.materials])
+    patches = np.array([value.value for value in piece.data.attributes["flexmaps_patch"].data])
+    assert len(slots) == len(np.unique(patches)) > 1
+    of_face = slots[[p.material_index for p in made.polygons]]
+    drawn = np.array([value.color[:3] for value in made.attributes["flexmaps_colour"].data])
+    assert of_face == pytest.approx(drawn[[p.vertices[0] for p in made.polygons]], abs=1e-3)
+
+
 def test_connectors_are_drawn_on_request(piece: Any) -> None:
     press("simulate")
     piece.flexmaps.connect.connector = "dovetail"
