@@ -216,7 +216,8 @@ def test_ticks_are_round_and_within(low: float, span: float) -> None:
     if len(found) > 1:
         step = found[1] - found[0]
         lead = step / 10 ** np.floor(np.log10(step * 1.0001))
-        assert min(abs(lead - m) for m in (1, 2, 5, 10)) < 1e-3
+        rounding = 20.0 * np.spacing(abs(low) + span) / step
+        assert min(abs(lead - m) for m in (1, 2, 5, 10)) < 1e-3 + rounding
 
 
 # -- pixels ----------------------------------------------------------------------------------------------------------------
