@@ -15,6 +15,7 @@ from .mesh import read_surface, to_metres
 
 # voxel sizes that are tried, in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.42, 0.5, 0.6, 0.72, 0.86, 1.0, 1.2)
+MOST = 5  # meshes that are not sound after which more tries are vain; on sheets without a thickness QuadriFlow may never end
 SEEDS = 3  # QuadriFlow gives up on some starts and not on others
 
 
@@ -91,7 +92,7 @@ def _seek(
     refused = FlexMapsError(
         "Neither the mesh nor its voxel remesh is one clean surface; give open parts a thickness, or remove what is inside"
     )
-    tried = 0
+    tried = vain = 0
     for _ in _surfaces(context, made, count):
         surface = made.data.copy()
         try:
@@ -101,19 +102,23 @@ def _seek(
                     _copy_geometry(surface, made.data)
                 tried += 1
                 yield 1.0 - 0.9**tried, f"QuadriFlow: try {tried}"
-                if not _quadriflow(context, made, count, smooth, seed):
+                done = _quadriflow(context, made, count, smooth, seed)
+                if done == "SOUND":
+                    try:
+                        check.as_quad_mesh(read_surface(made, context.scene).polygons)
+                        return
+                    except FlexMapsError as error:
+                        # the faces are those of a mesh that nobody will see
+                        refused = FlexMapsError(
+                            f"No sound quads were found; give another quad count. The last try: {error}"
+                        )
+                else:
                     refused = FlexMapsError(
                         "QuadriFlow finds no quads on it; give another quad count, or repair the mesh"
                     )
-                    continue
-                try:
-                    check.as_quad_mesh(read_surface(made, context.scene).polygons)
-                    return
-                except FlexMapsError as error:
-                    # the faces are those of a mesh that nobody will see
-                    refused = FlexMapsError(
-                        f"No sound quads were found; give another quad count. The last try: {error}"
-                    )
+                vain += done != "REFUSED"
+                if vain == MOST:
+                    raise refused
         finally:
             bpy.data.meshes.remove(surface)
     raise refused
@@ -228,8 +233,8 @@ def _keep_largest(mesh: bpy.types.Mesh) -> None:
     bm.free()
 
 
-def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool, seed: int) -> bool:
-    """Whether QuadriFlow made one clean surface of quads; where it gives up, it leaves the mesh as it was."""
+def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, smooth: bool, seed: int) -> str:
+    """``SOUND`` where QuadriFlow made one clean surface of quads, else ``UNSOUND``; where it ``REFUSED``, the mesh is as it was."""
     try:
         with _only(context, obj):
             result = bpy.ops.object.quadriflow_remesh(
@@ -242,8 +247,10 @@ def _quadriflow(context: bpy.types.Context, obj: bpy.types.Object, count: int, s
                 seed=seed,
             )
     except RuntimeError:
-        return False
-    return "FINISHED" in result and _manifold(obj.data)
+        return "REFUSED"
+    if "FINISHED" not in result:
+        return "REFUSED"
+    return "SOUND" if _manifold(obj.data) else "UNSOUND"
 
 
 class _only:
