@@ -19,6 +19,7 @@ from .threads import one_thread
 PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
+ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
 INNER_ITERATIONS = (
     150  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
@@ -96,7 +97,7 @@ def gauss_newton(
         trace.note(here)
         accepted(here)
         small = small + 1 if fall < params.stop else 0
-        if small == 2:
+        if small == 2 or (params.stop and here.value < 0.5 * ENOUGH**2):
             break
     return here
 
