@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arm_curving import Arms, curved, second_order_strains, weighted
-from .arm_sensitivity import JointChanges
+from .arm_sensitivity import JointChanges, arm_strains
 from .assembly import Assembly, Pose
 from .elastic import Expansion, summed
 from .errors import FlexMapsError
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
 from .materials import Material
-from .stiffness import ArmCompliance, peak_strain, tip_compliance
+from .stiffness import ArmCompliance, tip_compliance
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,21 +125,7 @@ class ArmModel:
 
     def strains(self, state: ArmState, material: Material) -> np.ndarray:
         """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``stiffness.peak_strain``)."""
-        assembly = self.assembly
-        wrench = self.wrenches(state).reshape(-1, 1, 2, 3)
-        # in the axes of either arm; the sign does not matter for a strain
-        local = np.einsum("ekji,esbj->ekbi", assembly.radial, np.broadcast_to(wrench, (len(wrench), 1, 2, 3)))
-        width, twist = assembly.width[assembly.pairs].ravel(), assembly.twist[assembly.pairs].ravel()
-        found = peak_strain(
-            local.reshape(-1, 6),
-            2.0 * assembly.radius.ravel(),
-            width,
-            twist,
-            thickness=assembly.thickness,
-            youngs=material.youngs,
-            poisson=material.poisson,
-        )
-        return found.reshape(-1, 2)
+        return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
 
     def twist(self, state: ArmState) -> np.ndarray:
         return state.motion.turn[:, 0]

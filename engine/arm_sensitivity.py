@@ -17,7 +17,7 @@ import numpy as np
 from .assembly import Assembly
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
 from .materials import Material
-from .stiffness import ArmCompliance, peak_strain_slopes
+from .stiffness import ArmCompliance, PeakStrain, peak_strain_slopes
 
 WIDTH, TWIST = 0, 1
 
@@ -95,19 +95,8 @@ class StrainChanges:
     @classmethod
     def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
         """The strains that go with the wrenches of ``changes``."""
-        axes = assembly.arm_axes
-        own = (np.swapaxes(axes, 2, 3) @ changes.wrench[:, None, :, None])[..., 0]
-        width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
-        found = peak_strain_slopes(
-            own.reshape(-1, 6),
-            2.0 * assembly.radius.ravel(),
-            width,
-            twist,
-            thickness=assembly.thickness,
-            youngs=material.youngs,
-            poisson=material.poisson,
-        )
-        m = len(own)
+        axes, m = assembly.arm_axes, len(assembly.pairs)
+        found = arm_strains(assembly, changes.wrench, material)
         # per unit of the joint's wrench
         by_wrench = (axes @ found.by_wrench.reshape(m, 2, 6, 1))[..., 0]
         through = by_wrench @ changes.wrench_by_design.reshape(m, 4, 6).transpose(0, 2, 1)
@@ -116,6 +105,21 @@ class StrainChanges:
             by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
             by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
         return cls(found.values.reshape(m, 2), by_wrench @ changes.wrench_by_pose, by_design)
+
+
+def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> PeakStrain:
+    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint."""
+    own = (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
+    width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
+    return peak_strain_slopes(
+        own.reshape(-1, 6),
+        2.0 * assembly.radius.ravel(),
+        width,
+        twist,
+        thickness=assembly.thickness,
+        youngs=material.youngs,
+        poisson=material.poisson,
+    )
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
