@@ -108,6 +108,7 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
 
 
 def test_pressed_again_it_goes_on(piece: Any) -> None:
+    piece.flexmaps.optimise.codesign = False  # with it nothing would be left to gain
     piece.flexmaps.optimise.iterations = 2
     press("optimise")
     first = block(piece)
@@ -116,7 +117,7 @@ def test_pressed_again_it_goes_on(piece: Any) -> None:
     second = block(piece)
     assert second["start"] == "given"
     assert second["laplacian_rmse_mm_before"] == pytest.approx(first["laplacian_rmse_mm"], rel=1e-3)
-    assert second["laplacian_rmse_mm"] <= 1.001 * first["laplacian_rmse_mm"]
+    assert second["laplacian_rmse_mm"] < first["laplacian_rmse_mm"]
 
 
 def test_changed_settings_are_kept_to(piece: Any, attribute: Any) -> None:
