@@ -23,17 +23,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .engine import check as checking
-from .engine import flatten, job, meshio, shapes, trace
-from .engine import report as reporting
-from .engine.check import Finding
 from .engine.errors import Cancelled, FlexMapsError
-from .engine.export import FLAT
-from .engine.layout import PatchLayout
-from .engine.loads import standing
-from .engine.mesh import PolygonMesh, QuadMesh
+from .engine.fabrication.export import FLAT
+from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed
+from .engine.patches import flatten, trace
+from .engine.patches.layout import PatchLayout
 from .engine.progress import SILENT, Progress
+from .engine.runs import job
+from .engine.runs import report as reporting
+from .engine.surface import check as checking
+from .engine.surface import meshio, shapes
+from .engine.surface.check import Finding
+from .engine.surface.mesh import PolygonMesh, QuadMesh
 
 if TYPE_CHECKING:
     import bpy
@@ -65,7 +67,7 @@ class Piece:
     """A surface with its settings and everything that the stages have made of it so far.
 
     source : the polygons as they came, metres, z up; edge, height : the size that was asked for, metres
-    made : what the stages made (``engine.job.Result``); None where the mesh is none that can be made
+    made : what the stages made (``engine.runs.job.Result``); None where the mesh is none that can be made
     uid : Blender's id of the object that it was read from and can be shown in again
     seams : (E,) bool, edges that the object has marked as seams
     broken : why the flat patches that the object holds are out of date, if they are
@@ -247,8 +249,8 @@ def export(
     formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
     """
     from .bridge import main_job
-    from .engine import export as exporting
     from .engine import files
+    from .engine.fabrication import export as exporting
 
     ready = piece if piece.result.sheets is not None else sheets(piece, progress=progress)
     assert ready.result.sheets is not None

@@ -14,9 +14,9 @@ import numpy as np
 from . import arrange, attributes, beside, looks, preview
 
 if TYPE_CHECKING:
-    from ..engine.assembly import Pose
-    from ..engine.assembly_film import Film, Track
-    from ..engine.design import SpiralDesign
+    from ..engine.assembling.assembly_film import Film, Track
+    from ..engine.mechanics.assembly import Pose
+    from ..engine.spirals.design import SpiralDesign
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # on the empty

@@ -6,10 +6,12 @@ import argparse
 from dataclasses import Field, fields
 from typing import Any, NoReturn, get_type_hints
 
-from ..engine import export, job, shapes
 from ..engine.errors import FlexMapsError
+from ..engine.fabrication import export
 from ..engine.params import SHOWN, ObjectSettings, RemeshParams, Settings, shown
 from ..engine.progress import Progress
+from ..engine.runs import job
+from ..engine.surface import shapes
 from . import summary
 
 SHAPE = "shape:"

@@ -16,9 +16,9 @@ from ..engine import colours
 from .objects import find
 
 if TYPE_CHECKING:
-    from ..engine.arcs import Curve
-    from ..engine.design import SpiralDesign
-    from ..engine.flatten import FlatPatches
+    from ..engine.patches.flatten import FlatPatches
+    from ..engine.spirals.arcs import Curve
+    from ..engine.spirals.design import SpiralDesign
     from .solids import Solid
 
 LINE = 0.03  # half the thickness of a drawn line, in quad edges

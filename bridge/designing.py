@@ -11,7 +11,7 @@ from .live import Moving, middle_edge
 from .overlay import Legend
 
 if TYPE_CHECKING:
-    from ..engine.optimise import Look
+    from ..engine.optimisation.optimise import Look
     from ..engine.params import SpiralParams
 
 PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale

@@ -7,7 +7,7 @@ What is written:
     flexmaps_distance        face        how far the hub is from the target, millimetres
     flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
-    flexmaps_reach           face        what limits the match with the target, a number into ``engine/reach.py``'s kinds
+    flexmaps_reach           face        what limits the match with the target, a number into ``engine/optimisation/reach.py``'s kinds
     flexmaps_hub             face        where the hubs are, see ``pose``
 """
 
@@ -23,9 +23,9 @@ import numpy as np
 from . import attributes, notes, pose, states
 
 if TYPE_CHECKING:
-    from ..engine.reach import Reach
-    from ..engine.simulate import Simulation
-    from .mesh import Surface
+    from ..engine.mechanics.simulate import Simulation
+    from ..engine.optimisation.reach import Reach
+    from .surface import Surface
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 NAMES, REACH = ("distance", "strain_energy", "strain"), "reach"
@@ -88,7 +88,7 @@ def write(
 
     Edit mode is left: shape keys are seen outside it.
     """
-    from ..engine.simulate import carried
+    from ..engine.mechanics.simulate import carried
 
     if obj.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")

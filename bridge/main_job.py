@@ -11,9 +11,12 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
-from ..engine import assembly_sheet, export, files, job, report
+from ..engine import files
+from ..engine.assembling import assembly_sheet
+from ..engine.fabrication import export
 from ..engine.params import Settings
 from ..engine.progress import Progress
+from ..engine.runs import job, report
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 if TYPE_CHECKING:
-    from ..engine.check import Finding
+    from ..engine.surface.check import Finding
 
 NAME = "flexmaps_report"
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote

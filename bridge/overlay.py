@@ -89,7 +89,7 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
 
 def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
     """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
-    from ..engine.reach import NAMES
+    from ..engine.optimisation.reach import NAMES
 
     looks = [LIMITS.get(name, ((0.6, 0.6, 0.6), name)) for name in NAMES]
     count = np.bincount(kinds, minlength=len(looks))

@@ -17,7 +17,7 @@ from . import animation, arrange, attributes, beside, equilibrium, looks, mesh, 
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
-    from ..engine.design import SpiralDesign
+    from ..engine.spirals.design import SpiralDesign
 
 SIZE = (1280, 720)
 SAMPLES = 8  # a pixel; the denoiser does the rest
@@ -223,7 +223,7 @@ def _sides(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 def _assembled(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str) -> Group:
     """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
-    from ..engine.assembly import target_pose
+    from ..engine.mechanics.assembly import target_pose
 
     rgb = _colours(obj, finish)
     stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
@@ -245,7 +245,7 @@ def _panels(
     azimuth: float = 0.0,
 ) -> Group:
     """The panels, flat beside each other, as wide as asked for and turned towards a camera."""
-    from ..engine.panel_mesh import DETAILS, panel_mesh
+    from ..engine.fabrication.panel_mesh import DETAILS, panel_mesh
 
     rgb = _colours(obj, finish)
     made = panel_mesh(design, DETAILS[_detail(design)])

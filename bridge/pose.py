@@ -16,7 +16,7 @@ import numpy as np
 from . import attributes
 
 if TYPE_CHECKING:
-    from ..engine.assembly import Pose
+    from ..engine.mechanics.assembly import Pose
 
 NAMES = ("hub", "hub_x", "hub_y")
 
@@ -32,7 +32,7 @@ def write(obj: bpy.types.Object, to_metres: np.ndarray, pose: Pose) -> None:
 
 def read(obj: bpy.types.Object, to_metres: np.ndarray) -> Pose | None:
     """The pose that was kept, where the object stands now; ``None`` where there is none."""
-    from ..engine.assembly import Pose
+    from ..engine.mechanics.assembly import Pose
 
     with attributes.readable(obj) as mesh:
         found = [attributes.get(mesh, attributes.PREFIX + name) for name in NAMES]

@@ -20,12 +20,12 @@ from ..engine.errors import FlexMapsError
 from . import arrange, attributes, beside, looks, notes, overlay
 
 if TYPE_CHECKING:
-    from ..engine.assembly import Pose
-    from ..engine.bent_arms import BentArms
-    from ..engine.connector_path import Tip
-    from ..engine.design import SpiralDesign
-    from ..engine.panel_mesh import PanelMesh
+    from ..engine.fabrication.connector_path import Tip
+    from ..engine.fabrication.panel_mesh import PanelMesh
+    from ..engine.mechanics.assembly import Pose
+    from ..engine.mechanics.bent_arms import BentArms
     from ..engine.params import PreviewParams
+    from ..engine.spirals.design import SpiralDesign
 
 KIND, NAME = "assembled", "Assembled"
 NOTE = "flexmaps_preview"  # on the object, JSON: figures, and what it was made from
@@ -51,8 +51,8 @@ class Built:
 
 def build(design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = ()) -> Built:
     """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
-    from ..engine.bent_arms import bent
-    from ..engine.panel_mesh import DETAILS, panel_mesh
+    from ..engine.fabrication.panel_mesh import DETAILS, panel_mesh
+    from ..engine.mechanics.bent_arms import bent
 
     began = time.perf_counter()
     arms = bent(design, pose)
@@ -65,7 +65,7 @@ def build(design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = (
 
 def wires(design: SpiralDesign, arms: BentArms) -> np.ndarray:
     """(A, WIRE, 3) metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
-    from ..engine.bent_arms import flat_centre
+    from ..engine.mechanics.bent_arms import flat_centre
 
     arm = np.repeat(np.arange(len(arms.hub)), WIRE)
     t = np.tile(np.linspace(0.0, 1.0, WIRE), len(arms.hub))

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ..engine.drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes, Strokes, Text, rgb
+from ..engine.runs.drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes, Strokes, Text, rgb
 
 SCALE = 2  # pixels of the picture for one of the drawing
 FINE = 2  # smaller ones, both ways, for one of the picture: soft edges

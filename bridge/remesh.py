@@ -7,9 +7,9 @@ from collections.abc import Generator, Iterator
 import bpy
 import numpy as np
 
-from ..engine import check
 from ..engine.errors import FlexMapsError
-from ..engine.mesh import PolygonMesh
+from ..engine.surface import check
+from ..engine.surface.mesh import PolygonMesh
 from . import beside, equilibrium
 from .mesh import read_surface, to_metres
 
@@ -162,9 +162,9 @@ def _manifold(mesh: bpy.types.Mesh) -> bool:
     directed = a * len(mesh.vertices) + b
     if len(np.unique(directed)) < len(directed):
         return False
-    from ..engine.check_topology import sides_of, split_vertices
-    from ..engine.layout import groups
-    from ..engine.mesh import PolygonMesh
+    from ..engine.patches.layout import groups
+    from ..engine.surface.check_topology import sides_of, split_vertices
+    from ..engine.surface.mesh import PolygonMesh
 
     polygons = PolygonMesh(np.zeros((len(mesh.vertices), 3)), a, sizes.astype(np.int64))
     if len(split_vertices(polygons, sides_of(polygons))):

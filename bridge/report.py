@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine import drawing, job, report, report_page, report_plots
-from ..engine.drawing import Drawing
 from ..engine.errors import FlexMapsError
-from ..engine.export import NewFile
+from ..engine.fabrication.export import NewFile
 from ..engine.params import Settings
-from ..engine.report_plots import Measured
+from ..engine.runs import drawing, job, report, report_page, report_plots
+from ..engine.runs.drawing import Drawing
+from ..engine.runs.report_plots import Measured
 from . import arrange, overlay
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]
     """
     import bpy
 
-    from ..engine.check import as_quad_mesh
+    from ..engine.surface.check import as_quad_mesh
     from . import attributes, equilibrium, mesh, notes, stored
 
     found = stored.read(obj)

@@ -8,17 +8,18 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.contours import hubs, outlines
-from ..engine.design import SpiralDesign, design_report
 from ..engine.errors import FlexMapsError
-from ..engine.estimates import estimates_report
-from ..engine.flatten import layout_report
-from ..engine.job import Result
-from ..engine.mesh import PolygonMesh, QuadMesh
+from ..engine.fabrication.estimates import estimates_report
+from ..engine.fabrication.sheets import sheets_report
 from ..engine.params import Settings
-from ..engine.sheets import sheets_report
-from ..engine.slots import slot_needed
+from ..engine.patches.flatten import layout_report
+from ..engine.runs.job import Result
+from ..engine.spirals.contours import hubs, outlines
+from ..engine.spirals.design import SpiralDesign, design_report
+from ..engine.spirals.slots import slot_needed
+from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states, supports
+from .surface import Surface
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -98,7 +99,7 @@ def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Set
     states.stamp(obj, scene)
 
 
-def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: mesh.Surface) -> None:
+def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> None:
     """Seams, flat patches and spirals, and what lies beside the model."""
     assert result.flat is not None
     centres = arrange.side_by_side(result.flat)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.connector_path import Tip
-from ..engine.contours import ends
-from ..engine.design import SpiralDesign
-from ..engine.slots import slot_needed
-from ..engine.solid_files import places
-from ..engine.spiral import LEFT, RIGHT, edge, mates
+from ..engine.fabrication.connector_path import Tip
+from ..engine.fabrication.solid_files import places
+from ..engine.spirals.contours import ends
+from ..engine.spirals.design import SpiralDesign
+from ..engine.spirals.slots import slot_needed
+from ..engine.spirals.spiral import LEFT, RIGHT, edge, mates
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
 
@@ -68,7 +68,7 @@ def solid(
     """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
 
     Every edge has exactly two faces. Arms are straight between steps of ``degrees_per_step``: with 9.5 the volume is right to
-    half a percent. For printing, ``engine/solid_files.py`` follows the true outlines. ``tips`` are the ends of arms with
+    half a percent. For printing, ``engine/fabrication/solid_files.py`` follows the true outlines. ``tips`` are the ends of arms with
     connectors, in their true shape.
     """
     layout, steps = design.flat.layout, _steps(design, degrees_per_step)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ..engine import job
 from ..engine.errors import FlexMapsError
-from ..engine.mesh import PolygonMesh
 from ..engine.params import ObjectSettings
+from ..engine.runs import job
+from ..engine.surface.mesh import PolygonMesh
 from . import mesh, objects, settings, supports
 
 

@@ -11,7 +11,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.params import LoadParams
 
 if TYPE_CHECKING:
-    from .mesh import Surface
+    from .surface import Surface
 
 CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
 GROUP = "FlexMaps supports"

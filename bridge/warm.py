@@ -9,11 +9,11 @@ import bpy
 
 # what the first buttons need, with scipy behind it; names below the package
 MODULES = (
-    "engine.check",
-    "engine.flatten",
-    "engine.design",
-    "engine.regularise",
-    "engine.merge",
+    "engine.surface.check",
+    "engine.patches.flatten",
+    "engine.spirals.design",
+    "engine.surface.regularise",
+    "engine.patches.merge",
     "bridge.mesh",
     "bridge.beside",
 )

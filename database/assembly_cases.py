@@ -105,7 +105,7 @@ class Case:
         return origins[patch] + np.einsum("nij,nj->ni", frames[patch], flat), frames[patch] @ plane
 
     def joints(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """pairs (m, 2), lever (m, 2, 3) metres and axes (m, 2, 3, 3) as ``engine.assembly.Assembly`` wants them."""
+        """pairs (m, 2), lever (m, 2, 3) metres and axes (m, 2, 3, 3) as ``engine.mechanics.assembly.Assembly`` wants them."""
         plan, spirals = self.plan, [d.spiral for d in self.designs]
         lever, axes = np.zeros((len(plan.pairs), 2, 3)), np.zeros((len(plan.pairs), 2, 3, 3))
         lever[..., :2] = 0.5 * SCALE * direction(plan.arms)

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ..engine import stiffness_rods
 from ..engine.errors import FlexMapsError
-from ..engine.stiffness_rods import PARAMETERS
+from ..engine.mechanics import stiffness_rods
+from ..engine.mechanics.stiffness_rods import PARAMETERS
 from . import chunks, rods
 from .chunks import joint_wrenches
 from .sampling import SEED, VERSION, Samples, Subject

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from ..engine import stiffness
+from ..engine.mechanics import stiffness
 from ..engine.progress import SILENT, Progress
 from . import table
 

@@ -36,8 +36,9 @@ class Animate(Stage, bpy.types.Operator):
             preview.quad_colours(obj, settings.preview.colour)
 
         def work(progress: Progress) -> Any:
-            from ..engine import assembly_film, check
-            from ..engine.panel_mesh import DETAILS
+            from ..engine.assembling import assembly_film
+            from ..engine.fabrication.panel_mesh import DETAILS
+            from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
             design = mesh.design_of(

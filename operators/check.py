@@ -22,7 +22,7 @@ class Check(Stage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine import check
+            from ..engine.surface import check
 
             progress(0.0, "Looking at every face")
             return check.findings(surface.polygons)

@@ -38,7 +38,10 @@ class Export(Stage, bpy.types.Operator):
         base = _folder(settings.export.folder) / _file_name(name)
 
         def work(progress: Progress) -> Any:
-            from ..engine import assembly_check, assembly_sheet, check, estimates, export, files, sheets
+            from ..engine import files
+            from ..engine.assembling import assembly_check, assembly_sheet
+            from ..engine.fabrication import estimates, export, sheets
+            from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
             flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))

@@ -35,7 +35,8 @@ class Trace(LayoutStage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine import check, flatten, trace
+            from ..engine.patches import flatten, trace
+            from ..engine.surface import check
 
             layout = trace.trace(check.as_quad_mesh(surface.polygons), settings.layout, progress.part(0.0, 0.7))
             flat = flatten.flatten(layout, settings.layout, progress.part(0.7, 1.0))
@@ -54,7 +55,8 @@ class Merge(LayoutStage, bpy.types.Operator):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, flatten, merge, split, trace
+            from ..engine.patches import flatten, merge, split, trace
+            from ..engine.surface import check
 
             quads = check.as_quad_mesh(surface.polygons)
             layout = mesh.layout_of(surface, quads)
@@ -76,7 +78,8 @@ class FlattenStage(LayoutStage):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, flatten, trace
+            from ..engine.patches import flatten, trace
+            from ..engine.surface import check
 
             progress(0.0, "Reading the seams")
             quads = check.as_quad_mesh(surface.polygons)

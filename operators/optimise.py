@@ -18,7 +18,7 @@ from .stage import Stage, Work
 
 if TYPE_CHECKING:
     from ..bridge.live import Moving
-    from ..engine.optimise import Look
+    from ..engine.optimisation.optimise import Look
 
 
 class Optimise(Stage, bpy.types.Operator):
@@ -51,7 +51,10 @@ class Optimise(Stage, bpy.types.Operator):
         unit = bpy.context.scene.unit_settings.scale_length
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, design, flatten, optimise, reach
+            from ..engine.optimisation import optimise, reach
+            from ..engine.patches import flatten
+            from ..engine.spirals import design
+            from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)

@@ -14,7 +14,7 @@ from .spirals import DRAWN
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
-    from ..engine.connector_path import Tip
+    from ..engine.fabrication.connector_path import Tip
 
 
 class Preview(Stage, bpy.types.Operator):
@@ -37,9 +37,9 @@ class Preview(Stage, bpy.types.Operator):
             preview.quad_colours(obj, settings.preview.colour)  # asked for before the work, not after
 
         def work(progress: Progress) -> Any:
-            from ..engine import check
-            from ..engine.assembly import target_pose
-            from ..engine.connectors import connect
+            from ..engine.fabrication.connectors import connect
+            from ..engine.mechanics.assembly import target_pose
+            from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)

@@ -26,8 +26,8 @@ class Regularise(Stage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine import check, regularise
-            from ..engine.mesh import PolygonMesh
+            from ..engine.surface import check, regularise
+            from ..engine.surface.mesh import PolygonMesh
 
             before = check.as_quad_mesh(surface.polygons)
             after = regularise.regularise(before, settings.regularise, progress)

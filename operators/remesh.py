@@ -107,7 +107,7 @@ class QuadRemesh(bpy.types.Operator):
 def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> str:
     """The new object takes the place of the old one, with its settings; returns what there is to say."""
     from ..bridge import beside, mesh
-    from ..engine import check
+    from ..engine.surface import check
 
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     beside.clear(obj)
@@ -133,7 +133,7 @@ class SetSize(Stage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine import check
+            from ..engine.surface import check
 
             progress(0.0, "Measuring edges")
             now = check.median_edge(surface.polygons)

@@ -13,8 +13,8 @@ from ..engine.progress import Progress
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
-    from ..engine.reach import Reach
-    from ..engine.simulate import Simulation
+    from ..engine.mechanics.simulate import Simulation
+    from ..engine.optimisation.reach import Reach
 
 
 class Simulate(Stage, bpy.types.Operator):
@@ -37,7 +37,9 @@ class Simulate(Stage, bpy.types.Operator):
         material = settings.material.chosen
 
         def work(progress: Progress) -> tuple[Simulation, Reach]:
-            from ..engine import check, reach, simulate
+            from ..engine.mechanics import simulate
+            from ..engine.optimisation import reach
+            from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
             quads = check.as_quad_mesh(surface.polygons)

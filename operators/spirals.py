@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..bridge.solids import Solid
-    from ..engine.arcs import Curve
-    from ..engine.connectors import Connections
-    from ..engine.design import SpiralDesign
+    from ..engine.fabrication.connectors import Connections
+    from ..engine.spirals.arcs import Curve
+    from ..engine.spirals.design import SpiralDesign
 
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
@@ -47,7 +47,7 @@ class Drawn:
     @classmethod
     def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> Drawn:
         """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
-        from ..engine import connectors
+        from ..engine.fabrication import connectors
 
         tolerance = max(settings.sheet.tolerance, DRAWN)
         try:
@@ -97,7 +97,8 @@ class Spirals(Stage, bpy.types.Operator):
         from ..bridge import mesh
 
         def work(progress: Progress) -> Any:
-            from ..engine import check, curvature, design
+            from ..engine.spirals import design
+            from ..engine.surface import check, curvature
 
             progress(0.0, "Measuring curvature")
             quads = check.as_quad_mesh(surface.polygons)

@@ -19,7 +19,7 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 
 if TYPE_CHECKING:
-    from ..bridge.mesh import Surface
+    from ..bridge.surface import Surface
 
 Work = Callable[[Progress], Any]
 
@@ -40,7 +40,7 @@ class Stage:
     _job: job.Job | None = None
     _timer: Any = None
     _writing: Any = None  # the pieces that are still to be written
-    _surface: Any = None  # bridge.mesh.Surface; Blender evaluates annotations, so only names that are there
+    _surface: Any = None  # bridge.surface.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
 

@@ -193,7 +193,7 @@ def _first_sight(cls: type) -> float:
 def _piece() -> Any:
     """A saddle of 2401 quads in a new file, the active object."""
     import bpy
-    from flexmaps.engine import shapes
+    from flexmaps.engine.surface import shapes
 
     _enable()
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)

@@ -19,17 +19,17 @@ from typing import Any
 import numpy as np
 from bench_layout import EDGE, surfaces
 from equilibrium_cases import MATERIAL, Subject, dome, of_mesh, of_shape, shaken, straight_row, torus, turned
-from flexmaps.engine import shapes
-from flexmaps.engine.arm_model import arm_compliances
-from flexmaps.engine.assembly import Pose
-from flexmaps.engine.elastic import ElasticModel, summed
-from flexmaps.engine.equilibrium import Equilibrium, solve
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.linalg import Pattern
-from flexmaps.engine.loads import Loads
-from flexmaps.engine.newton_system import NewtonSystem
+from flexmaps.engine.mechanics.arm_model import arm_compliances
+from flexmaps.engine.mechanics.assembly import Pose
+from flexmaps.engine.mechanics.elastic import ElasticModel, summed
+from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
-from flexmaps.engine.report import peak_memory
+from flexmaps.engine.runs.report import peak_memory
+from flexmaps.engine.surface import shapes
 from flexmaps.engine.threads import one_thread
 from rows import Table, at_least, at_most, row
 from scipy.optimize import brentq

@@ -17,29 +17,16 @@ from typing import Any
 import numpy as np
 import shapely
 from bench_layout import EDGE, surfaces
-from flexmaps.engine import (
-    check,
-    connector_check,
-    curvature,
-    design,
-    dxf,
-    merge,
-    nesting,
-    packing,
-    pdf,
-    regularise,
-    sheets,
-    solid_files,
-    split,
-    svg,
-    trace,
-)
-from flexmaps.engine.connectors import Connections
-from flexmaps.engine.design import SpiralDesign
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.fabrication import connector_check, dxf, nesting, packing, pdf, sheets, solid_files, svg
+from flexmaps.engine.fabrication.connectors import Connections
+from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
-from flexmaps.engine.sheets import CutSheets
+from flexmaps.engine.patches import merge, split, trace
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import check, curvature, regularise
+from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, at_most, row
 
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles

@@ -72,7 +72,7 @@ def exactness() -> list[dict]:
     from flexmaps.database import linear
     from flexmaps.database.geometry import Spiral
     from flexmaps.database.statics import Model
-    from flexmaps.engine import beams
+    from flexmaps.engine.mechanics import beams
     from scipy.spatial.transform import Rotation
 
     model = Model(Spiral(6.0, 1.0, 1.5), 0.35)
@@ -187,7 +187,7 @@ def fitted() -> list[dict]:
 
 def interpolation() -> list[dict]:
     from flexmaps.database import table_file
-    from flexmaps.engine import stiffness
+    from flexmaps.engine.mechanics import stiffness
 
     with tempfile.TemporaryDirectory() as folder:
         e = table_file.judge(Path(folder))

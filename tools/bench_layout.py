@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flexmaps.engine import check, edit, flatten, merge, meshio, outline, regularise, shapes, trace
-from flexmaps.engine.arap import corner_triangles, quad_energy
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.flatten import FlatPatches
-from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import LayoutParams, RegulariseParams
+from flexmaps.engine.patches import edit, flatten, merge, outline, trace
+from flexmaps.engine.patches.arap import corner_triangles, quad_energy
+from flexmaps.engine.patches.flatten import FlatPatches
 from flexmaps.engine.progress import SILENT
+from flexmaps.engine.surface import check, meshio, regularise, shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres, median quad edge of every mesh here

@@ -17,19 +17,20 @@ from pathlib import Path
 
 import numpy as np
 from bench_layout import surfaces
-from flexmaps.engine import job, optimise, reach
-from flexmaps.engine.assembly import of_design, target_pose
-from flexmaps.engine.design import SpiralDesign
-from flexmaps.engine.design_space import DesignSpace
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.inverse import Point, Problem
-from flexmaps.engine.loads import Loads
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mesh import PolygonMesh, QuadMesh
-from flexmaps.engine.objective import Target
-from flexmaps.engine.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.simulate import build_model
+from flexmaps.engine.optimisation import optimise, reach
+from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.simulate import build_model
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
 from rows import Row, Table, at_most, row
 
@@ -181,7 +182,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
 @one_thread
 def large() -> list[Row]:
     """A vault of 10,000 spirals that stands on its feet."""
-    from flexmaps.engine import shapes
+    from flexmaps.engine.surface import shapes
 
     vault = shapes.vault(LARGE_SIDE)
     found = job.run(PolygonMesh.of(vault), Settings(), edge=EDGE, stop_after="spirals")

@@ -6,16 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from bench_layout import EDGE
-from flexmaps.engine import design, flatten, job, shapes, trace
-from flexmaps.engine.arm_model import ArmModel
-from flexmaps.engine.assembly import Assembly, Pose, of_design, target_pose
-from flexmaps.engine.curvature import rms_curvature
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
-from flexmaps.engine.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.rod_model import RodModel
+from flexmaps.engine.mechanics.stiffness_rods import rod_parameters
 from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
-from flexmaps.engine.rod_model import RodModel
-from flexmaps.engine.stiffness_rods import rod_parameters
+from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.curvature import rms_curvature
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from scipy.spatial.transform import Rotation
 
 MATERIAL = material("vero")

@@ -21,10 +21,10 @@ from typing import Any
 import bpy
 import numpy as np
 from flexmaps.bridge import job, states
-from flexmaps.engine import shapes
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.surface import shapes
 
 PRESETS = sorted((Path(__file__).resolve().parent.parent / "presets" / "flexmaps").glob("*.py"))
 PATIENCE = 6.0  # seconds after which a stage is stopped, as with ESC

@@ -9,8 +9,8 @@ import bpy
 import flexmaps
 import numpy as np
 import pytest
-from flexmaps.engine import shapes
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
 @pytest.fixture(scope="session")

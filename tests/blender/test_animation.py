@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import animation, mesh, pose, preview
-from flexmaps.engine import shapes
+from flexmaps.engine.surface import shapes
 
 
 def press(name: str, **properties: Any) -> None:

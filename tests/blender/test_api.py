@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.engine import shapes
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST"}
 

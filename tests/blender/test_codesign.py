@@ -8,11 +8,11 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import attributes, mesh, notes, settings
-from flexmaps.engine import check, shapes
-from flexmaps.engine.flatten import layout_report
 from flexmaps.engine.materials import material
+from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import SimulateParams, SpiralParams
-from flexmaps.engine.simulate import simulate
+from flexmaps.engine.patches.flatten import layout_report
+from flexmaps.engine.surface import check, shapes
 
 
 def press(name: str) -> None:

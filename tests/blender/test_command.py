@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge import arguments, command
-from flexmaps.engine import shapes
 from flexmaps.engine.params import ObjectSettings
+from flexmaps.engine.surface import shapes
 
 COMMANDS = ("run", "check", "layout", "simulate", "optimise", "export", "report")
 QUICK = ("--set", "optimise.iterations=2", "--set", "sheet.nesting=FAST")
@@ -71,7 +71,7 @@ def test_a_fault_of_the_program_is_no_mistake_of_the_users(
     def broken(*_: object, **__: object) -> None:
         raise IndexError("sixth of five")
 
-    monkeypatch.setattr("flexmaps.engine.job.trace.trace", broken)
+    monkeypatch.setattr("flexmaps.engine.runs.job.trace.trace", broken)
     assert run("layout", "shape:strip") == 1
     said = capsys.readouterr()
     assert said.out == "" and "sixth of five" in said.err
@@ -85,7 +85,7 @@ def test_control_c_is_the_users_while_a_command_runs(
     def pressed(*_: object, **__: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("flexmaps.engine.job.trace.trace", pressed)
+    monkeypatch.setattr("flexmaps.engine.runs.job.trace.trace", pressed)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         assert run("run", "shape:strip", "--out", tmp_path / "out") == 130

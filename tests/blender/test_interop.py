@@ -15,8 +15,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import attributes, job, mesh, notes, states
-from flexmaps.engine import check, shapes
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 EDGE = 0.02
 ROOT = Path(__file__).resolve().parents[2]

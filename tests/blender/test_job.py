@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge import job
-from flexmaps.engine import shapes
 from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.engine.surface import shapes
 from flexmaps.operators import stage
 
 TIMER = SimpleNamespace(type="TIMER", value="NOTHING")

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flexmaps.bridge import command, picture
-from flexmaps.engine import files, shapes
+from flexmaps.engine import files
+from flexmaps.engine.surface import shapes
 
 
 def obj_file(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
@@ -143,6 +144,6 @@ def test_stopping_leaves_nothing(dome: Path, tmp_path: Path, monkeypatch: pytest
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flexmaps.engine.job.merge.merge", stop)
+    monkeypatch.setattr("flexmaps.engine.runs.job.merge.merge", stop)
     assert run(dome, "--edge", 20, "--out", tmp_path / "out") == 130
     assert not (tmp_path / "out").exists()

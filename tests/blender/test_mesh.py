@@ -10,14 +10,17 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import arrange, mesh
-from flexmaps.engine import check, design, flatten, shapes, trace
+from flexmaps.bridge.surface import Surface
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.flatten import FlatPatches
-from flexmaps.engine.mesh import QuadMesh
 from flexmaps.engine.params import LayoutParams, SpiralParams
+from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
-def read(obj: Any) -> tuple[mesh.Surface, QuadMesh]:
+def read(obj: Any) -> tuple[Surface, QuadMesh]:
     bpy.context.view_layer.update()
     surface = mesh.read_surface(obj, bpy.context.scene)
     return surface, check.as_quad_mesh(surface.polygons)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from flexmaps import panels
 from flexmaps.bridge import beside, notes
-from flexmaps.engine import check, shapes
+from flexmaps.engine.surface import check, shapes
 
 BUTTONS = ("check", "regularise", "trace", "merge", "flatten", "update_from_seams", "spirals", "export")
 
@@ -264,7 +264,7 @@ def test_outlines_beside_are_the_true_ones(dome: Any) -> None:
         measured += sum(float(np.linalg.norm(points[e.vertices[0]] - points[e.vertices[1]])) for e in mesh.edges)
         obj.to_mesh_clear()
     from flexmaps.bridge import mesh as bridge
-    from flexmaps.engine import sheets
+    from flexmaps.engine.fabrication import sheets
     from flexmaps.engine.params import SheetParams, SpiralParams
 
     surface = bridge.read_surface(dome, bpy.context.scene)

@@ -13,15 +13,15 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import arrange, command, designing, equilibrium, job, mesh, notes, overlay, plot, settings, solids
-from flexmaps.engine import check, shapes
-from flexmaps.engine import optimise as engine
-from flexmaps.engine.design import outside, uniform
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.flatten import flatten
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.optimisation import optimise as engine
+from flexmaps.engine.optimisation.reach import NAMES
 from flexmaps.engine.params import LayoutParams, ObjectSettings, SpiralParams
-from flexmaps.engine.reach import NAMES
-from flexmaps.engine.trace import make_disks
+from flexmaps.engine.patches.flatten import flatten
+from flexmaps.engine.patches.trace import make_disks
+from flexmaps.engine.spirals.design import outside, uniform
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.operators import optimise as operators
 
 QUADS, EDGE = 45, 0.02
@@ -425,7 +425,7 @@ def test_many_panels_are_drawn_light() -> None:
 
 
 def mesh_layout(quads: QuadMesh) -> Any:
-    from flexmaps.engine.layout import PatchLayout
+    from flexmaps.engine.patches.layout import PatchLayout
 
     return PatchLayout(quads, np.zeros(len(quads.edges), bool))
 

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import notes, settings
-from flexmaps.engine import shapes
 from flexmaps.engine.params import ObjectSettings
+from flexmaps.engine.surface import shapes
 from flexmaps.operators import presets
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "presets" / "flexmaps").glob("*.py"))

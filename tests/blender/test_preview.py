@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import mesh, notes, pose, preview
-from flexmaps.engine import check, shapes
+from flexmaps.engine.surface import check, shapes
 
 
 def press(name: str, **properties: Any) -> None:

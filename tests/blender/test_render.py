@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import looks, picture, studio
-from flexmaps.engine import shapes
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RenderParams
+from flexmaps.engine.surface import shapes
 
 SMALL = {"pixels_x": 192, "samples": 1}
 

@@ -16,8 +16,9 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge import arrange, raster
 from flexmaps.bridge import report as pages
-from flexmaps.engine import colours, drawing, plots, report_plots
-from flexmaps.engine.plots import Colouring
+from flexmaps.engine import colours
+from flexmaps.engine.runs import drawing, plots, report_plots
+from flexmaps.engine.runs.plots import Colouring
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import MultiPoint
@@ -119,7 +120,7 @@ def test_names_that_look_like_html_stay_names(strip: api.Piece, tmp_path: Path) 
 
 
 def test_pictures_are_inside(strip: api.Piece) -> None:
-    from flexmaps.engine import report_page
+    from flexmaps.engine.runs import report_page
 
     png = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
     text = report_page.page(api.report(strip), {}, [("A picture", png)])

@@ -9,10 +9,14 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import arrange, beside, mesh, picture, scene, settings, solids
-from flexmaps.engine import check, design, flatten, job, shapes, sheets, trace
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.params import ConnectorParams, LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams
+from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +147,7 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
 
 def test_bezier_curves_are_arcs() -> None:
     """A circle of four arcs: every point of Blender's curve is on it."""
-    from flexmaps.engine.arcs import Curve
+    from flexmaps.engine.spirals.arcs import Curve
 
     quarter = np.tan(np.pi / 8)
     circle = Curve(np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]), np.full(4, quarter))

@@ -14,11 +14,11 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import command, equilibrium, job, live, mesh, notes, scene, settings
-from flexmaps.engine import shapes
-from flexmaps.engine import simulate as engine
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.mechanics import simulate as engine
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.operators import simulate as operators
 
 LENGTH, WIDTH, EDGE = 8, 3, 0.02

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from flexmaps.bridge import attributes, notes, states
 from flexmaps.bridge.states import DONE, OLD, TODO
-from flexmaps.engine import check, shapes
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
 def press(name: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.database import cli, fits, report, table
-from flexmaps.engine import stiffness, stiffness_rods
+from flexmaps.engine.mechanics import stiffness, stiffness_rods
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ from flexmaps.database.elastic import Elements
 from flexmaps.database.geometry import Spiral, edge, outline
 from flexmaps.database.solid import Fineness, make_solid
 from flexmaps.database.statics import Model
-from flexmaps.engine import beams
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
+from flexmaps.engine.mechanics import beams
+from flexmaps.engine.mechanics.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
 from scipy.spatial.transform import Rotation
 
 SMALL = Spiral(6.0, 1.0, 1.5)

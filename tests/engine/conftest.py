@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from flexmaps.engine.flatten import FlatPatches
-from flexmaps.engine.layout import PatchLayout
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
 def _flat_grid(

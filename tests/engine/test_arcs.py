@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.arcs import Curve, arc_points, fit
+from flexmaps.engine.spirals.arcs import Curve, arc_points, fit
 from shapely import LineString, Point, Polygon
 
 HALF = Curve(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0]))  # a circle as two half circles

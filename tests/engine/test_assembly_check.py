@@ -4,11 +4,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flexmaps.engine import assembly_check, connectors, design, merge, shapes, simulate, trace
-from flexmaps.engine.arm_model import ArmModel
-from flexmaps.engine.flatten import FlatPatches
+from flexmaps.engine.assembling import assembly_check
+from flexmaps.engine.fabrication import connectors
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics import simulate
+from flexmaps.engine.mechanics.arm_model import ArmModel
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.patches import merge, trace
+from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
 
 POM = MATERIALS["pom"]
 

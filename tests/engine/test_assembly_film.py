@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import assembly_film, design, flatten, shapes, trace
-from flexmaps.engine.assembly import Pose, rest_joints, target_pose
-from flexmaps.engine.assembly_order import steps
-from flexmaps.engine.bent_arms import bent
-from flexmaps.engine.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.assembling import assembly_film
+from flexmaps.engine.assembling.assembly_order import steps
+from flexmaps.engine.fabrication.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.mechanics.assembly import Pose, rest_joints, target_pose
+from flexmaps.engine.mechanics.bent_arms import bent
 from flexmaps.engine.params import LayoutParams, SpiralParams
+from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
 
 

@@ -5,11 +5,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine import assembly_sheet, design, estimates, flatten, merge, shapes, sheets, trace
-from flexmaps.engine.assembly_order import steps
-from flexmaps.engine.labels import seam_name
+from flexmaps.engine.assembling import assembly_sheet
+from flexmaps.engine.assembling.assembly_order import steps
+from flexmaps.engine.fabrication import estimates, sheets
+from flexmaps.engine.fabrication.labels import seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
+from flexmaps.engine.patches import flatten, merge, trace
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
 
 pdfium = pytest.importorskip("pypdfium2")
 

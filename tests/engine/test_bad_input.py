@@ -3,10 +3,13 @@
 import os
 
 import pytest
-from flexmaps.engine import export, files, job, shapes
+from flexmaps.engine import files
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.fabrication import export
 from flexmaps.engine.params import ConnectorParams, CutParams, Settings, SheetParams, SpiralParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 QUICK = {"nesting": "FAST", "labels": False}
 

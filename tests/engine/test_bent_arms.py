@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import bent_arms, design, flatten, shapes, trace
-from flexmaps.engine.arm_model import ArmModel
-from flexmaps.engine.assembly import Pose, of_design, target_pose
-from flexmaps.engine.bent_arms import bent, exponential, hub_ends
-from flexmaps.engine.connectors import connect
+from flexmaps.engine.fabrication.connectors import connect
+from flexmaps.engine.fabrication.panel_mesh import DETAILS, Detail, panel_mesh
 from flexmaps.engine.materials import material
-from flexmaps.engine.panel_mesh import DETAILS, Detail, panel_mesh
+from flexmaps.engine.mechanics import bent_arms
+from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.bent_arms import bent, exponential, hub_ends
+from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
-from flexmaps.engine.simulate import simulate
-from flexmaps.engine.spiral import LEFT, RIGHT, edge, mates
+from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, mates
+from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
 
 STRAIGHT = SpiralParams(thickness=0.001, width_min=0.001, width_max=0.002)

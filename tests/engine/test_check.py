@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import check, meshio, shapes
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.surface import check, meshio, shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -5,25 +5,27 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from flexmaps.engine import codesign, job, optimise, shapes
-from flexmaps.engine.arm_model import ArmModel
-from flexmaps.engine.assembly import Pose, of_design, target_pose
-from flexmaps.engine.codesign_cost import FlatCost, FlatLimits
-from flexmaps.engine.codesign_geometry import by_geometry, geometry_by_points
-from flexmaps.engine.codesign_problem import FlatPoint, FlatProblem, FlatRange
-from flexmaps.engine.design import SpiralDesign, fitted
-from flexmaps.engine.design_space import DesignSpace
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.flatten import flips, measured, overlapping, seam_mismatch
-from flexmaps.engine.inverse import Problem
-from flexmaps.engine.loads import Loads
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mesh import PolygonMesh, QuadMesh
-from flexmaps.engine.objective import Target
-from flexmaps.engine.optimisers import Trace, gauss_newton
+from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.simulate import build_model, simulate
+from flexmaps.engine.optimisation import codesign, optimise
+from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
+from flexmaps.engine.optimisation.codesign_geometry import by_geometry, geometry_by_points
+from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
+from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.inverse import Problem
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.patches.flatten import flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.simulate import build_model, simulate
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.design import SpiralDesign, fitted
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 VERO = MATERIALS["vero"]
 EXACT = SimulateParams(tolerance=1e-11)

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import connectors, contours, design, sheets
-from flexmaps.engine.connector_check import fit
-from flexmaps.engine.connector_shape import head, key, size, socket
 from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.engine.fabrication import connectors, sheets
+from flexmaps.engine.fabrication.connector_check import fit
+from flexmaps.engine.fabrication.connector_shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.spirals import contours, design
 
 KINDS = ["dovetail", "key", "tab"]
 
@@ -226,9 +227,10 @@ def test_sheets_with_keys_labels_and_kerf(flat_grid):
 
 
 def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
-    from flexmaps.engine import job, shapes
-    from flexmaps.engine.mesh import PolygonMesh
     from flexmaps.engine.params import Settings
+    from flexmaps.engine.runs import job
+    from flexmaps.engine.surface import shapes
+    from flexmaps.engine.surface.mesh import PolygonMesh
 
     polygons = PolygonMesh.of(shapes.make("cubesphere"))
     made = job.run(polygons, Settings(), stop_after="spirals").design

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import contours, design, slots, spiral
-from flexmaps.engine.design import SpiralDesign
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
+from flexmaps.engine.spirals import contours, design, slots, spiral
+from flexmaps.engine.spirals.design import SpiralDesign
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
 TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] / 0.06, 0 * p[:, 1]])  # noqa: E731

@@ -5,8 +5,8 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from flexmaps.engine import check, curvature, meshio, shapes
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.surface import check, curvature, meshio, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
 def surface(columns, rows, position) -> QuadMesh:

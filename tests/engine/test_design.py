@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine import design, slots, spiral
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
+from flexmaps.engine.spirals import design, slots, spiral
 from shapely import LineString
 
 
@@ -117,8 +117,8 @@ def test_report_has_the_spread_of_every_descriptor(flat_grid):
 
 
 def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
+    from flexmaps.engine.fabrication.sheets import make_sheets
     from flexmaps.engine.params import SheetParams
-    from flexmaps.engine.sheets import make_sheets
 
     def squeezed(p):
         p = p.copy()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import edit, flatten, merge, shapes, trace
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.flatten import FlatPatches
 from flexmaps.engine.params import LayoutParams
+from flexmaps.engine.patches import edit, flatten, merge, trace
+from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.surface import shapes
 
 PARAMS = LayoutParams()
 

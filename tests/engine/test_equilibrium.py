@@ -4,18 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flexmaps.engine.arm_model import ArmModel, arm_compliances
-from flexmaps.engine.assembly import Assembly, Pose, nearest_rotation
-from flexmaps.engine.elastic import summed
-from flexmaps.engine.equilibrium import other_minima, solve
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.linalg import Pattern, negative_eigenvalues
-from flexmaps.engine.loads import Loads
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.newton_system import NewtonSystem
+from flexmaps.engine.mechanics.arm_model import ArmModel, arm_compliances
+from flexmaps.engine.mechanics.assembly import Assembly, Pose, nearest_rotation
+from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.equilibrium import other_minima, solve
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.newton_system import NewtonSystem
+from flexmaps.engine.mechanics.rod_model import RodModel
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.rod_model import RodModel
 from scipy.spatial.transform import Rotation
 
 SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015

@@ -1,9 +1,10 @@
 """Estimates against sums by hand."""
 
 import pytest
-from flexmaps.engine import design, estimates, sheets
+from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import MaterialParams, SheetParams, SpiralParams
+from flexmaps.engine.spirals import design
 
 
 def test_figures_of_a_small_design(flat_grid):

@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = sorted((ROOT / "engine").rglob("*.py"))
 BLENDER_ONLY = {"bpy", "bmesh", "mathutils", "gpu", "bl_ui"}
+FLOORS = ("surface", "patches", "spirals", "mechanics", "optimisation", "fabrication", "assembling", "runs")
 UPPER_LAYERS = {"bridge", "operators", "panels", "database", "tools", "tests"}
 
 
@@ -36,6 +37,33 @@ def test_engine_module_imports_no_blender_and_nothing_above_it(path: Path) -> No
         assert level <= depth or first not in UPPER_LAYERS, f"{path.name} imports upward: {name}"
 
 
+@pytest.mark.parametrize("path", ENGINE, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_engine_folder_imports_only_from_lower_ones(path: Path) -> None:
+    own = path.parent.name if path.parent.name in FLOORS else None
+    allowed = FLOORS[: FLOORS.index(own) + 1] if own else ()
+    for level, name in _imports(path):
+        if level == (2 if own else 1):
+            first = name.split(".")[0]
+            assert first not in FLOORS or first in allowed, f"{path.relative_to(ROOT)} imports upward: {name}"
+
+
+def test_no_two_modules_import_each_other() -> None:
+    """Over the engine and the bridge, imports inside functions and for types included."""
+    files = {p.relative_to(ROOT).with_suffix("").parts: p for p in [*ENGINE, *(ROOT / "bridge").rglob("*.py")]}
+    known: dict[tuple[str, ...], set[tuple[str, ...]]] = {}
+    for own, path in files.items():
+        seen = known.setdefault(own, set())
+        for level, name in _imports(path):
+            if level:
+                full = (*own[:-level], *name.split("."))
+                seen.update(full[:n] for n in range(1, len(full) + 1) if full[:n] in files)
+    left = {own: set(found) for own, found in known.items()}
+    while ready := [own for own, found in left.items() if not found & left.keys()]:
+        for own in ready:
+            del left[own]
+    assert not left, "in circles, or above one: " + ", ".join("/".join(own) for own in sorted(left))
+
+
 def test_importing_the_whole_engine_loads_no_blender() -> None:
     names = [".".join(p.relative_to(ROOT).with_suffix("").parts) for p in ENGINE if p.name != "__init__.py"]
     code = f"""
@@ -54,9 +82,9 @@ assert not bad, bad
 
 def test_no_module_of_the_package_is_loaded_twice() -> None:
     """Every class would exist twice, and isinstance would fail in ways hard to see."""
-    from flexmaps.engine.mesh import QuadMesh
+    from flexmaps.engine.surface.mesh import QuadMesh
 
-    assert QuadMesh.__module__ == "flexmaps.engine.mesh"
+    assert QuadMesh.__module__ == "flexmaps.engine.surface.mesh"
     copies: dict[str, list[str]] = {}
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None)

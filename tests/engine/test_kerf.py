@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import contours, design, kerf, sheets
-from flexmaps.engine.arcs import Curve
-from flexmaps.engine.connector_shape import rounded
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.fabrication import kerf, sheets
+from flexmaps.engine.fabrication.connector_shape import rounded
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
+from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals.arcs import Curve
 
 SQUARE = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.01), (0.0, 0.01)]
 NOTCHED = [(0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.02, 0.02), (0.016, 0.01), (0.014, 0.01), (0.01, 0.02), (0.0, 0.02)]

@@ -6,9 +6,9 @@ import itertools
 
 import numpy as np
 import pytest
-from flexmaps.engine import shapes
-from flexmaps.engine.layout import PatchLayout, groups, in_order
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.patches.layout import PatchLayout, groups, in_order
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

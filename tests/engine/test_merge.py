@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine import check, flatten, merge, meshio, regularise, shapes, trace
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.flatten import FlatPatches
-from flexmaps.engine.mesh import QuadMesh
 from flexmaps.engine.params import LayoutParams, RegulariseParams
+from flexmaps.engine.patches import flatten, merge, trace
+from flexmaps.engine.patches.flatten import FlatPatches
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.surface import check, meshio, regularise, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")

@@ -8,9 +8,9 @@ import struct
 
 import numpy as np
 import pytest
-from flexmaps.engine import meshio, shapes
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import PolygonMesh
+from flexmaps.engine.surface import meshio, shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 

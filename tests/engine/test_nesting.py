@@ -5,9 +5,9 @@ import time
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import nest_process, nesting
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.packing import Packing, fill, pack, used_length
+from flexmaps.engine.fabrication import nest_process, nesting
+from flexmaps.engine.fabrication.packing import Packing, fill, pack, used_length
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity

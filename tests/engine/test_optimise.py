@@ -6,22 +6,24 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine import job, optimise, shapes
-from flexmaps.engine.assembly import of_design, target_pose
-from flexmaps.engine.design import SpiralDesign, fitted, uniform
-from flexmaps.engine.design_space import DesignSpace
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.inverse import Point, Problem
-from flexmaps.engine.loads import Loads
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mesh import PolygonMesh, QuadMesh
-from flexmaps.engine.objective import Target
-from flexmaps.engine.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.simulate import build_model
+from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.reach import NAMES, reach
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.reach import NAMES, reach
-from flexmaps.engine.simulate import build_model
-from flexmaps.engine.slots import twist_bound
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
+from flexmaps.engine.spirals.slots import twist_bound
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 VERO = MATERIALS["vero"]
 EXACT = SimulateParams(tolerance=1e-11)

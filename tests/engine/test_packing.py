@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.packing import fits, least_box, pack
+from flexmaps.engine.fabrication.packing import fits, least_box, pack
 from shapely import Polygon, affinity
 
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine import design, pdf, sheets
-from flexmaps.engine.arcs import Curve
+from flexmaps.engine.fabrication import pdf, sheets
 from flexmaps.engine.params import SheetParams, SpiralParams
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.arcs import Curve
 
 pdfium = pytest.importorskip("pypdfium2")
 MM = 25.4 / 72.0

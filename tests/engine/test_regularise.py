@@ -5,13 +5,13 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from flexmaps.engine import check, meshio, shapes
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.mesh import QuadMesh
 from flexmaps.engine.params import RegulariseParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.regularise import GOOD, WARP, WORSE, _best_squares, regularise, square_energy
-from flexmaps.engine.regularise_guide import Guide, deviation
+from flexmaps.engine.surface import check, meshio, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
+from flexmaps.engine.surface.regularise import GOOD, WARP, WORSE, _best_squares, regularise, square_energy
+from flexmaps.engine.surface.regularise_guide import Guide, deviation
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.database import rods
-from flexmaps.engine import assembly, design
-from flexmaps.engine.assembly import Assembly, Pose
-from flexmaps.engine.elastic import summed
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
+from flexmaps.engine.mechanics import assembly
+from flexmaps.engine.mechanics.assembly import Assembly, Pose
+from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.rod_model import RodModel
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.rod_model import RodModel
+from flexmaps.engine.spirals import design
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 

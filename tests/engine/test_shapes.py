@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import curvature, shapes
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mesh import QuadMesh
+from flexmaps.engine.surface import curvature, shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 # quads, Euler number, open
 FACTS = {

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import shapely
 import svgelements
-from flexmaps.engine import design, dxf, lettering, sheets, svg
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.labels import panel_name, seam_name
+from flexmaps.engine.fabrication import dxf, lettering, sheets, svg
+from flexmaps.engine.fabrication.labels import panel_name, seam_name
 from flexmaps.engine.params import ConnectorParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.spirals import design
 
 FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer"}
 
@@ -200,7 +201,7 @@ def test_progress_ascends_and_stops(flat_grid):
 
 
 def test_svg_arc_flags_for_both_senses_and_large_arcs():
-    from flexmaps.engine.arcs import Curve
+    from flexmaps.engine.spirals.arcs import Curve
 
     # three quarters of a circle to the left, closed by a quarter to the right
     curve = Curve(np.array([[0.001, 0.0], [0.0, -0.001]]), np.array([math.tan(3 * math.pi / 8), 0.3]))
@@ -213,8 +214,9 @@ def test_svg_arc_flags_for_both_senses_and_large_arcs():
 
 @pytest.mark.parametrize("name", ["cubesphere", "saddle", "two_bodies"])
 def test_sheets_of_real_layouts(name):
-    from flexmaps.engine import curvature, flatten, shapes, trace
     from flexmaps.engine.params import LayoutParams
+    from flexmaps.engine.patches import flatten, trace
+    from flexmaps.engine.surface import curvature, shapes
 
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())

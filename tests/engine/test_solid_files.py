@@ -6,11 +6,12 @@ import zipfile
 import numpy as np
 import pytest
 import trimesh
-from flexmaps.engine import design, export, sheets, solid_files
-from flexmaps.engine.arcs import Curve
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.fabrication import export, sheets, solid_files
+from flexmaps.engine.fabrication.panel import Panel
 from flexmaps.engine.params import SheetParams, SpiralParams
-from flexmaps.engine.sheets import Panel
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.arcs import Curve
 
 
 @pytest.fixture

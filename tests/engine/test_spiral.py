@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine import spiral
-from flexmaps.engine.design import SpiralDesign
 from flexmaps.engine.params import SpiralParams
+from flexmaps.engine.spirals import spiral
+from flexmaps.engine.spirals.design import SpiralDesign
 
 
 def _shaken(points):

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import job, merge, shapes, split, trace
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.flatten import overlapping
-from flexmaps.engine.mesh import PolygonMesh
 from flexmaps.engine.params import LayoutParams, Settings, SheetParams
-from flexmaps.engine.symmetry import keeping, symmetries
+from flexmaps.engine.patches import merge, split, trace
+from flexmaps.engine.patches.flatten import overlapping
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.symmetry import keeping, symmetries
 
 LAYOUT = LayoutParams()
 

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 import pytest
-from flexmaps.engine import beams, stiffness, stiffness_rods
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS, material
+from flexmaps.engine.mechanics import beams, stiffness, stiffness_rods
 
 SHEET = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import shapes
-from flexmaps.engine.symmetry import keeping, subgroups, symmetries
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.symmetry import keeping, subgroups, symmetries
 
 
 @pytest.mark.parametrize(

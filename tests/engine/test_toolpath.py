@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine import design, dxf, sheets, svg, toolpath
-from flexmaps.engine.arcs import Curve
-from flexmaps.engine.connector_check import fit
-from flexmaps.engine.connector_shape import head, size, socket
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.kerf import relieved
+from flexmaps.engine.fabrication import dxf, sheets, svg, toolpath
+from flexmaps.engine.fabrication.connector_check import fit
+from flexmaps.engine.fabrication.connector_shape import head, size, socket
+from flexmaps.engine.fabrication.kerf import relieved
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.arcs import Curve
 
 FAST = SheetParams(nesting="FAST", labels=False)
 RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine import flatten, shapes
-from flexmaps.engine.layout import PatchLayout
-from flexmaps.engine.mesh import QuadMesh
 from flexmaps.engine.params import LayoutParams
-from flexmaps.engine.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
+from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import QuadMesh
 
 
 def tube(around: int = 12, long: int = 8) -> QuadMesh:

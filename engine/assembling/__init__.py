@@ -1,0 +1,1 @@
+"""Putting the panels together: order, check, assembly sheet and film."""

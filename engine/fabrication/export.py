@@ -1,0 +1,54 @@
+"""All the files of the sheets, written together: every format or none."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import FlexMapsError
+from ..files import replacing_many
+from . import dxf, pdf, solid_files, svg
+from .sheets import CutSheets
+
+# R12 is the DXF that every program reads, R2010 the one that knows its units; the solids are large
+FLAT = ("svg", "dxf", "dxf-r12", "pdf")
+SOLID = ("stl", "3mf")
+FORMATS = FLAT + SOLID
+NewFile = Callable[[str | os.PathLike[str]], Path]
+
+
+def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: NewFile | None = None) -> list[Path]:
+    """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-01.dxf, out/sheet-r12-01.dxf, ...
+
+    Files of an earlier run with more sheets go. ``new`` comes from ``files.replacing_many`` where the files shall appear
+    together with others. Raises ``FlexMapsError`` for an unknown format, for none, or where files cannot be written.
+    """
+    unknown = set(formats) - set(FORMATS)
+    if unknown or not formats:
+        wrong = f"There is no format '{min(unknown)}'" if unknown else "No format is chosen"
+        raise FlexMapsError(f"{wrong}; choose among {', '.join(FORMATS)}")
+    if new is None:
+        with replacing_many(stale(base, sheets.count)) as new:
+            return write(sheets, base, formats, new)
+    written: list[Path] = []
+    if "svg" in formats:
+        written += svg.write(sheets, _named(base, "svg"), new)
+    for key, version in (("dxf", "R2010"), ("dxf-r12", "R12")):
+        if key in formats:
+            written += dxf.write(sheets, _named(base, key), version, new)
+    if "pdf" in formats:
+        written += pdf.write(sheets, _named(base, "pdf"), new)
+    for key in SOLID:
+        if key in formats:
+            written += solid_files.write(sheets, _named(base, key), new)
+    return written
+
+
+def stale(base: Path, count: int) -> list[Path]:
+    """The files of an earlier run that had more sheets than ``count``."""
+    return [path for key in FORMATS for path in svg.numbered_before(_named(base, key), count)]
+
+
+def _named(base: Path, key: str) -> Path:
+    return base.with_name(base.name + "-r12.dxf" if key == "dxf-r12" else f"{base.name}.{key}")

@@ -1,0 +1,226 @@
+"""Cut-ready sheets: the panels with their outlines, holes and labels, and where they lie on the sheets of material."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import ConnectorParams, CutParams, SheetParams
+from ..progress import SILENT, Progress
+from ..spirals.contours import Outline, touching
+from ..spirals.design import SpiralDesign, nearest_quads
+from ..spirals.spiral import centre_line
+from .connectors import Connections, connect
+from .kerf import cut_paths
+from .labels import Labels, key_label, make_labels
+from .nesting import nest
+from .packing import Packing, fill, used_length
+from .panel import Panel
+from .sheet_checks import check_kerf, check_mill, oversize, tight, without
+from .toolpath import Runs, plan
+
+_HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
+CONNECTORS, CUT = ConnectorParams(), CutParams()
+
+
+@dataclass(frozen=True, eq=False)
+class CutSheets:
+    """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
+
+    panels : one per patch, and after them the loose keys
+    packing : sheet, rotation and shift of every panel, and the sizes of the sheets
+    params : what was asked for
+    warnings : sentences for the user
+    labels_placed, labels_left_out : how many labels are engraved, how many had no room
+    slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
+    thickness : metres
+    cut : what the cutter takes away
+    connections : the connectors
+    """
+
+    panels: tuple[Panel, ...]
+    packing: Packing
+    params: SheetParams
+    warnings: tuple[str, ...]
+    labels_placed: int
+    labels_left_out: int
+    slot_min: float
+    bridge_min: float
+    thickness: float
+    cut: CutParams
+    connections: Connections
+
+    @property
+    def count(self) -> int:
+        """Number of sheets."""
+        return len(self.packing.sizes)
+
+    def on_sheet(self, index: int) -> list[Panel]:
+        """The panels of one sheet, where they lie on it."""
+        where = self.packing
+        return [
+            self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
+        ]
+
+    def paths_on_sheet(self, index: int) -> list[Panel]:
+        """The same with the paths of the cutter, beside the material by half of the kerf."""
+        return [_path(p, self.cut) for p in self.on_sheet(index)]
+
+    def runs(self, index: int) -> Runs:
+        """What the cutter does on one sheet, lead-ins and holding tabs included."""
+        known = self.__dict__.setdefault("_runs", {})
+        if index not in known:
+            panels = self.paths_on_sheet(index)
+            labels, holes = [c for p in panels for c in p.labels], [c for p in panels for c in p.holes]
+            size = tuple(self.packing.sizes[index].tolist())
+            known[index] = plan(labels, holes, [p.outline for p in panels], [p.holds for p in panels], size, self.cut)
+        return known[index]
+
+    @property
+    def cut_length(self) -> float:
+        """Metres of all cuts, without engraving."""
+        return sum(c.length for p in self.panels for c in (p.outline, *p.holes))
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes of all cuts."""
+        return sum(len(c.points) for p in self.panels for c in (p.outline, *p.holes))
+
+
+def make_sheets(
+    design: SpiralDesign,
+    params: SheetParams,
+    progress: Progress = SILENT,
+    connectors: ConnectorParams = CONNECTORS,
+    cut: CutParams = CUT,
+) -> CutSheets:
+    """Draw every panel of the design, with its connectors, and lay the panels on sheets.
+
+    Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
+    where it is larger than the sheet.
+    """
+    if 2.0 * params.margin >= min(params.sheet_width, params.sheet_height):
+        raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
+    layout, arms, root = design.flat.layout, design.arms, design.roots
+    progress(0.0, "outlines")
+    check_mill(design, params, cut)
+    made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
+    drawn = list(made.outlines)
+    progress(0.3, "checking outlines")
+    where = touching(drawn)
+    if len(where):
+        raise FlexMapsError(
+            f"The spirals of {len(np.unique(where[:, 0]))} panels touch each other; make the twist or the width smaller there",
+            faces=nearest_quads(design.flat, where),
+        )
+    progress(0.5, "labels")
+    labels = make_labels(layout, arms, root, params, made.taken) if params.labels else Labels(((),) * len(drawn), 0, 0)
+    holds = _holds(design, made)
+    panels = tuple(
+        Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes), holds[i])
+        for i, o in enumerate(drawn)
+    )
+    check_kerf(design, panels, params, cut)
+    if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
+        raise FlexMapsError(
+            f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
+            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
+        )
+    warnings = [*oversize(panels, layout.patches, params), *tight(design), *without(made, connectors)]
+    if labels.left_out:
+        whole = labels.placed + labels.left_out
+        warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
+    shapes = [p.outline.sampled(2e-5) for p in panels]
+    packing = with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
+    keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
+    panels += tuple(
+        Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
+        for k, (name, a) in zip(made.keys, keyed, strict=True)
+    )
+    slot, bridge = design.narrowest
+    return CutSheets(
+        panels, packing, params, tuple(warnings), labels.placed, labels.left_out,
+        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
+    )  # fmt: skip
+
+
+def _holds(design: SpiralDesign, made: Connections) -> list[np.ndarray]:
+    """Of every panel the places (K, 3) for holding tabs: the plain ends of arms, then the roots of slots at its outline.
+
+    A tab beside an arm would bend it when it is broken off, and one on a connector would spoil its fit.
+    """
+    layout, arms = design.flat.layout, design.arms
+    border = layout.mesh.border[layout.mesh.quad_edges]
+    tips = centre_line(arms, np.zeros((*border.shape, 1)))[0][:, :, 0]
+    # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
+    outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
+    found = []
+    for quads in layout.patches:
+        ends, roots = tips[quads][border[quads]], design.roots.centre[quads][outer[quads]]
+        liked = np.repeat([1.0, _HUB], [len(ends), len(roots)])
+        found.append(np.column_stack([np.concatenate([ends, roots]), liked]))
+    return found
+
+
+def _path(panel: Panel, cut: CutParams) -> Panel:
+    path = cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes)
+    return replace(panel, outline=path.outer, holes=path.holes)
+
+
+def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
+    """The loose keys in rows on a last sheet, no larger than they need: they can be cut from a remnant."""
+    if not keys:
+        return packing
+    size = max(np.ptp(k.outer.sampled(1e-5), axis=0).max() for k in keys)
+    pitch = size + params.spacing
+    columns = max(int((params.sheet_width - 2.0 * params.margin + params.spacing) // pitch), 1)
+    row, column = np.divmod(np.arange(len(keys)), columns)
+    shift = params.margin + 0.5 * size + pitch * np.column_stack([column, row])
+    used = 2.0 * params.margin + pitch * np.array([min(columns, len(keys)), row[-1] + 1]) - params.spacing
+    return Packing(
+        np.append(packing.sheet, np.full(len(keys), len(packing.sizes))),
+        np.append(packing.rotation, np.zeros(len(keys))),
+        np.concatenate([packing.shift, shift]),
+        np.concatenate([packing.sizes, used[None]]),
+    )
+
+
+def _runs_report(sheets: CutSheets) -> dict[str, Any]:
+    """What was made of the settings of the cutter, where they were used."""
+    cut, found = sheets.cut, {}
+    if cut.mill:
+        found["mill_mm"] = round(cut.mill * 1e3, 4)
+    if cut.tabs or cut.lead_in:
+        runs = [sheets.runs(k) for k in range(sheets.count)]
+        found["holding_tabs"] = sum(r.tabs for r in runs)
+        found["lead_ins_left_out"] = sum(r.without_lead for r in runs)
+    return found
+
+
+def sheets_report(sheets: CutSheets) -> dict[str, Any]:
+    """The ``sheets`` block of report.json, but for the names of the files."""
+    silhouettes = sum(p.outline.area for p in sheets.panels)
+    shapes = [p.outline.sampled(1e-4) for p in sheets.panels]
+    length = sheets.cut_length
+    return {
+        "panels": sum(p.patch >= 0 for p in sheets.panels),
+        "sheets": sheets.count,
+        "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
+        "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
+        "fill": round(fill(sheets.packing, shapes, silhouettes, sheets.params.margin), 4),
+        "area_m2": round(sum(p.area for p in sheets.panels), 6),
+        "cut_length_m": round(length, 3),
+        "slot_min_mm": round(sheets.slot_min * 1e3, 4),
+        "bridge_min_mm": round(sheets.bridge_min * 1e3, 4),
+        "nodes": sheets.nodes,
+        "nodes_per_m": round(sheets.nodes / length, 1),
+        "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
+        **_runs_report(sheets),
+        **sheets.connections.report,
+        "labels": sheets.labels_placed,
+        "labels_left_out": sheets.labels_left_out,
+        "warnings": list(sheets.warnings),
+    }

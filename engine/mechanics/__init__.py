@@ -1,0 +1,1 @@
+"""Elastic models of spirals and of whole assemblies, and their equilibrium."""

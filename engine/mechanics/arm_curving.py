@@ -1,0 +1,239 @@
+"""How joints answer to second order: what the curving of their arms adds to the strains of the arm model.
+
+Two joined arms are one inextensible elastic curve x(s) from hub to hub (Kirchhoff). Its sections turn by a field of
+rotation vectors phi(s), seen from the frame half way between the hubs, with phi = -turn/2 and +turn/2 at the ends. With
+
+    curvature = phi' - phi x phi' / 2,     gap = integral of phi x dx + integral of phi x (phi x dx) / 2
+
+to second order, and because the energy's third order needs the fields' first order alone (Wigner's 2n + 1 theorem), the
+energy of a joint is e'.K e' / 2 with the corrected strains e' = e + e.D.e,
+
+    shift' = shift - integral of phi x (phi x dx) / 2 - integral of (phi x phi') x l ds / 2
+    turn'  = turn - integral of phi x phi' ds / 2
+
+where l is the way from x to the middle between the hubs, and phi' = c (moment + l x force) with the compliance c of the
+arm's section and the linear wrench K e.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..materials import Material
+from .assembly import Assembly
+from .beams import torsion_constant
+
+POINTS = 10
+HUB = 0.55
+"""Where an arm begins to bend, in its widths from the centre of the hub."""
+STEP = 1e-5
+"""Of the central differences of the stations, relative to the width and in radians of twist."""
+BATCH = 512
+_EYE = np.eye(3)
+_X, _W = np.polynomial.legendre.leggauss(POINTS)
+_NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W
+
+
+def _running() -> np.ndarray:
+    """(POINTS, POINTS): integral from 0 to node i of the polynomial that is 1 at node j and 0 at the others."""
+    legendre = np.polynomial.legendre
+    series = [legendre.legint(one, lbnd=-1) for one in np.eye(POINTS)]
+    integrals = 0.5 * np.stack([legendre.legval(_X, one) for one in series], axis=1)
+    return integrals @ np.linalg.inv(legendre.legvander(_X, POINTS - 1))
+
+
+_RUNNING = _running() / _WEIGHTS
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """What the arms of m joints are, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
+
+    radial : (3, 3) columns along the radius outwards, to its left, normal; centre : (3,) m of the hub, seen from the
+    middle between both hubs; all in the joint's axes, as is to_joint (m, 6, 6), from the strains between the centres to
+    those at the joint. thickness (m), youngs (Pa), poisson; side : 1, or -1 for clockwise arms
+    """
+
+    radius: np.ndarray
+    width: np.ndarray
+    twist: np.ndarray
+    compliance: np.ndarray
+    radial: np.ndarray
+    centre: np.ndarray
+    to_joint: np.ndarray
+    thickness: float
+    youngs: float
+    poisson: float
+    side: float
+
+    @classmethod
+    def of(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> Arms:
+        """``compliance`` in the arms' own axes."""
+        lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
+        middle = 0.5 * (lever[:, 0] + lever[:, 1])
+        to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
+        to_joint[:, :3, 3:] = -_skew(middle)
+        width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
+        side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
+        compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
+        radial, centre = assembly.radial, middle[:, None] - lever
+        rest = (assembly.thickness, material.youngs, material.poisson, side)
+        return cls(assembly.radius, width, twist, compliance, radial, centre, to_joint, *rest)
+
+    def part(self, joints: slice) -> Arms:
+        names = ("radius", "width", "twist", "compliance", "radial", "centre", "to_joint")
+        return replace(self, **{name: getattr(self, name)[joints] for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class Stations:
+    """Points along both arms of m joints, the hub's rim first; S = POINTS + 1.
+
+    fields : (m, 2, 2, S, 3, 9) rotation of the section, seen half way, and its change over the station, both per wrench
+    about the middle (6) and turn of the joint (3); step : (m, 2, S, 3) m, the way along the arm; arm : (m, 2, S, 3) m from
+    the station to the middle. Steps and changes are signed: they go from hub to hub.
+    """
+
+    fields: np.ndarray
+    step: np.ndarray
+    arm: np.ndarray
+
+    @classmethod
+    def of(cls, arms: Arms) -> Stations:
+        place, step, length, bend = _along(arms)
+        arm = -(arms.centre[:, :, None] + place)
+        # bend (moment + arm x force): a row of bend times the skew matrix of the arm is their cross product
+        curve = np.empty((*bend.shape[:-1], 6))
+        for k in range(3):
+            after, last = (k + 1) % 3, (k + 2) % 3
+            curve[..., k] = bend[..., after] * arm[..., last, None] - bend[..., last] * arm[..., after, None]
+        curve[..., 3:] = bend
+        # the solid's tip turns a little more or less than the beam's: what is left is spread along the arm
+        back = np.swapaxes(np.linalg.inv(arms.to_joint), 1, 2)[:, None]
+        left = arms.compliance[:, :, 3:] @ back - curve.sum(axis=2)
+        curve += (length / length.sum(axis=2, keepdims=True))[..., None, None] * left[:, :, None]
+        m, sign = len(place), np.array([1.0, -1.0])[:, None, None]
+        fields = np.zeros((m, 2, 2, POINTS + 1, 3, 9))
+        run = _RUNNING @ curve[:, :, 1:].reshape(m, 2, POINTS, 18)
+        fields[:, :, 0, 1:, :, :6] = run.reshape(m, 2, POINTS, 3, 6)
+        fields[:, :, 0, ..., 6:] = -0.5 * _EYE
+        fields[:, :, 1, ..., :6] = sign[..., None] * curve
+        return cls(fields, sign * step, arm)
+
+    def with_one(self, z: np.ndarray) -> np.ndarray:
+        """(m, 2, 6, 9) of both arms: D with wrench and turn z (m, 9) in one of its places, the other one open."""
+        m, s = len(z), POINTS + 1
+        flat = self.fields.reshape(m, 2, -1, 9)
+        # components first: long runs of plain products
+        a, k = np.ascontiguousarray((flat @ z[:, None, :, None]).reshape(m, 2, 2, s, 3).transpose(2, 4, 0, 1, 3))
+        d, l = (np.ascontiguousarray(np.moveaxis(v, -1, 0)) for v in (self.step, self.arm))
+        level, lever = (a * d).sum(axis=0) - (k * l).sum(axis=0), (a * l).sum(axis=0)
+        both = np.zeros((m, 2, 6, 2, s, 3))
+        for i in range(3):
+            for j in range(3):
+                by_turn = a[i] * d[j] - 2.0 * d[i] * a[j] + k[i] * l[j]
+                both[:, :, i, 0, :, j] = by_turn + level if i == j else by_turn
+                both[:, :, i, 1, :, j] = lever - a[i] * l[j] if i == j else -a[i] * l[j]
+            after, last = (i + 1) % 3, (i + 2) % 3
+            both[:, :, 3 + i, 0, :, after], both[:, :, 3 + i, 0, :, last] = k[last], -k[after]
+            both[:, :, 3 + i, 1, :, after], both[:, :, 3 + i, 1, :, last] = -a[last], a[after]
+        return -0.25 * (both.reshape(m, 2, 6, -1) @ flat)
+
+
+def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """(m, 6, 6, 6) D, symmetric in its last two places: the strains' second order, e' = e + e.D.e, of every joint.
+
+    at_joint : (m, 6, 6) stiffness at the joint; lever : (m, 2, 3) m from the hubs to the points between which the shift is
+    measured, in the joint's axes; offset : (m, 3) m from the joint to the middle between them. Strains as in ``ArmModel``.
+    """
+    out = np.empty((len(offset), 6, 6, 6))
+    for start in range(0, len(out), BATCH):
+        part = slice(start, start + BATCH)
+        some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
+        to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()
+        to_joint[:, :3, 3:] = _skew(offset[part])
+        both = _both(some, at_joint[part]) @ to_joint
+        stations, back = Stations.of(some), np.linalg.inv(to_joint) @ some.to_joint
+        for one in range(6):
+            out[part, :, one] = back @ (stations.with_one(both[:, :, one]).sum(axis=1) @ both)
+            if one >= 3:
+                out[part, :3, one, 3:] -= _twice(np.broadcast_to(_EYE[one - 3], apart.shape), apart)
+    return out
+
+
+def _both(arms: Arms, at_joint: np.ndarray) -> np.ndarray:
+    """(m, 9, 6): wrench about the middle between the hubs, and turn, of strains at the joint."""
+    turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
+    return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
+
+
+def _twice(turn: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """(m, 3, 3): turn x (other x way) / 2 + other x (turn x way) / 2 as a matrix on ``other``."""
+    return 0.5 * (_dot(turn, way) * _EYE + _outer(turn, way)) - _outer(way, turn)
+
+
+def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stations of both arms of every joint, in the joint's axes, the hub's rim first.
+
+    Places (m, 2, S, 3) m seen from the hub's centre, steps (m, 2, S, 3) m outwards, lengths (m, 2, S) m that bend, and the
+    turn per moment (m, 2, S, 3, 3) rad/(N m) over them.
+    """
+    radius, twist, axes = arms.radius[..., None], arms.twist[..., None], arms.radial[:, :, None]
+    begin = HUB * arms.width[..., None] / radius
+    u = np.concatenate([begin, begin + (1.0 - begin) * _NODES], axis=2)
+    weight = radius * np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
+    wind, lean = twist * (1.0 - u), twist * u
+    cosine, sine, speed = np.cos(wind), np.sin(wind), np.sqrt(1.0 + lean**2)
+
+    def placed(along: np.ndarray, left: np.ndarray) -> np.ndarray:
+        return along[..., None] * axes[..., 0] + arms.side * left[..., None] * axes[..., 1]
+
+    place = placed(radius * u * cosine, radius * u * sine)
+    tangent = placed((cosine + lean * sine) / speed, (sine - lean * cosine) / speed)
+    length = weight * speed
+    step = length[..., None] * tangent
+    step[:, :, 0] = place[:, :, 0]
+    normal = np.broadcast_to(axes[..., 2], tangent.shape)
+    aside = np.cross(normal, tangent)
+    height, width = arms.thickness, arms.width
+    torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.poisson)
+    bend = np.zeros((*tangent.shape, 3))
+    for inertia, axis in ((torsion, tangent), (width * height**3 / 12.0, aside), (height * width**3 / 12.0, normal)):
+        x, scaled = np.moveaxis(axis, -1, 0), length / (arms.youngs * inertia[..., None])
+        for i in range(3):
+            part = scaled * x[i]
+            for j in range(i + 1):
+                bend[..., i, j] += part * x[j]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        bend[..., i, j] = bend[..., j, i]
+    return place, step, length, bend
+
+
+def _skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) that takes x to v x x."""
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., :, None] * b[..., None, :]
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 1, 1)."""
+    return (a * b).sum(axis=-1)[..., None, None]
+
+
+def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Strains with their second order (m, 6), and the derivative (m, 6, 6) by the strains without; D is ``curving``."""
+    half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
+    return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
+
+
+def weighted(wrench: np.ndarray, curving: np.ndarray) -> np.ndarray:
+    """(m, 6, 6): the sum over the strains of a wrench (m, 6) times D."""
+    return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)

@@ -1,0 +1,233 @@
+"""The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of the stiffness table.
+
+The compliances of both arms of a joint add up, for both carry the same wrench. Their motion is that of one hub against
+the other: the relative turn is a rotation vector, and the way from the bend point of the first arm to that of the second
+(see ``arm_bend``) is measured in the frame half way between both hubs (corotational). What the curving of the arms adds to
+these strains to second order (see ``arm_curving``) makes spirals stiffer as they are pulled straight; it costs time and
+matters under strong forces only, so that the search for a design does without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..materials import Material
+from .arm_curving import Arms, curved, second_order_strains, weighted
+from .arm_sensitivity import JointChanges, arm_strains
+from .assembly import Assembly, Pose
+from .elastic import Expansion, summed
+from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
+from .stiffness import ArmCompliance, tip_compliance
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """A pose, how the joints have moved there, and the strains (m, 6) that the step to it had foreseen."""
+
+    pose: Pose
+    motion: JointMotion
+    foreseen: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """The elastic model of an assembly with one 6 x 6 stiffness a joint.
+
+    assembly : spirals and joints at rest
+    compliance : of both arms of every joint, in the arms' own axes, (m, 2, 6, 6) each
+    at_joint : (m, 6, 6) SI, stiffness of the way between the hubs' ideas of where the joint is, in the joint's axes
+    lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
+    rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
+    stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
+    offset : (m, 3) metres, from the joint to the middle between both bend points at rest, in the joint's axes
+    curving : (m, 6, 6, 6) the strains' second order; None leaves it out
+    """
+
+    assembly: Assembly
+    compliance: ArmCompliance
+    at_joint: np.ndarray
+    lever: np.ndarray
+    rest: np.ndarray
+    stiffness: np.ndarray
+    offset: np.ndarray
+    curving: np.ndarray | None = None
+    name: str = "arm"
+
+    @classmethod
+    def of(cls, assembly: Assembly, material: Material, *, curving: bool = True) -> ArmModel:
+        """The model of an assembly of one material, with or without the strains' second order.
+
+        Raises FlexMapsError with the faces outside the stiffness table.
+        """
+        return cls._with(assembly, arm_compliances(assembly, material), material if curving else None)
+
+    def varied(self, assembly: Assembly) -> ArmModel:
+        """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
+
+        Without the strains' second order.
+        """
+        known = self.compliance
+        longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
+        return self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
+
+    @classmethod
+    def _with(cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None) -> ArmModel:
+        """With these compliances; the strains' second order needs the material."""
+        axes = assembly.arm_axes
+        at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
+        lever = _bend_levers(assembly)
+        beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
+        # a turn about the middle between the bend points leaves the joint aside
+        offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
+        transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
+        transfer[:, :3, 3:] = cross(offset)
+        stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
+        second = None
+        if curving is not None:
+            held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
+            second = second_order_strains(Arms.of(assembly, curving, compliance.values), at_joint, held, offset)
+        return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset, second)
+
+    @property
+    def pairs(self) -> np.ndarray:
+        return self.assembly.pairs
+
+    def start(self, pose: Pose) -> ArmState:
+        motion = self.motion(pose)
+        return ArmState(pose, motion, motion.vector)
+
+    def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
+        pose, motion = state.pose.moved(step), state.motion
+        change = times(first_order(SpatialMotion.of(motion)), step[self.pairs].reshape(-1, 12))
+        back = np.swapaxes(motion.middle, 1, 2)
+        change = np.concatenate([times(back, change[:, :3]), times(back, change[:, 3:])], axis=1)
+        return ArmState(pose, self.motion(pose), motion.vector + change)
+
+    def energy(self, state: ArmState) -> float:
+        e = _curved(state.motion.vector, self.curving)[0]
+        return 0.5 * float((times(self.stiffness, e) * e).sum())
+
+    def wrenches(self, state: ArmState) -> np.ndarray:
+        """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
+        e, slope = _curved(state.motion.vector, self.curving)
+        wrench = times(np.swapaxes(slope, -1, -2), times(self.stiffness, e))
+        wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
+        return wrench
+
+    def pulls(self, state: ArmState) -> np.ndarray:
+        """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
+        strains, slope = _curved(state.motion.vector, self.curving)
+        inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
+        return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
+
+    def strains(self, state: ArmState, material: Material) -> np.ndarray:
+        """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``stiffness.peak_strain``)."""
+        return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
+
+    def twist(self, state: ArmState) -> np.ndarray:
+        return state.motion.turn[:, 0]
+
+    def motion(self, pose: Pose) -> JointMotion:
+        """How the joints have moved."""
+        return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
+
+    def changes(self, state: ArmState) -> JointChanges:
+        """How the joints answer to the pose and to the design, without the strains' second order."""
+        if self.curving is not None:
+            raise ValueError("derivatives by the design are those of the model without the strains' second order")
+        return JointChanges.of(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
+
+    def gradient_by_design(self, state: ArmState) -> np.ndarray:
+        return self.changes(state).gradient_by_design
+
+    def expand(self, state: ArmState, ahead: bool = False) -> Expansion:
+        m = len(self.pairs)
+        per_joint, gradient = np.empty(m), np.empty((m, 12))
+        hessian, convex = np.empty((m, 12, 12)), np.empty((m, 12, 12))
+        # a few hundred joints at a time stay in the processor's cache
+        for start in range(0, m, BATCH):
+            part = slice(start, start + BATCH)
+            motion = state.motion.part(part)
+            per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(
+                motion,
+                self.stiffness[part],
+                None if self.curving is None else self.curving[part],
+                state.foreseen[part] if ahead else motion.vector,
+            )
+        return Expansion(
+            float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex
+        )
+
+
+def _curved(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Strains (m, 6) with their second order, if that is not left out, and the derivative (m or 1, 6, 6)."""
+    return (strains, np.eye(6)[None]) if curving is None else curved(strains, curving)
+
+
+def _expanded(
+    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, foreseen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
+
+    foreseen : (m, 6) strains whose stresses weight the curvature of the strains
+    """
+    base = motion.middle
+    strains, slope = _curved(motion.vector, curving)
+    across = np.swapaxes(slope, 1, 2)
+    inner = times(stiffness, strains)
+    per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
+    ahead = times(stiffness, strains + times(slope, foreseen - motion.vector))
+    at = SpatialMotion.of(motion)
+    jacobian = first_order(at)
+    back = np.swapaxes(jacobian, 1, 2)
+    spread = np.zeros((len(base), 6, 6))
+    spread[:, :3, :3] = spread[:, 3:, 3:] = base
+    gradient = times(back, times(spread, times(across, inner)))
+    weight = times(spread, times(across, ahead))
+    if curving is None:
+        convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
+        return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
+    turned = np.swapaxes(spread, 1, 2) @ jacobian
+    back = np.swapaxes(turned, 1, 2)
+    convex = back @ (across @ stiffness @ slope) @ turned
+    bent = back @ (2.0 * weighted(ahead, curving)) @ turned
+    return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
+
+
+def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
+    """(m, 6) in the axes of space of vectors (m, 6) in those half way."""
+    middle = motion.middle
+    return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
+
+
+BATCH = 1000
+
+
+def _bend_levers(assembly: Assembly) -> np.ndarray:
+    """(m, 2, 3) metres: from the hubs to the bend points of the arms."""
+    bend = assembly.bend[0][assembly.pairs]
+    return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
+
+
+def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
+    """Tip compliances of both arms of every joint and their derivatives, each (m, 2, 6, 6) SI, in the arms' own axes.
+
+    Raises FlexMapsError with the spirals outside the stiffness table.
+    """
+    spiral = assembly.pairs.ravel()
+    try:
+        found = tip_compliance(
+            2.0 * assembly.radius.ravel(),
+            assembly.width[spiral],
+            assembly.twist[spiral],
+            thickness=assembly.thickness,
+            youngs=material.youngs,
+            poisson=material.poisson,
+        )
+    except FlexMapsError as error:
+        raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
+    shape = (*assembly.pairs.shape, 6, 6)
+    return ArmCompliance(*(v.reshape(shape) for v in (found.values, found.by_scale, found.by_width, found.by_twist)))

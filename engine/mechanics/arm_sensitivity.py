@@ -1,0 +1,156 @@
+"""How the forces of the arm model change with the widths and twists of the spirals, at a fixed pose.
+
+With the motion y of a joint, y = T x, and the wrench n = K y there, K = (C_a + C_b)^-1, the energy y.K.y / 2 changes with
+a parameter of one arm by -n.C' n / 2, and, because the bend points move with the twist, by n_force.Y', where
+
+    Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
+
+and beta is the way from an arm's bend point to the joint in the joint's axes. The derivatives by the pose follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..materials import Material
+from .assembly import Assembly
+from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
+from .stiffness import ArmCompliance, PeakStrain, peak_strain_slopes
+
+WIDTH, TWIST = 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class JointChanges:
+    """How m joints answer to the pose and to the design, in the axes of their half-way frames.
+
+    wrench : (m, 6) N, N m at the joint
+    by_pose : (m, 6, 12) of the joint's motion y by the increments of both hubs
+    wrench_by_design : (m, 2, 2, 6) at a fixed pose; side of the joint, then width (per metre) and twist (per radian)
+    wrench_by_pose : (m, 6, 12)
+    turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
+    """
+
+    wrench: np.ndarray
+    by_pose: np.ndarray
+    wrench_by_design: np.ndarray
+    wrench_by_pose: np.ndarray
+    turned: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        assembly: Assembly,
+        compliance: ArmCompliance,
+        at_joint: np.ndarray,
+        offset: np.ndarray,
+        motion: JointMotion,
+    ) -> JointChanges:
+        """Arguments as in ``ArmModel``."""
+        turn, base = motion.turn, motion.middle
+        angle = np.linalg.norm(turn, axis=1)
+        shift = motion.shift + np.cross(offset, turn)
+        wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
+        spread = np.zeros((len(base), 6, 6))
+        spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
+        by_pose = spread @ first_order(SpatialMotion.of(motion))
+        by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
+        changes, turned, axes = np.zeros((len(turn), 2, 2, 6)), np.zeros((len(turn), 2, 3)), assembly.arm_axes
+        for side in (0, 1):
+            own = times(np.swapaxes(axes[:, side], 1, 2), wrench)
+            for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
+                changes[:, side, k] = -times(axes[:, side], times(change[:, side], own))
+            sign = 1.0 if side == 0 else -1.0
+            moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
+            changes[:, side, TWIST, :3] += sign * moved
+            turned[:, side] = -found
+        return cls(wrench, by_pose, changes @ at_joint[:, None], at_joint @ by_pose, turned)
+
+    @property
+    def gradient_by_design(self) -> np.ndarray:
+        """(m, 12, 2, 2): derivative of every joint's gradient by the widths and twists of both spirals.
+
+        Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist.
+        """
+        m = len(self.wrench)
+        out = (self.wrench_by_design.reshape(m, 4, 6) @ self.by_pose).reshape(m, 2, 2, 12)
+        out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
+        return out.transpose(0, 3, 1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class StrainChanges:
+    """Peak strains of both arms of m joints, a safe estimate (see ``stiffness.peak_strain``), with derivatives.
+
+    values : (m, 2); by_pose : (m, 2, 12) by the increments of both hubs
+    by_design : (m, 2, 2, 2) of an arm (first) by width and twist (last) of the spirals on both sides (second)
+    """
+
+    values: np.ndarray
+    by_pose: np.ndarray
+    by_design: np.ndarray
+
+    @classmethod
+    def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
+        """The strains that go with the wrenches of ``changes``."""
+        axes, m = assembly.arm_axes, len(assembly.pairs)
+        found = arm_strains(assembly, changes.wrench, material)
+        # per unit of the joint's wrench
+        by_wrench = (axes @ found.by_wrench.reshape(m, 2, 6, 1))[..., 0]
+        through = by_wrench @ changes.wrench_by_design.reshape(m, 4, 6).transpose(0, 2, 1)
+        by_design = through.reshape(m, 2, 2, 2)
+        for side in (0, 1):
+            by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
+            by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
+        return cls(found.values.reshape(m, 2), by_wrench @ changes.wrench_by_pose, by_design)
+
+
+def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> PeakStrain:
+    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint."""
+    own = (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
+    width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
+    return peak_strain_slopes(
+        own.reshape(-1, 6),
+        2.0 * assembly.radius.ravel(),
+        width,
+        twist,
+        thickness=assembly.thickness,
+        youngs=material.youngs,
+        poisson=material.poisson,
+    )
+
+
+def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
+    """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
+    change = assembly.bend[1][assembly.pairs[:, side]]
+    way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
+    return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
+
+
+def _second_bend(
+    turn: np.ndarray, angle: np.ndarray, way: np.ndarray, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3)."""
+    small = angle < 1e-2
+    safe = np.where(small, 1.0, angle)
+    near = angle**2
+    half = 0.5 * safe
+    first = np.where(small, -near / 48.0 + near**2 / 3840.0, np.sin(half) / safe - 0.5)[:, None]
+    second = np.where(small, 0.125 - near / 384.0, (1.0 - np.cos(half)) / safe**2)[:, None]
+    by_first = np.where(small, -1.0 / 24.0 + near / 960.0, (half * np.cos(half) - np.sin(half)) / safe**3)[:, None]
+    by_second = np.where(
+        small, -1.0 / 192.0 + near / 11520.0, (half * np.sin(half) - 2.0 * (1.0 - np.cos(half))) / safe**4
+    )[:, None]
+    once = np.cross(turn, way)
+    twice = np.cross(turn, once)
+    pulled, pulled_twice = ((force * v).sum(axis=1, keepdims=True) for v in (once, twice))
+    along_way, along_force = ((turn * v).sum(axis=1, keepdims=True) for v in (way, force))
+    gradient = (
+        first * np.cross(way, force)
+        + pulled * by_first * turn
+        + second * (force * along_way + way * along_force - 2.0 * turn * (force * way).sum(axis=1, keepdims=True))
+        + pulled_twice * by_second * turn
+    )
+    return first * once + second * twice, gradient

@@ -1,0 +1,169 @@
+"""Spirals and the joints between them as numbers: what the elastic models of the whole object are built from.
+
+A spiral is a rigid hub with four elastic arms (FlexMaps section 6.1). Two arms meet at a joint, rigidly. At rest every
+hub lies in the plane of its own patch, so a joint across a seam has a rest state on each of its sides and the whole
+needs no rest shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..errors import FlexMapsError
+from ..spirals.design import SpiralDesign
+from ..surface.mesh import QuadMesh
+from .arm_bend import bend_point
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where n hubs are.
+
+    centres : (n, 3) metres
+    rotations : (n, 3, 3) from the flat frame of a hub's patch (x and y in its plane, z its outer normal) to space
+    """
+
+    centres: np.ndarray
+    rotations: np.ndarray
+
+    def moved(self, step: np.ndarray) -> Pose:
+        """Shifted by step[:, :3] metres and turned by the rotation vectors step[:, 3:] radians, in space, (n, 6)."""
+        return Pose(self.centres + step[:, :3], Rotation.from_rotvec(step[:, 3:]).as_matrix() @ self.rotations)
+
+    def placed(self, rotation: np.ndarray, shift: np.ndarray) -> Pose:
+        """The whole turned by rotation (3, 3) and then shifted by (3,) metres."""
+        return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations)
+
+    def aligned(self, centres: np.ndarray) -> Pose:
+        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""
+        rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
+        return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
+
+
+def nearest_rotation(covariance: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the rotation R with the largest trace of R covariance: R p fits q best if covariance = sum of p q^T."""
+    u, _, vt = np.linalg.svd(covariance)
+    flip = np.linalg.det(u) * np.linalg.det(vt)
+    u = u.copy()
+    u[..., :, 2] *= flip[..., None]
+    return np.swapaxes(u @ vt, -1, -2)
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """n spirals and m joints at rest.
+
+    pairs : (m, 2) int, the two spirals of every joint
+    lever : (m, 2, 3) metres, from the centre of spiral pairs[e, k] to the joint, in the flat frame of its patch
+    axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in the
+        flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
+    width : (n,) metres and twist : (n,) radians of the spirals
+    thickness : metres, of the sheet
+    clockwise : sense of rotation of the arms, from the tips inwards
+    """
+
+    pairs: np.ndarray
+    lever: np.ndarray
+    axes: np.ndarray
+    width: np.ndarray
+    twist: np.ndarray
+    thickness: float
+    clockwise: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of spirals."""
+        return len(self.width)
+
+    @cached_property
+    def radius(self) -> np.ndarray:
+        """(m, 2) metres, from the centre to the joint."""
+        return np.linalg.norm(self.lever, axis=2)
+
+    @cached_property
+    def radial(self) -> np.ndarray:
+        """(m, 2, 3, 3) columns: along every arm's radius outwards, to its left, normal; in the joint's axes."""
+        out = np.einsum("ekji,ekj->eki", self.axes, self.lever) / self.radius[..., None]
+        normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
+        return np.stack([out, np.cross(normal, out), normal], axis=3)
+
+    @cached_property
+    def arm_axes(self) -> np.ndarray:
+        """(m, 2, 6, 6): takes shifts and turns, or forces and moments, from every arm's own axes to the joint's.
+
+        Arms that wind clockwise have their second axis to the right: the mirror image of the others.
+        """
+        out = np.zeros((*self.pairs.shape, 6, 6))
+        out[..., :3, :3] = out[..., 3:, 3:] = self.radial
+        return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
+
+    @cached_property
+    def left(self) -> np.ndarray:
+        """(m, 2, 3) metres, the levers turned a quarter in the sheet, to the side to which the arms wind inwards."""
+        return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
+
+    @cached_property
+    def bend(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bend points of the arms of every spiral, and their derivatives by the twist, (n, 2) (see ``arm_bend``)."""
+        return bend_point(self.twist)
+
+    def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
+        """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
+        out = replace(self, width=width, twist=twist)
+        # what does not depend on the spirals is not computed again
+        vars(out).update({name: getattr(self, name) for name in ("radius", "radial", "arm_axes", "left")})
+        return out
+
+    def reshaped(self, lever: np.ndarray, axes: np.ndarray) -> Assembly:
+        """The same spirals on another rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
+        out = replace(self, lever=lever, axes=axes)
+        vars(out)["bend"] = self.bend
+        return out
+
+
+def of_design(design: SpiralDesign) -> Assembly:
+    """The assembly of a design: one joint for every edge between two quads, within patches and across seams alike.
+
+    Raises FlexMapsError with the faces that share an edge with no other quad.
+    """
+    mesh, corners = design.flat.layout.mesh, design.flat.corners
+    inner = ~mesh.border
+    pairs = mesh.edge_quads[inner]
+    lonely = np.setdiff1d(np.arange(len(mesh.quads)), pairs)
+    if len(lonely):
+        raise FlexMapsError(f"{len(lonely)} quads are joined to no other quad; remove them or join them", faces=lonely)
+    lever, axes = rest_joints(mesh, corners)
+    p = design.params
+    return Assembly(pairs, lever, axes, design.width, design.twist, p.thickness, p.clockwise)
+
+
+def rest_joints(mesh: QuadMesh, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Levers (m, 2, 3) and axes (m, 2, 3, 3) of the joints between flat quads with these corners (F, 4, 2), metres."""
+    inner = ~mesh.border
+    pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
+    centre, ends = corners.mean(axis=1), np.roll(corners, -1, axis=1)
+    start, end = corners[pairs, sides], ends[pairs, sides]
+    lever = np.zeros((*pairs.shape, 3))
+    lever[..., :2] = 0.5 * (start + end) - centre[pairs]
+    along = np.zeros_like(lever)
+    along[..., :2] = (end - start) / np.linalg.norm(end - start, axis=2, keepdims=True)
+    along[:, 1] *= -1.0  # both copies of the edge are run through in the direction of the first
+    normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
+    axes = np.stack([np.cross(along, normal), along, normal], axis=3)
+    return lever, axes
+
+
+def target_pose(mesh: QuadMesh, corners: np.ndarray) -> Pose:
+    """The hubs on a surface: the middle of every quad, and the rotation that brings its flat corners nearest to it.
+
+    corners : (F, 4, 2) metres, flat
+    """
+    points = mesh.vertices[mesh.quads]
+    flat = np.zeros_like(points)
+    flat[..., :2] = corners - corners.mean(axis=1, keepdims=True)
+    centres = points.mean(axis=1)
+    return Pose(centres, nearest_rotation(np.einsum("fki,fkj->fij", flat, points - centres[:, None])))

@@ -1,0 +1,291 @@
+"""The shape of every arm in an assembled piece: which way each of its sections has gone and how it is turned.
+
+The hubs are rigid and stand where a pose has them. Both arms of a joint are one elastic beam from hub to hub: they carry
+the same wrench, and their tips meet in one frame. The arm's sections bend, twist, stretch and shear as the wrench asks
+(Castigliano's beam, as in ``beams``), with the wrench's moments taken along the flat arm; its kinematics are those of
+finite turns. So arms that wind round their hub turn all along their way, and nothing but the small stretch of the beam
+changes their length. Young's modulus has no part in it: only the poses count.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..spirals.design import SpiralDesign
+from ..spirals.spiral import centre_line, width_at
+from .assembly import Pose, rest_joints
+from .beams import SHEAR_FACTOR, torsion_constant
+from .joint_motion import cross, rotation_vector, times
+
+STATIONS = 16
+"""Pieces of an arm, each with one strain."""
+ROUNDS = 12
+POISSON = 0.35
+CLOSE = 1e-6
+"""Where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread."""
+BATCH = 400
+_LARGEST = 0.5  # radians that a joint turns at most in one round
+
+
+@dataclass(frozen=True, eq=False)
+class BentArms:
+    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations go from the hub, 0, to the tip, S.
+
+    A point of the flat arm, P in the frame of its patch, that lies at right angles to the centre line c at t goes to
+    x(t) + D(t) (P - c(t)).
+
+    hub : (A,) t where the arm leaves its rigid hub; it is 0 at the tip
+    flat : (A, S + 1, 3) metres, the flat centre line, seen from the hub's centre
+    place : (A, S + 1, 3) metres, x in space; turn : (A, S + 1, 3, 3), D
+    bend : (A, S, 3) radians, by how much D turns over every piece, in the flat frame
+    stretch : (A, S, 3) metres, what the way of x over every piece is longer than that of c, in the flat frame turned half way
+    wrench : (A, 6) force and moment at the tip in the joint's axes, for a Young's modulus of 1 Pa
+    """
+
+    hub: np.ndarray
+    flat: np.ndarray
+    place: np.ndarray
+    turn: np.ndarray
+    bend: np.ndarray
+    stretch: np.ndarray
+    wrench: np.ndarray
+
+    def at(self, arm: np.ndarray, t: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x (N, 3) metres and D (N, 3, 3) of arms (N,) at t (N,), where the flat centre lines are at ``flat`` (N, 3)."""
+        count = self.bend.shape[1]
+        way = np.clip(1.0 - t / self.hub[arm], 0.0, 1.0) * count
+        piece = np.minimum(way.astype(int), count - 1)
+        share = way - piece
+        half = exponential(0.5 * share[:, None] * self.bend[arm, piece])
+        turn = self.turn[arm, piece] @ half
+        chord = flat - self.flat[arm, piece] + share[:, None] * self.stretch[arm, piece]
+        # the hub's own part is rigid
+        chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
+        return self.place[arm, piece] + times(turn, chord), turn @ half
+
+    @property
+    def tips(self) -> tuple[np.ndarray, np.ndarray]:
+        """Places (A, 3) and turns (A, 3, 3) of the tips."""
+        return self.place[:, -1], self.turn[:, -1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """What the arms are, piece by piece: ``hub`` and ``flat`` as in ``BentArms``, and how they answer to a wrench.
+
+    answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip, in the joint's axes
+    """
+
+    hub: np.ndarray
+    flat: np.ndarray
+    answer: np.ndarray
+
+
+def flat_centre(design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(N, M, 3) metres: centre lines of single arms (N,) at t (N, M), seen from their hubs' centres."""
+    out = np.zeros((*t.shape, 3))
+    shape = design.arms.one_by_one(quad, side)
+    out[..., :2] = centre_line(shape, t[:, None])[0][:, 0] - shape.centre[:, None]
+    return out
+
+
+def hub_ends(design: SpiralDesign) -> np.ndarray:
+    """(F, 4) t where every arm leaves its hub: before both of its slots have ended, so that the hub is rigid."""
+    root = design.roots
+    return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
+
+
+def bent(
+    design: SpiralDesign,
+    pose: Pose,
+    *,
+    closed: np.ndarray | None = None,
+    wrench: np.ndarray | None = None,
+    poisson: float = POISSON,
+) -> BentArms:
+    """The arms of a design whose hubs stand in a pose.
+
+    closed : (m,) bool, the joints, in the order of the inner edges, whose tips meet; all if not given
+    wrench : (A, 6) as in ``BentArms``, at the tips of the others; none if not given
+    """
+    mesh = design.flat.layout.mesh
+    inner = np.flatnonzero(~mesh.border)
+    arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]  # (m, 2)
+    rest = rest_joints(mesh, design.flat.corners)[1]
+    axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
+    axes[arm] = rest
+    pieces = _pieces(design, axes, poisson)
+    load = np.zeros((len(axes), 6)) if wrench is None else wrench.copy()
+    closed = np.ones(len(arm), bool) if closed is None else closed
+    load[arm[closed]] = 0.0
+    size, both = float(np.median(design.scale)), arm[closed]
+    # some hundred joints at a time stay in the processor's cache
+    for start in range(0, len(both), BATCH):
+        _close(pieces, pose, axes, load, both[start : start + BATCH], CLOSE * size)
+    found = _shaped(pieces, pose, load)
+    return _met(found, arm[closed], axes)
+
+
+def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float) -> None:
+    """Find the wrenches (A, 6) that bring the tips of joints (m, 2), arms in pairs, as near to each other as ``close`` metres."""
+    for _ in range(ROUNDS):
+        some = joint.ravel()
+        tip, turn, yielding = _tips(pieces, some, pose, load[some])
+        step, miss = _newton(tip, turn @ axes[some], yielding)
+        load[joint[:, 0]] += step
+        load[joint[:, 1]] -= step
+        joint = joint[miss > close]
+        if not len(joint):
+            break
+
+
+def _pieces(design: SpiralDesign, axes: np.ndarray, poisson: float) -> _Pieces:
+    """All arms in pieces that are equally long in t; axes (A, 3, 3) of their joints in the flat frames of their patches."""
+    count = design.arms.radius.shape
+    hub = hub_ends(design)
+    step = np.linspace(1.0, 0.0, 2 * STATIONS + 1)
+    t = hub[..., None] * step
+    points, speed, _ = centre_line(design.arms, t)
+    flat = np.zeros((*count, STATIONS + 1, 3))
+    flat[..., :2] = points[:, :, ::2] - design.arms.centre[:, None, None]
+    middle = np.zeros((*count, STATIONS, 3))
+    middle[..., :2] = points[:, :, 1::2] - design.arms.centre[:, None, None]
+    velocity = speed[:, :, 1::2]
+    pace = np.linalg.norm(velocity, axis=-1)
+    length = pace * (hub / STATIONS)[..., None]
+    tangent = np.zeros_like(middle)
+    tangent[..., :2] = -velocity / pace[..., None]  # outwards, from the hub to the tip
+    width = width_at(design.arms, t[:, :, 1::2])[0]
+    answer = _answers(
+        (flat[:, :, -1:] - middle).reshape(-1, STATIONS, 3),
+        tangent.reshape(-1, STATIONS, 3),
+        length.reshape(-1, STATIONS),
+        width.reshape(-1, STATIONS),
+        design.params.thickness,
+        poisson,
+    )
+    turned = np.zeros((len(axes), 6, 6))
+    turned[:, :3, :3] = turned[:, 3:, 3:] = axes
+    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ turned[:, None])
+
+
+def _answers(
+    lever: np.ndarray, tangent: np.ndarray, length: np.ndarray, width: np.ndarray, height: float, poisson: float
+) -> np.ndarray:
+    """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
+
+    lever : (A, S, 3) metres, from the piece to the tip
+    """
+    normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
+    aside = np.cross(normal, tangent)
+    frame = np.stack([tangent, aside, normal], axis=-1)
+    shear = 0.5 / (1.0 + poisson)
+    area = width * height
+    twisting = shear * torsion_constant(height / width)[0] * width**4
+    bending = np.stack([twisting, width * height**3 / 12.0, height * width**3 / 12.0], axis=-1)
+    sliding = np.stack([area, shear * area / SHEAR_FACTOR, shear * area / SHEAR_FACTOR], axis=-1)
+    back = np.swapaxes(frame, -1, -2)
+    bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
+    out = np.zeros((*length.shape, 6, 6))
+    out[..., :3, :3] = bend @ cross(lever)
+    out[..., :3, 3:] = bend
+    out[..., 3:, :3] = (frame * (length[..., None] / sliding)[..., None, :]) @ back
+    return out
+
+
+def exponential(turn: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
+    square = (turn * turn).sum(axis=-1)
+    angle = np.sqrt(square)
+    sine = np.sinc(angle / np.pi)
+    cosine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    out = turn[..., :, None] * (cosine[..., None] * turn)[..., None, :]
+    x, y, z = np.moveaxis(sine[..., None] * turn, -1, 0)
+    out[..., 0, 1] -= z
+    out[..., 1, 0] += z
+    out[..., 0, 2] += y
+    out[..., 2, 0] -= y
+    out[..., 1, 2] -= x
+    out[..., 2, 1] += x
+    out[..., range(3), range(3)] += (1.0 - cosine * square)[..., None]
+    return out
+
+
+def _run(
+    flat: np.ndarray, rotations: np.ndarray, centres: np.ndarray, bend: np.ndarray, stretch: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, S + 1, 3) and turns (n, S + 1, 3, 3) of the stations, and turns half way between them (n, S, 3, 3)."""
+    half = exponential(0.5 * bend)
+    whole = half @ half
+    turn = np.empty((len(flat), STATIONS + 1, 3, 3))
+    turn[:, 0] = rotations
+    for k in range(STATIONS):
+        np.matmul(turn[:, k], whole[:, k], out=turn[:, k + 1])
+    middle = turn[:, :-1] @ half
+    place = np.empty_like(flat)
+    place[:, 0] = centres + times(rotations, flat[:, 0])
+    place[:, 1:] = place[:, :1] + np.cumsum(times(middle, np.diff(flat, axis=1) + stretch), axis=1)
+    return place, turn, middle
+
+
+def _tips(pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, 3) and turns (n, 3, 3) of the tips of some arms (n,), and how they yield to their wrench (n, 6, 6), in space."""
+    answer, flat = pieces.answer[arm], pieces.flat[arm]
+    strain = (answer @ load[:, None, :, None])[..., 0]
+    place, turn, middle = _run(flat, pose.rotations[arm // 4], pose.centres[arm // 4], strain[..., :3], strain[..., 3:])
+    turning, going = middle @ answer[:, :, :3], middle @ answer[:, :, 3:]
+    lever = place[:, -1:] - 0.5 * (place[:, 1:] + place[:, :-1])
+    # what a turn of a piece shifts at the tip: turn x lever
+    shift = (going - cross(lever) @ turning).sum(axis=1)
+    return place[:, -1], turn[:, -1], np.concatenate([shift, turning.sum(axis=1)], axis=1)
+
+
+def _newton(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What to add to the wrench (m, 6) of the first arms, for tips (2 m, ...) in pairs, and what still misses (m,)."""
+    apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
+    middle = frame[::2] @ exponential(0.5 * apart)
+    miss = np.concatenate([tip[1::2] - tip[::2], times(middle, apart)], axis=1)
+    large = np.linalg.norm(apart, axis=1)
+    share = np.minimum(1.0, _LARGEST / np.maximum(large, 1e-12))
+    # the arms' stiffness spans decades: lengths in tips' own units keep the solution exact
+    both = yielding[::2] + yielding[1::2]
+    unit = np.sqrt(np.abs(np.einsum("mii->mi", both)))
+    step = np.linalg.solve(both / (unit[:, :, None] * unit[:, None]), (miss / unit)[..., None])[..., 0] / unit
+    return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
+
+
+def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray) -> BentArms:
+    strain = (pieces.answer @ load[:, None, :, None])[..., 0]
+    quad = np.repeat(np.arange(len(pose.centres)), 4)
+    bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
+    place, turn, _ = _run(pieces.flat, pose.rotations[quad], pose.centres[quad], bend, stretch)
+    return BentArms(pieces.hub, pieces.flat, place, turn, bend, stretch, load)
+
+
+def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray) -> BentArms:
+    """The same with tips that meet to the last digit, joints (m, 2): what is left is spread evenly along both arms.
+
+    So joints that no beam can close, of poses that are torn apart, are closed as well.
+    """
+    place, turn = arms.place.copy(), arms.turn.copy()
+    tip, frame = place[:, -1], turn[:, -1] @ axes
+    first, second = joint.T
+    apart = rotation_vector(np.swapaxes(frame[first], 1, 2) @ frame[second])
+    middle, meeting = frame[first] @ exponential(0.5 * apart), 0.5 * (tip[first] + tip[second])
+    share = np.linspace(0.0, 1.0, STATIONS + 1)[None, :, None]
+    for which in (first, second):
+        left = rotation_vector(middle @ np.swapaxes(frame[which], 1, 2))
+        twisted = exponential(share * left[:, None])
+        away = place[which] - tip[which][:, None]
+        place[which] += share * (meeting - tip[which])[:, None] + times(twisted, away) - away
+        turn[which] = twisted @ turn[which]
+        place[which, -1] = meeting
+        turn[which, -1] = middle @ np.swapaxes(axes[which], 1, 2)
+    count = len(turn) * STATIONS
+    between = np.swapaxes(turn[:, :-1], 2, 3) @ turn[:, 1:]
+    bend = rotation_vector(between.reshape(count, 3, 3)).reshape(-1, STATIONS, 3)
+    half = turn[:, :-1] @ exponential(0.5 * bend)
+    stretch = times(np.swapaxes(half, 2, 3), np.diff(place, axis=1)) - np.diff(arms.flat, axis=1)
+    return replace(arms, place=place, turn=turn, bend=bend, stretch=stretch)

@@ -1,0 +1,77 @@
+"""The linear systems of an assembly's equilibrium: assembled from joint blocks, held degrees of freedom eliminated."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
+
+
+class NewtonSystem:
+    """Systems in the free increments of n hubs, which share one pattern and one symbolic factorisation.
+
+    pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
+    """
+
+    def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None):
+        self.held = held
+        self.free = np.flatnonzero(~held.ravel())
+        number = np.full(held.size, -1)
+        number[self.free] = np.arange(len(self.free))
+        of_joint = number[(pairs[:, :, None] * 6 + np.arange(6)).reshape(-1, 12)]
+        rows, cols = np.broadcast_arrays(of_joint[:, :, None], of_joint[:, None, :])
+        self._used = np.flatnonzero(((rows >= cols) & (cols >= 0)).ravel())
+        self.pattern = Pattern(rows.ravel()[self._used], cols.ravel()[self._used], len(self.free))
+        self.cholesky = SparseCholesky(self.pattern, backend)
+
+    def values(self, blocks: np.ndarray) -> np.ndarray:
+        """(nnz,) entries of the lower triangle from the joints' (m, 12, 12) blocks."""
+        return self.pattern.sum(blocks.ravel()[self._used])
+
+    def factor(self, values: np.ndarray) -> bool:
+        """Factor; False where the matrix is not positive definite."""
+        try:
+            self.cholesky.factor(values)
+        except NotPositiveDefinite:
+            return False
+        return True
+
+    def reduced(self, field: np.ndarray) -> np.ndarray:
+        """(free,) of a (n, 6) field."""
+        return field.ravel()[self.free]
+
+    def full(self, reduced: np.ndarray) -> np.ndarray:
+        """(n, 6) with zeros where hubs are held."""
+        out = np.zeros(self.held.size)
+        out[self.free] = reduced
+        return out.reshape(self.held.shape)
+
+    def solve(self, field: np.ndarray) -> np.ndarray:
+        """(n, 6) solution for a right-hand side (n, 6), with the last factor."""
+        return self.full(self.cholesky.solve(self.reduced(field)))
+
+    def negative(self, values: np.ndarray) -> int:
+        """Number of negative eigenvalues of the matrix with these values."""
+        return negative_eigenvalues(self.pattern, values)
+
+    def softest(self, values: np.ndarray, metric: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
+
+        Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, must have a Cholesky factor:
+        against it the spectrum of H is well spread, so that a few Lanczos steps do.
+        """
+        self.cholesky.factor(metric)
+        size = (len(self.free),) * 2
+        inverse = LinearOperator(size, matvec=lambda x: self.cholesky.solve(np.asarray(x).ravel()), dtype=float)
+        start = np.random.default_rng(0).normal(size=len(self.free))
+        rise, vectors = eigsh(
+            self.pattern.matrix(values),
+            count,
+            self.pattern.matrix(metric),
+            Minv=inverse,
+            which="SA",
+            v0=start,
+            tol=1e-3,
+        )
+        return np.stack([self.full(v) for v in vectors.T]), rise

@@ -1,0 +1,177 @@
+"""The rod model: rigid hubs joined by edges from centre to centre, with stretch, two bendings and twist at each end.
+
+FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and twist after Bergou et al. 2008 and 2010. An
+edge's roll belongs to it alone, so the energy here is the least over all rolls: six unknowns a spiral are left. The
+paper measures the roll from a frame that is carried along in time; here it is measured from the first hub's frame,
+carried onto the edge along the shortest turn. Both differ by the reference twist, which eq. 4 takes out again, so the
+energy is the same and a state has no frame to carry along but whole turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..materials import Material
+from . import rod_strains
+from .assembly import Assembly, Pose
+from .elastic import Expansion, summed
+from .rod_motion import FLIP, SPLIT, RodState, first_order, outer, roll_row, second_order
+from .rod_sensitivity import gradient_by_design
+from .stiffness_rods import rod_parameters
+
+
+@dataclass(frozen=True, eq=False)
+class RodModel:
+    """The rod model of an assembly.
+
+    assembly : spirals and joints at rest
+    springs : (m, 2, 3) N m: k_b0, k_b1 and k_t over the half length, for both ends
+    stretch : (m,) J: k_s times the half length, both ends together
+    rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
+    length : (m,) metres, at rest
+    by_design : (n, 4, 2) k_s, k_b0, k_b1, k_t of every spiral by its width (per metre) and its twist (per radian)
+    """
+
+    assembly: Assembly
+    springs: np.ndarray
+    stretch: np.ndarray
+    rest: np.ndarray
+    length: np.ndarray
+    by_design: np.ndarray
+    name: str = "rod"
+
+    @classmethod
+    def of(cls, assembly: Assembly, material: Material) -> RodModel:
+        """The model of an assembly of one material; raises FlexMapsError with the faces outside the rod parameters."""
+        arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
+        reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
+        found = rod_parameters(
+            2.0 * reach / np.maximum(arms, 1),
+            assembly.width,
+            assembly.twist,
+            thickness=assembly.thickness,
+            youngs=material.youngs,
+        )
+        return cls.with_parameters(assembly, found.values, np.stack([found.by_width, found.by_twist], axis=2))
+
+    @classmethod
+    def with_parameters(
+        cls, assembly: Assembly, parameters: np.ndarray, by_design: np.ndarray | None = None
+    ) -> RodModel:
+        """The model of spirals with k_s (N), k_b0, k_b1, k_t (N m^2), in the columns of (n, 4); by default of fixed ones.
+
+        An edge is at rest where both arms of its joint are: straight from centre to centre in the plane of either hub.
+        """
+        change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
+        half, stiffness = assembly.radius, parameters[assembly.pairs]
+        across = assembly.axes[:, 0] @ np.swapaxes(assembly.axes[:, 1], 1, 2)
+        span = assembly.lever[:, 0] - np.einsum("mij,mj->mi", across, assembly.lever[:, 1])
+        length = np.linalg.norm(span, axis=1)
+        along = span / length[:, None]
+        along = np.stack([along, np.einsum("mji,mj->mi", across, along)], axis=1)
+        normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
+        rest = np.stack([along, np.cross(normal, along), normal], axis=3)
+        springs = stiffness[..., 1:] / half[..., None]
+        return cls(assembly, springs, (stiffness[..., 0] * half).sum(axis=1), rest, length, change)
+
+    @property
+    def pairs(self) -> np.ndarray:
+        return self.assembly.pairs
+
+    def start(self, pose: Pose) -> RodState:
+        return self._state(pose, None)
+
+    def moved(self, state: RodState, step: np.ndarray) -> RodState:
+        first, second = self.pairs.T
+        change = np.einsum("mi,mi->m", state.tangent, step[second, :3] - step[first, :3])
+        return replace(self._state(state.pose.moved(step), state), foreseen=state.length + change)
+
+    def twist(self, state: RodState) -> np.ndarray:
+        return state.twist
+
+    def energy(self, state: RodState) -> float:
+        return float(self._stretched(state.length)[0].sum() + self._ends(state).sum())
+
+    def gradient_by_design(self, state: RodState) -> np.ndarray:
+        return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
+
+    def _ends(self, state: RodState) -> np.ndarray:
+        """(m, 2) joules of bending and twist."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return rod_strains.energy(self.springs, state.bend, state.angles)
+
+    def _stretched(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) joules of eq. 2 at lengths (m,), and their derivative by the length in newtons."""
+        strain = length / self.length - 1.0
+        return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
+
+    def _state(self, pose: Pose, before: RodState | None) -> RodState:
+        """The state at a pose; whole turns of the twist and the rolls' minima are those nearest to the state before."""
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            first, second = self.pairs.T
+            edge = pose.centres[second] - pose.centres[first]
+            length = np.sqrt(np.einsum("mi,mi->m", edge, edge))
+            tangent = edge / length[:, None]
+            frames = pose.rotations[self.pairs] @ self.rest
+            seen = np.einsum("mkij,mi->mkj", frames, tangent)
+            near = 1.0 + seen[..., 0]
+            bend = seen[..., 1:] * [2.0, -2.0] / near[..., None]
+            carried = frames[..., 2] - (seen[..., 2] / near)[..., None] * (frames[..., 0] + tangent[:, None])
+            sine = np.einsum("mi,mi->m", tangent, np.cross(carried[:, 0], carried[:, 1]))
+            twist = np.arctan2(sine, np.einsum("mi,mi->m", carried[:, 0], carried[:, 1]))
+            share = self.springs[:, 1, 2] / self.springs[..., 2].sum(axis=1)
+            guess = share * twist
+            if before is not None:
+                twist = twist + 2.0 * np.pi * np.round((before.twist - twist) / (2.0 * np.pi))
+                guess = before.roll + share * (twist - before.twist)
+            roll = rod_strains.relaxed_roll(self.springs, bend, twist, guess)
+        return RodState(pose, length, tangent, frames, bend, twist, roll, length)
+
+    def expand(self, state: RodState, ahead: bool = False) -> Expansion:
+        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement. Only the tension is looked ahead."""
+        joules, tension = self._stretched(state.length)
+        ends = rod_strains.expand(self.springs, state.bend, state.angles)
+        slope = ends.gradient * FLIP
+        motion = first_order(state)
+        jacobian = motion.jacobian
+        gradient = np.einsum("mki,mkij->mkj", slope, jacobian)
+        gradient[:, 0, :3] += tension[:, None] * state.tangent
+        per_joint = joules + ends.energy.sum(axis=1)
+        along = outer(state.tangent, state.tangent)
+        steep = (self.stretch / self.length**2)[:, None, None] * along
+        pull = self._stretched(state.foreseen)[1] if ahead else tension
+        lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
+        flip = np.outer(FLIP, FLIP)
+        curved = second_order(state, motion, slope)
+        blocks = gradient[:, 0] @ SPLIT[0] + gradient[:, 1] @ SPLIT[1]
+        return Expansion(
+            float(per_joint.sum()),
+            per_joint,
+            summed(blocks, self.pairs, self.assembly.size),
+            _condensed(ends.hessian * flip, jacobian, steep + lateral, curved),
+            _condensed(ends.convex * flip, jacobian, steep, None),
+        )
+
+
+def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curved: np.ndarray | None) -> np.ndarray:
+    """(m, 12, 12) by the hubs' increments, without the roll.
+
+    ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
+    d and curved : (m, 2, 6, 6) by (d, w) to be added
+    """
+    row = roll_row(ends, jacobian)
+    out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
+    own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
+    if curved is not None:
+        own += curved
+    shift = own[:, 0, :3, :3] + own[:, 1, :3, :3] + shifts
+    for rows, columns, sign in ((0, 0, 1.0), (6, 6, 1.0), (0, 6, -1.0), (6, 0, -1.0)):
+        out[:, rows : rows + 3, columns : columns + 3] += sign * shift
+    for k, turn in ((0, slice(3, 6)), (1, slice(9, 12))):
+        out[:, turn, turn] += own[:, k, 3:, 3:]
+        for shifted, sign in ((slice(0, 3), -1.0), (slice(6, 9), 1.0)):
+            out[:, shifted, turn] += sign * own[:, k, :3, 3:]
+            out[:, turn, shifted] += sign * own[:, k, 3:, :3]
+    return out

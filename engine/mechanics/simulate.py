@@ -1,0 +1,171 @@
+"""From a design to the shape that its assembled object takes, with what a maker wants to know about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..materials import Material
+from ..params import SimulateParams
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from ..surface.mesh import QuadMesh
+from ..threads import one_thread
+from .arm_model import ArmModel
+from .assembly import Assembly, Pose, of_design, target_pose
+from .elastic import ElasticModel
+from .equilibrium import Equilibrium, other_minima, solve
+from .laplacian import laplacian_rmse
+from .loads import Loads
+from .newton_system import NewtonSystem
+from .rod_model import RodModel
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """The equilibrium of a design, laid over its target.
+
+    equilibrium : its pose is aligned with the target where nothing holds the object
+    others : other shapes in which it can rest, if they were looked for
+    """
+
+    design: SpiralDesign
+    target: QuadMesh
+    material: Material
+    model: ElasticModel
+    assembly: Assembly
+    loads: Loads
+    equilibrium: Equilibrium
+    others: list[Equilibrium]
+
+    @cached_property
+    def vertices(self) -> np.ndarray:
+        """(V, 3) metres: the target's vertices, carried by the hubs."""
+        return carried(self.design, self.equilibrium.pose, self.target)
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """(F,) metres from every spiral's centre to the middle of its quad in the target."""
+        return np.linalg.norm(self.equilibrium.pose.centres - self.target.centroids, axis=1)
+
+    @cached_property
+    def energy(self) -> np.ndarray:
+        """(F,) joules of every spiral: half of each of its joints."""
+        halves = np.repeat(0.5 * self.equilibrium.per_joint, 2)
+        return np.bincount(self.assembly.pairs.ravel(), weights=halves, minlength=self.assembly.size)
+
+    @cached_property
+    def strain(self) -> np.ndarray | None:
+        """(F,) the largest strain of every spiral's arms as a share of what the material bears; None for the rod model.
+
+        A safe estimate, see ``stiffness.peak_strain``.
+        """
+        if not isinstance(self.model, ArmModel):
+            return None
+        found = (
+            self.model.strains(self.model.start(self.equilibrium.pose), self.material).max(axis=1)
+            / self.material.strain_limit
+        )
+        worst = np.zeros(self.assembly.size)
+        np.maximum.at(worst, self.assembly.pairs, found[:, None])
+        return worst
+
+    @cached_property
+    def softest(self) -> tuple[np.ndarray, float]:
+        """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
+        pose, pairs = self.equilibrium.pose, self.assembly.pairs
+        system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
+        here = self.model.expand(self.model.start(pose))
+        modes, rise = system.softest(system.values(here.hessian), system.values(here.convex))
+        return modes[0], float(rise[0])
+
+    @property
+    def size(self) -> float:
+        """Metres, the diagonal of the target's bounding box: what percentages refer to."""
+        return float(np.linalg.norm(np.ptp(self.target.vertices, axis=0)))
+
+    def report(self) -> dict[str, Any]:
+        """The ``equilibrium`` block of report.json."""
+        e, size = self.equilibrium, self.size
+        rms = float(np.sqrt((self.distance**2).mean()))
+        block = {
+            "model": self.model.name,
+            "material": self.material.name,
+            "converged": e.converged,
+            "locked": e.locked,
+            "status": e.status,
+            "iterations": e.iterations,
+            "residual": e.residual,
+            "negative_eigenvalues": e.negative_eigenvalues,
+            "twist_max": e.twist_max,
+            "energy": e.energy,
+            "rms_mm": rms * 1e3,
+            "rms_percent": 100.0 * rms / size,
+            "max_mm": 1e3 * float(self.distance.max()),
+            "max_percent": 100.0 * float(self.distance.max()) / size,
+            "laplacian_rmse_mm": 1e3 * laplacian_rmse(self.assembly.pairs, e.pose.centres, self.target.centroids),
+        }
+        if self.strain is not None:
+            block["strain_share_max"] = float(self.strain.max())
+        if self.others:
+            block["other_energies"] = [o.energy for o in self.others]
+        return block
+
+
+def build_model(assembly: Assembly, material: Material, name: str, *, quick: bool = False) -> ElasticModel:
+    """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only."""
+    return RodModel.of(assembly, material) if name == "rod" else ArmModel.of(assembly, material, curving=not quick)
+
+
+@one_thread
+def simulate(
+    design: SpiralDesign,
+    target: QuadMesh,
+    material: Material,
+    params: SimulateParams,
+    *,
+    supports: np.ndarray | None = None,
+    force: np.ndarray | None = None,
+    start: Pose | None = None,
+    quick: bool = False,
+    progress: Progress = SILENT,
+) -> Simulation:
+    """The shape that a design takes when it is assembled, sought from a pose, else from the target's shape.
+
+    ``quick`` takes the elastic model that optimising works with, which leaves out what matters under strong forces only.
+
+    supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the spirals.
+    Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where a spiral is outside the
+    elastic model's range, or where weight or forces meet no support.
+    """
+    assembly = of_design(design)
+    model = build_model(assembly, material, params.model, quick=quick)
+    mass = design.area * assembly.thickness * material.density if params.gravity else None
+    loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
+    aim = target_pose(target, design.flat.corners)
+    free = not loads.fixed.any()
+    watched = progress.showing(lambda pose: carried(design, _laid(pose, aim, free), target))
+    main = watched.part(0.0, 0.3 if params.restarts else 1.0)
+    found = solve(model, aim if start is None else start, loads, params, main)
+    others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
+    found, *others = (e.placed(_laid(e.pose, aim, free)) for e in (found, *others))
+    return Simulation(design, target, material, model, assembly, loads, found, others)
+
+
+def _laid(pose: Pose, target: Pose, free: bool) -> Pose:
+    return pose.aligned(target.centres) if free else pose
+
+
+def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> np.ndarray:
+    """(V, 3) metres: where hubs in a pose carry the vertices of their quads; the mean where quads disagree."""
+    local = np.zeros((*mesh.quads.shape, 3))
+    corners = design.flat.corners
+    local[..., :2] = corners - corners.mean(axis=1, keepdims=True)
+    points = pose.centres[:, None] + np.einsum("fij,fkj->fki", pose.rotations, local)
+    count = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
+    total = [np.bincount(mesh.quads.ravel(), points[..., k].ravel(), len(mesh.vertices)) for k in range(3)]
+    # vertices of no quad stay
+    return np.where(count[:, None] > 0, np.stack(total, axis=1) / np.maximum(count, 1)[:, None], mesh.vertices)

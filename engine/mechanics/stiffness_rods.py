@@ -1,0 +1,115 @@
+"""The four parameters of the paper's rod model from the radial basis function network (FlexMaps sections 6.1 to 6.3).
+
+Kept as the reference; ``stiffness`` holds the tip compliances that replace them. "pair" parameters are fitted on edges
+from hub to hub, where the assembly uses them; "chord" ones on edges from the hub to a free tip, as the paper did.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from .stiffness import _refuse_material, _twist_limit
+
+PARAMETERS = Path(__file__).resolve().parents[2] / "data" / "rod_parameters.npz"
+FORMAT = 1
+MODELS = ("pair", "chord")
+FLATNESS_RANGE = (0.5, 1.0)
+SCALE_OVER_THICKNESS = (5.0, 15.0)
+SMALLEST_SLOT = 0.15
+"""Slot over thickness of the spirals that the networks were trained on."""
+
+
+@dataclass(frozen=True, eq=False)
+class RodStiffness:
+    """n spirals' k_s (N), k_b0, k_b1, k_t (N m^2), and their derivatives.
+
+    values : (n, 4); by_scale, by_width per metre, by_twist per radian : (n, 4)
+    """
+
+    values: np.ndarray
+    by_scale: np.ndarray
+    by_width: np.ndarray
+    by_twist: np.ndarray
+
+
+def coordinates(spiral: Any) -> np.ndarray:
+    """(3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
+    limit = _twist_limit(np.array(spiral.scale))[0]
+    return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
+
+
+@lru_cache(maxsize=4)
+def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
+    """The arrays of one network; raises FlexMapsError if they are missing or of another version."""
+    if model not in MODELS:
+        raise FlexMapsError(f"'{model}' is no rod model; there are {', '.join(MODELS)}")
+    if not path.is_file():
+        raise FlexMapsError(f"The rod parameters {path.name} are missing; reinstall the add-on or build the database")
+    with np.load(path) as stored:
+        if json.loads(str(stored["provenance"])).get("format") != FORMAT:
+            raise FlexMapsError(f"The rod parameters {path.name} have another version; build the database again")
+        found = {n[len(model) + 1 :]: stored[n] for n in stored.files if n.startswith(model + "_")}
+    if not found:
+        raise FlexMapsError(
+            f"The rod parameters of the model '{model}' are not in {path.name}: they need more samples than were made; "
+            "use 'pair', or go on with the database and fit it again"
+        )
+    return found
+
+
+def rod_parameters(
+    scale: np.ndarray, width: np.ndarray, twist: np.ndarray, *, thickness: float, youngs: float, model: str = "pair"
+) -> RodStiffness:
+    """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
+
+    scale, width : (n,) m; twist : (n,) rad. Raises FlexMapsError outside the sampled region: scale 5 to 15 and width
+    0.5 to 1 sheet thicknesses, twist up to 360 degrees or to a slot of 0.15 thicknesses.
+    """
+    _refuse_material(thickness, youngs)
+    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
+    _refuse_outside(scale, width, twist, thickness)
+    net = load_network(model)
+    ratio = scale / width
+    limit, slope = _twist_limit(ratio)
+    x = np.stack([np.log(ratio), np.log(width / thickness), twist / limit], axis=1)
+    span = net["high"] - net["low"]
+    offset = ((x - net["low"]) / span)[:, None] - net["centres"]
+    sharp = math.log(2.0) / float(net["spread"]) ** 2
+    answers = np.exp(-sharp * (offset**2).sum(2))
+    weights, bias = net["weights"][:-1], net["weights"][-1]
+    value = np.exp(net["offset"] + net["span"] * (answers @ weights + bias))
+    slopes = [net["span"] / span[k] * ((-2.0 * sharp * offset[..., k] * answers) @ weights) for k in range(3)]
+    # chain rule: ln(s/w), ln(w/h), twist / limit(s/w)
+    share_by_scale = -(twist / limit**2 * slope)[:, None]
+    log_scale = slopes[0] + slopes[2] * share_by_scale
+    power = np.array([2, 4, 4, 4])
+    value = value * youngs * width[:, None] ** power
+    by_scale = value * log_scale / scale[:, None]
+    by_width = value * (slopes[1] - log_scale + power) / width[:, None]
+    return RodStiffness(value, by_scale, by_width, value * slopes[2] / limit[:, None])
+
+
+def _refuse_outside(scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> None:
+    spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
+    limit = np.minimum(2.0 * math.pi, np.sqrt(np.maximum(spread - 1.0, 0.0)))
+    slack = 1e-6
+    for value, (low, high), name in (
+        (scale / thickness, SCALE_OVER_THICKNESS, "scale / thickness"),
+        (width / thickness, FLATNESS_RANGE, "width / thickness"),
+        (twist / np.maximum(limit, 1e-12), (0.0, 1.0), "twist / largest twist"),
+    ):
+        outside = ~((value >= low - slack) & (value <= high + slack))
+        if outside.any():
+            raise FlexMapsError(
+                f"{name} is {float(value[outside][0]):.3g} for {int(outside.sum())} spirals, outside the rod model's "
+                f"{low:g} to {high:g}; change the design there or use the tip compliances",
+                faces=np.flatnonzero(outside),
+            )

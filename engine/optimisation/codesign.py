@@ -1,0 +1,103 @@
+"""Co-design: spirals and the flat rest shape of their patches sought together, beyond FlexMaps section 7.
+
+A flat shape that is not quite the unrolled surface makes the panels pull each other into shape: where spirals alone are at
+the end of what they can be, small changes of their quads still lower the mismatch. Topology, seams and the limits that the
+layout keeps stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..mechanics.arm_model import ArmModel
+from ..params import OptimiseParams
+from ..patches.flatten import FlatPatches, measured, overlapping, seam_mismatch
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign, fitted
+from .codesign_problem import FlatPoint, FlatProblem, FlatRange
+from .inverse import Point, Problem
+from .optimisers import Accepted, Trace
+
+REACH = 0.5  # range of a flat vertex, as a share of an edge
+SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
+WEIGHT = 0.05  # of the barriers, as a share of the mismatch at the start
+
+
+def refine(
+    problem: Problem,
+    start: Point,
+    design: SpiralDesign,
+    params: OptimiseParams,
+    method: Callable[..., Point],
+    trace: Trace,
+    accepted: Accepted,
+    progress: Progress = SILENT,
+) -> FlatPoint:
+    """The best spirals and flat shapes near to a design whose equilibrium is ``start``.
+
+    method : one of ``optimisers``; trace, accepted : as there. ``designed`` makes a design of what is returned.
+    Raises FlexMapsError for the rod model, whose rods answer to the size of the whole spiral.
+    """
+    if not isinstance(start.model, ArmModel):
+        raise FlexMapsError(
+            "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
+        )
+    flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, WEIGHT * start.mismatch.value)
+    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
+    x = np.concatenate([start.x, np.full((len(design.flat.points), 2), 0.5)])
+    here = whole.at(x, start.equilibrium.pose, progress.quiet())
+    found = method(whole, here, params, trace, accepted, progress)
+    assert isinstance(found, FlatPoint)
+    return found
+
+
+def designed(point: Point, design: SpiralDesign, *, prove: bool = True) -> SpiralDesign:
+    """A point as a design that can be cut; ``design`` is the one that the search began with.
+
+    Patches that came to overlap themselves, which nothing on the way forbids, keep their former shape.
+    """
+    if not isinstance(point, FlatPoint):
+        return fitted(design.flat, design.params, *point.spirals, prove=prove)
+    layout = design.flat.layout
+    points = point.problem.flat.points(point.x[point.assembly.size :])
+    bad = overlapping(measured(layout, points))
+    for patch in bad:
+        of_patch = layout.flat_corners[layout.patches[patch]]
+        points[of_patch] = design.flat.points[of_patch]
+    flat = measured(layout, centred(design.flat, points))
+    return fitted(flat, design.params, *point.spirals, prove=prove)
+
+
+def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
+    """Points (P, 2) with the area centroid of every patch at its origin."""
+    layout = flat.layout
+    u = points[layout.flat_corners]
+    one, two = u[:, 2] - u[:, 0], u[:, 3] - u[:, 1]
+    area = 0.5 * (one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
+    total = np.bincount(layout.patch_of, area)
+    middle = np.stack([np.bincount(layout.patch_of, area * u[..., k].mean(axis=1)) / total for k in (0, 1)], axis=1)
+    out = points.copy()
+    out[layout.flat_corners] = u - middle[layout.patch_of][:, None]
+    return out
+
+
+def flat_report(before: FlatPatches, after: FlatPatches) -> dict[str, Any]:
+    """What became of the flat shapes, for the ``optimise`` block of report.json; strains are shares."""
+    sides = [np.linalg.norm(np.roll(f.corners, -1, axis=1) - f.corners, axis=2) for f in (before, after)]
+    grown = np.abs(sides[1] / sides[0] - 1.0)
+    report: dict[str, Any] = {"flat_strain_median": float(np.median(grown)), "flat_strain_max": float(grown.max())}
+    for name, flat in (("flat_before", before), ("flat", after)):
+        seams = seam_mismatch(flat)
+        report[name] = {
+            "energy_max": float(flat.energy.max()),
+            "energy_median": float(np.median(flat.energy)),
+            "square_median": float(np.median(flat.square)),
+            "seam_mismatch_median": float(np.median(seams)) if len(seams) else 0.0,
+            "seam_mismatch_max": float(seams.max(initial=0.0)),
+        }
+    return report

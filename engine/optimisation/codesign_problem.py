@@ -1,0 +1,209 @@
+"""Inverse design in which the flat rest shape of the patches moves too, in the same terms as ``inverse``.
+
+The coordinates are stacked: a row for every spiral as in ``DesignSpace``, then a row for every flat vertex, 1/2 where it
+was, 0 and 1 at the ends of its range. So they are a box again and every optimiser takes them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..mechanics.arm_model import ArmModel
+from ..mechanics.arm_sensitivity import StrainChanges
+from ..mechanics.assembly import Assembly, Pose, rest_joints
+from ..mechanics.elastic import summed
+from ..mechanics.equilibrium import solve
+from ..mechanics.stiffness import SCALE_RANGE, twist_limit
+from ..patches.flatten import FlatPatches
+from ..progress import SILENT, Progress
+from .codesign_cost import FlatCost, FlatLimits
+from .codesign_geometry import by_geometry, geometry_by_points
+from .inverse import Point, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class FlatRange:
+    """Where the flat vertices may go, and what it costs.
+
+    flat : the patches as they were; reach : (P,) metres, range of every vertex along x and along y
+    limits : of distortion and seams; weight : of their barriers in the objective
+    """
+
+    flat: FlatPatches
+    reach: np.ndarray
+    limits: FlatLimits
+    weight: float
+
+    @classmethod
+    def of(cls, flat: FlatPatches, reach: float, energy: float, seam: float, weight: float) -> FlatRange:
+        """reach : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``"""
+        length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
+        nearest = np.full(len(flat.points), np.inf)
+        np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
+        return cls(flat, reach * nearest, FlatLimits.of(flat, energy, seam), weight)
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """(P, 2) metres of coordinates (P, 2)."""
+        return self.flat.points + self.shift(x - 0.5)
+
+    def shift(self, change: np.ndarray) -> np.ndarray:
+        """(P, 2) metres that a change of the coordinates (P, 2) moves the vertices; its own transpose."""
+        return 2.0 * self.reach[:, None] * change
+
+    def cost(self, x: np.ndarray) -> FlatCost:
+        """Of coordinates (P, 2)."""
+        return FlatCost.of(self.limits, self.points(x))
+
+    def within(self, x: np.ndarray, inner: np.ndarray) -> np.ndarray:
+        """(P, 2): x if it keeps the limits, else a point between it and ``inner``, which does: so steps stay downhill."""
+        share = 1.0
+        while share > 1e-3:
+            found = inner + share * (x - inner)
+            if self.cost(found).inside:
+                return found
+            share *= 0.6
+        return inner
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FlatProblem(Problem):
+    """``Problem`` with the flat vertices as further unknowns, within ``flat``."""
+
+    flat: FlatRange
+
+    def at(
+        self,
+        x: np.ndarray,
+        start: Pose,
+        progress: Progress = SILENT,
+        iterations: int | None = None,
+        keep: Point | None = None,
+        step: np.ndarray | None = None,
+    ) -> FlatPoint:
+        """The point with stacked coordinates (n + P, 2); otherwise as ``Problem.at``."""
+        n = self.assembly.size
+        if keep is not None:
+            x = np.concatenate([x[:n], self.flat.within(x[n:], keep.x[n:])])
+        points = self.flat.points(x[n:])
+        layout = self.flat.flat.layout
+        lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
+        assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
+        model, system = self.build(assembly), self.system(start, keep)
+        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
+        return FlatPoint(
+            x=x,
+            problem=self,
+            model=model,
+            equilibrium=found,
+            mismatch=self.target.compare(found.pose.centres),
+            system=system,
+            assembly=assembly,
+        )
+
+
+def _within_table(assembly: Assembly, width: np.ndarray, twist: np.ndarray) -> Assembly:
+    """With these spirals, unwound where their quads have become too small for them: a rare correction of the last percents."""
+    shortest = np.full(assembly.size, np.inf)
+    np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
+    most = 0.999 * twist_limit(np.maximum(shortest / width, SCALE_RANGE[0]))
+    return assembly.redesigned(width, np.minimum(twist, most))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FlatPoint(Point):
+    """``Point`` with stacked coordinates (n + P, 2)."""
+
+    problem: FlatProblem
+    assembly: Assembly
+
+    @property
+    def spirals(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.problem.space.design(self.x[: self.assembly.size])
+
+    @cached_property
+    def cost(self) -> FlatCost:
+        """What the flat shape costs, before its weight."""
+        return self.problem.flat.cost(self.x[self.assembly.size :])
+
+    @cached_property
+    def value(self) -> float:
+        """The objective: that of the spirals alone, and the barriers of the flat shape by their weight."""
+        return super().value + self.problem.flat.weight * self.cost.value
+
+    @cached_property
+    def _slopes(self) -> np.ndarray:
+        return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
+
+    @cached_property
+    def _by_geometry(self) -> np.ndarray:
+        """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
+        bearing = None if self._strain.found is None else self.problem.bearing
+        assert isinstance(self.model, ArmModel)
+
+        def measure(model: ArmModel, pose: Pose) -> np.ndarray:
+            state = model.start(pose)
+            pulls = model.pulls(state)
+            return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)
+
+        found = by_geometry(self.model, self.equilibrium.pose, measure)
+        return found.reshape(*found.shape[:2], 6)
+
+    @cached_property
+    def _by_points(self) -> csr_array:
+        """(6 m, 2 P) change of the rest geometry with the flat vertices."""
+        flat = self.problem.flat
+        return geometry_by_points(flat.flat.layout, flat.points(self.x[self.assembly.size :]))
+
+    def moves(self, change: np.ndarray) -> np.ndarray:
+        """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
+        n, by_geometry = self.assembly.size, self._by_geometry[:, :12] @ self._geometry(change)
+        force = (self._forces @ change[:n].ravel()).reshape(-1, 6) + summed(by_geometry, self.assembly.pairs, n)
+        return -self.system.solve(force)
+
+    def adjoint(self, pull: np.ndarray) -> np.ndarray:
+        """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
+        answer = self.system.solve(pull)
+        at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
+        by_spirals = (self._back_forces @ answer.ravel()).reshape(-1, 2)
+        return -np.concatenate([by_spirals, self._from_geometry(at_joints @ self._by_geometry[:, :12])])
+
+    def _geometry(self, change: np.ndarray) -> np.ndarray:
+        """(m, 6, 1) change of the joints' rest geometry with the coordinates by (n + P, 2)."""
+        shift = self.problem.flat.shift(change[self.assembly.size :])
+        return (self._by_points @ shift.ravel()).reshape(-1, 6, 1)
+
+    def _gathered(self, share: np.ndarray) -> np.ndarray:
+        index, size = self.assembly.pairs.ravel(), len(self.x)
+        return np.stack([np.bincount(index, share[..., k].ravel(), size) for k in (0, 1)], axis=1)
+
+    def _from_geometry(self, change: np.ndarray) -> np.ndarray:
+        """(P, 2) change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
+        return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2))
+
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
+        out = super()._back(pull, strained)
+        if self._strain.found is not None:
+            out[self.assembly.size :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:])
+        return out
+
+    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        geometry = self._geometry(change)
+        return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """(n + P, 2) of the objective by the coordinates, by one adjoint solve."""
+        out, flat = super().gradient, self.problem.flat
+        out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
+        return out
+
+    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
+        """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
+        n, flat = self.assembly.size, self.problem.flat
+        out = super().gauss_newton(change, calm)
+        out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
+        return out

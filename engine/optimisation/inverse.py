@@ -1,0 +1,231 @@
+"""From design coordinates to the mismatch with the target and back: equilibrium, adjoint and tangent (eq. 7 to 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..materials import Material
+from ..mechanics.arm_model import ArmModel
+from ..mechanics.arm_sensitivity import JointChanges, StrainChanges
+from ..mechanics.assembly import Assembly, Pose
+from ..mechanics.elastic import ElasticModel, JointSum, summed
+from ..mechanics.equilibrium import Equilibrium, solve
+from ..mechanics.loads import Loads
+from ..mechanics.newton_system import NewtonSystem
+from ..params import SimulateParams
+from ..progress import SILENT, Progress
+from .design_space import DesignSpace
+from .objective import Mismatch, Target
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is asked: spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
+
+    build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
+    bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
+    """
+
+    assembly: Assembly
+    space: DesignSpace
+    target: Target
+    loads: Loads
+    build: Callable[[Assembly], ElasticModel]
+    simulate: SimulateParams
+    smoothness: float = 0.0
+    bearing: tuple[Material, float] | None = None
+    systems: list[NewtonSystem] = field(default_factory=list)
+
+    def system(self, start: Pose, keep: Point | None) -> NewtonSystem:
+        """The linear system for one more equilibrium, but not the one whose factor ``keep`` still needs."""
+        if not self.systems:
+            pairs = self.assembly.pairs
+            held = self.loads.held(pairs, start.centres)
+            self.systems.extend(NewtonSystem(pairs, held) for _ in range(2))
+        return self.systems[1 if keep is not None and keep.system is self.systems[0] else 0]
+
+    @cached_property
+    def joint_sum(self) -> JointSum:
+        """For the change of the hubs' forces with the design."""
+        return JointSum(self.assembly.pairs, self.assembly.size)
+
+    def at(
+        self,
+        x: np.ndarray,
+        start: Pose,
+        progress: Progress = SILENT,
+        iterations: int | None = None,
+        keep: Point | None = None,
+        step: np.ndarray | None = None,
+    ) -> Point:
+        """The point with coordinates (n, 2), its equilibrium sought from a pose and a foretold step (n, 6) from there.
+
+        ``keep`` stays usable, other points do not.
+        """
+        model = self.build(self.assembly.redesigned(*self.space.design(x)))
+        system = self.system(start, keep)
+        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
+        return Point(self, x, model, found, self.target.compare(found.pose.centres), system)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One design with its equilibrium. The derivatives belong to converged equilibria, whose factor ``system`` holds."""
+
+    problem: Problem
+    x: np.ndarray
+    model: ElasticModel
+    equilibrium: Equilibrium
+    mismatch: Mismatch
+    system: NewtonSystem
+
+    @cached_property
+    def value(self) -> float:
+        """The objective: mismatch, and roughness and excess of strain by their weights."""
+        rough = 0.5 * self.problem.smoothness * float((self._steps**2).sum() / len(self._steps))
+        return self.mismatch.value + rough + self._strain.value
+
+    @property
+    def spirals(self) -> tuple[np.ndarray, np.ndarray]:
+        """Widths (n,) metres and twists (n,) radians."""
+        return self.problem.space.design(self.x)
+
+    @property
+    def _steps(self) -> np.ndarray:
+        a, b = self.problem.assembly.pairs.T
+        return self.x[b] - self.x[a]
+
+    def rough(self, change: np.ndarray) -> np.ndarray:
+        """(n, 2) product of the roughness's Hessian with (n, 2)."""
+        if not self.problem.smoothness:
+            return np.zeros_like(change)
+        a, b = self.problem.assembly.pairs.T
+        step = self.problem.smoothness / len(a) * (change[b] - change[a])
+        out = np.zeros_like(change)
+        np.add.at(out, b, step)
+        np.add.at(out, a, -step)
+        return out
+
+    @cached_property
+    def _state(self) -> Any:
+        return self.model.start(self.equilibrium.pose)
+
+    @cached_property
+    def _strain(self) -> Excess:
+        if self.problem.bearing is None or not isinstance(self.model, ArmModel):
+            return NO_EXCESS
+        material, share = self.problem.bearing
+        found = StrainChanges.of(self.model.assembly, self._changes, material)
+        return Excess.of(found, share * material.strain_limit)
+
+    @cached_property
+    def _changes(self) -> JointChanges:
+        assert isinstance(self.model, ArmModel)
+        return self.model.changes(self._state)
+
+    @cached_property
+    def _forces(self) -> csr_array:
+        """(6 n, 2 n) change of the hubs' forces with the spirals' coordinates."""
+        arms = isinstance(self.model, ArmModel)
+        by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
+        blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
+        return self.problem.joint_sum(blocks.transpose(0, 2, 1, 3))
+
+    @cached_property
+    def _back_forces(self) -> csr_array:
+        """Its transpose."""
+        return csr_array(self._forces.T)
+
+    @cached_property
+    def _slopes(self) -> np.ndarray:
+        """(m, 2, 2, 2) of width and twist (rows) by coordinates (columns) of both spirals of every joint."""
+        return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
+
+    def moves(self, change: np.ndarray) -> np.ndarray:
+        """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
+        return -self.system.solve((self._forces @ change.ravel()).reshape(-1, 6))
+
+    def adjoint(self, pull: np.ndarray) -> np.ndarray:
+        """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
+        return -(self._back_forces @ self.system.solve(pull).ravel()).reshape(-1, 2)
+
+    def _gathered(self, share: np.ndarray) -> np.ndarray:
+        """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""
+        index = self.problem.assembly.pairs.ravel()
+        return np.stack([np.bincount(index, share[..., k].ravel(), len(self.x)) for k in (0, 1)], axis=1)
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
+        return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
+
+    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
+        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
+
+        With ``calm``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
+        """
+        moves = self.moves(change)
+        pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
+        pull[:, 3:] = calm * moves[:, 3:]
+        strain = self._strain
+        if strain.found is None:
+            return self.adjoint(pull) + self.rough(change)
+        return self._back(pull, strain.curvature * self._grown(strain.found, moves, change)) + self.rough(change)
+
+    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(m, 2) how the arms' strains change when the coordinates change by (n, 2) and the hubs move by (n, 6)."""
+        pairs = self.problem.assembly.pairs
+        design = (self._slopes @ change[pairs][..., None])[..., 0]
+        through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
+        return through + np.einsum("eaks,eks->ea", found.by_design, design)
+
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
+        """(n, 2) change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
+        found = self._strain.found
+        if found is None:
+            return self.adjoint(pull)
+        pairs = self.problem.assembly.pairs
+        through = (strained[:, None] @ found.by_pose)[:, 0]
+        direct = np.einsum("ea,eaks,ekst->ekt", strained, found.by_design, self._slopes)
+        return self.adjoint(pull + summed(through, pairs, len(pull))) + self._gathered(direct)
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """Strains beyond a limit, as a penalty: half the mean square of their relative excess, times ``STRAIN_WEIGHT``.
+
+    Beyond an excess of ``HOPELESS`` it goes on in a straight line (Huber's loss): a few arms that no spirals could save
+    would else outweigh all the rest.
+
+    found : the strains, None where they do not count; slope, curvature : (m, 2) derivatives of the penalty by them
+    """
+
+    value: float
+    slope: np.ndarray
+    curvature: np.ndarray
+    found: StrainChanges | None
+
+    @classmethod
+    def of(cls, found: StrainChanges, limit: float) -> Excess:
+        over = np.maximum(found.values / limit - 1.0, 0.0)
+        unit = STRAIN_WEIGHT / over.size
+        near = np.minimum(over, HOPELESS)
+        value = unit * float((near * (over - 0.5 * near)).sum())
+        # the curvature of the parabola with the same slope: so Gauss-Newton steps go down
+        curvature = np.divide(near, over, out=np.zeros_like(over), where=over > 0.0) * unit / limit**2
+        return cls(value, unit * near / limit, curvature, found)
+
+
+STRAIN_WEIGHT = 1.0
+HOPELESS = 0.25
+NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)
+
+
+def _shifts(pull: np.ndarray) -> np.ndarray:
+    return np.concatenate([pull, np.zeros_like(pull)], axis=1)

@@ -1,0 +1,114 @@
+"""How far an equilibrium is from the target, and how that changes with the design (FlexMaps section 7, eq. 6 to 10)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..mechanics.assembly import nearest_rotation
+from ..mechanics.laplacian import uniform_laplacian
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What the centres of the spirals are compared with.
+
+    pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
+    laplacian : compare in Laplacian coordinates (eq. 9), else in Cartesian ones
+    free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
+    unit : metres, the distance that counts as one: the mean distance of joined spirals
+    """
+
+    pairs: np.ndarray
+    points: np.ndarray
+    laplacian: bool = True
+    free: bool = True
+    unit: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        a, b = self.pairs.T
+        object.__setattr__(self, "unit", float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean()))
+
+    @cached_property
+    def operator(self) -> csr_array:
+        """(n, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n."""
+        n = len(self.points)
+        matrix = uniform_laplacian(self.pairs, n)
+        if not self.laplacian:
+            matrix = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
+        return csr_array(matrix / (self.unit * np.sqrt(n)))
+
+    @cached_property
+    def back(self) -> csr_array:
+        """The operator's transpose."""
+        return csr_array(self.operator.T)
+
+    @cached_property
+    def wanted(self) -> np.ndarray:
+        """(n, 3) the target's coordinates."""
+        return self.centred(self.operator @ self.points)
+
+    def centred(self, values: np.ndarray) -> np.ndarray:
+        """Without the mean where it is free; Laplacian coordinates are without it already."""
+        return values - values.mean(axis=0) if self.free and not self.laplacian else values
+
+    def compare(self, centres: np.ndarray) -> Mismatch:
+        """The mismatch of centres (n, 3) metres."""
+        own = self.centred(self.operator @ centres)
+        rotation = nearest_rotation(own.T @ self.wanted) if self.free else np.eye(3)
+        return Mismatch(self, own @ rotation.T, rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class Mismatch:
+    """One comparison: value = half the mean square of the residual, in units of ``Target.unit``.
+
+    own : (n, 3) the centres' coordinates, turned by ``rotation`` onto the target's
+    """
+
+    target: Target
+    own: np.ndarray
+    rotation: np.ndarray
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(n, 3)"""
+        return self.own - self.target.wanted
+
+    @property
+    def value(self) -> float:
+        return 0.5 * float((self.residual**2).sum())
+
+    @property
+    def rmse(self) -> float:
+        """Metres."""
+        return float(np.sqrt(2.0 * self.value)) * self.target.unit
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """(n, 3) per metre of the centres; the best rotation adds nothing to it (envelope theorem)."""
+        return self.backward(self.residual, project=False)
+
+    @cached_property
+    def _turns(self) -> np.ndarray:
+        """(3n, k) orthonormal: what small turns of the whole do to the residual; none where it is held."""
+        if not self.target.free:
+            return np.zeros((self.own.size, 0))
+        turned = np.stack([np.cross(axis, self.own).ravel() for axis in np.eye(3)], axis=1)
+        return np.linalg.qr(turned)[0]
+
+    def forward(self, shift: np.ndarray) -> np.ndarray:
+        """(n, 3) change of the residual with shifts (n, 3) metres of the centres, best rotation included to first order."""
+        return self._without_turns(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
+
+    def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
+        """The transpose of ``forward``."""
+        kept = self._without_turns(change) if project else change
+        return self.target.back @ self.target.centred(kept @ self.rotation)
+
+    def _without_turns(self, change: np.ndarray) -> np.ndarray:
+        flat = change.ravel()
+        return (flat - self._turns @ (self._turns.T @ flat)).reshape(change.shape)

@@ -1,0 +1,215 @@
+"""Two ways to the best design behind one interface: Gauss-Newton in a box, and L-BFGS-B (FlexMaps section 7).
+
+Both take a problem and a converged starting point, call ``accepted`` with every better point, and return the best.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..params import OptimiseParams
+from ..progress import SILENT, Progress
+from ..threads import one_thread
+from .inverse import Point, Problem
+
+PRECISION = 0.1  # share of the gradient that a step may leave
+CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
+TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
+ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
+HOPE = 0.25  # share of what the model foretells that counts as still to be had
+INNER_ITERATIONS = (
+    150  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
+)
+
+
+@dataclass
+class Trace:
+    """What happened on the way.
+
+    rows : seconds, objective and RMSE (metres) of every accepted point
+    rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found
+    """
+
+    began: float = field(default_factory=time.perf_counter)
+    rows: list[tuple[float, float, float]] = field(default_factory=list)
+    evaluations: int = 0
+    rejected: int = 0
+    unstable: int = 0
+
+    def note(self, point: Point) -> None:
+        self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
+
+
+Accepted = Callable[[Point], None]
+
+
+@one_thread
+def gauss_newton(
+    problem: Problem,
+    start: Point,
+    params: OptimiseParams,
+    trace: Trace,
+    accepted: Accepted,
+    progress: Progress = SILENT,
+) -> Point:
+    """Damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
+
+    The next equilibrium is sought from the pose that the tangent predicts. The damping falls while the quadratic model
+    foretells the objective well and rises where it does not; where no equilibrium is found, turns are damped instead.
+    """
+    here, damping, calm = start, None, 0.0
+    small = 0
+    for k in range(params.iterations):
+        progress(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
+        if damping is None:
+            # so that a first step along the gradient would use a third of the box
+            damping = float(np.linalg.norm(here.gradient) / (0.3 * np.sqrt(here.x.size)))
+        found = None
+        for _ in range(12):
+            step = _box_step(here, damping, calm, params)
+            if not np.abs(step).max() > 1e-9:
+                break
+            moves = here.moves(step)
+            gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
+            # near buckling, clipping a step that was not solved to the end may even point uphill
+            trial = _predicted(problem, here, step, moves, trace, progress) if gain > 0.0 else None
+            if trial is None:
+                calm = max(8.0 * calm, here.value / (TURN_MOST**2 * len(moves)))
+                continue
+            ratio = (here.value - trial.value) / max(gain, 1e-300)
+            if ratio > 0.7:
+                damping, calm = 0.3 * damping, 0.3 * calm
+            elif ratio < 0.25:
+                damping, calm = 4.0 * damping, 8.0 * calm
+            if ratio > 1e-3:
+                found = trial
+                break
+            trace.rejected += 1
+        if found is None:
+            break
+        # where the model is poor, a small fall does not mean that nothing is to be had any more
+        fall = max(here.value - found.value, HOPE * gain) / here.value
+        here = found
+        trace.note(here)
+        accepted(here)
+        small = small + 1 if fall < params.stop else 0
+        if small == 2 or (params.stop and here.value < 0.5 * ENOUGH**2):
+            break
+    return here
+
+
+def _predicted(
+    problem: Problem, here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
+) -> Point | None:
+    """The point one step on; None where no stable equilibrium is found near what the tangent predicts."""
+    trace.evaluations += 1
+    turn = np.linalg.norm(moves[:, 3:], axis=1).max()
+    if turn > 4.0 * TURN_MOST:
+        trace.unstable += 1
+        return None
+    moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
+    x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
+    trial = problem.at(x, pose, progress.quiet(), INNER_ITERATIONS, here, moves)
+    if not trial.equilibrium.converged:
+        trace.unstable += 1
+        return None
+    return trial
+
+
+def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams) -> np.ndarray:
+    """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
+
+    damping : of the coordinates; calm : of the hubs' turns, which near buckling grow beyond what the tangent tells
+
+    Coordinates at a bound that the gradient pushes outwards stay; those that the step runs into a bound with stop there, and
+    the rest is solved again.
+    """
+    x, gradient = here.x, here.gradient
+    free = ~(((x <= 0.0) & (gradient > 0.0)) | ((x >= 1.0) & (gradient < 0.0)))
+    fixed = np.zeros_like(x)
+
+    def product(v: np.ndarray) -> np.ndarray:
+        return here.gauss_newton(v, calm) + damping * v
+
+    step = np.zeros_like(x)
+    for _ in range(CG_ROUNDS):
+        rhs = -gradient - (product(fixed) if fixed.any() else 0.0)
+        guess = np.where(free, step - fixed, 0.0)
+        step = fixed + _conjugate_gradients(product, np.where(free, rhs, 0.0), guess, free, params.cg_iterations)
+        clipped = np.clip(x + step, 0.0, 1.0) - x
+        hit = free & (np.abs(clipped - step) > 1e-12)
+        step = clipped
+        if not hit.any():
+            break
+        fixed = np.where(hit, clipped, fixed)
+        free = free & ~hit
+    return step
+
+
+def _conjugate_gradients(
+    product: Callable[[np.ndarray], np.ndarray], rhs: np.ndarray, guess: np.ndarray, free: np.ndarray, most: int
+) -> np.ndarray:
+    """Solve product(v) = rhs in the free coordinates from a guess, to a tenth of the right-hand side."""
+    v = guess.copy()
+    r = rhs - np.where(free, product(v), 0.0) if v.any() else rhs.copy()
+    p, rr = r.copy(), float((r * r).sum())
+    goal = PRECISION**2 * float((rhs * rhs).sum())
+    for _ in range(most):
+        if rr <= goal or rr == 0.0:
+            break
+        q = np.where(free, product(p), 0.0)
+        alpha = rr / float((p * q).sum())
+        v += alpha * p
+        r -= alpha * q
+        old, rr = rr, float((r * r).sum())
+        p = r + (rr / old) * p
+    return v
+
+
+@one_thread
+def lbfgs(
+    problem: Problem,
+    start: Point,
+    params: OptimiseParams,
+    trace: Trace,
+    accepted: Accepted,
+    progress: Progress = SILENT,
+) -> Point:
+    """L-BFGS-B with an equilibrium at every evaluation, the publication's way; kept as the baseline.
+
+    Where no equilibrium is found the objective counts as ten times the start's.
+    """
+    from scipy.optimize import minimize
+
+    best = last = start
+
+    def value(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal best, last
+        progress(min(trace.evaluations / (1.2 * params.iterations), 1.0), f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
+        trace.evaluations += 1
+        x = flat.reshape(-1, 2)
+        point = problem.at(x, last.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+        if not point.equilibrium.converged:
+            trace.unstable += 1
+            return 10.0 * start.value, np.zeros_like(flat)
+        last = point
+        gradient = point.gradient.ravel().copy()
+        if point.value < best.value:
+            best = point
+            trace.note(point)
+            accepted(point)
+        return point.value, gradient
+
+    minimize(
+        value,
+        start.x.ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0.0, 1.0)] * start.x.size,
+        options={"maxiter": params.iterations, "maxfun": 4 * params.iterations, "ftol": 0.0, "gtol": 0.0},
+    )
+    return best

@@ -1,0 +1,122 @@
+"""What keeps a shape from matching its target, spiral by spiral, with one sentence of advice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..mechanics.arm_model import ArmModel
+from ..mechanics.laplacian import laplacian_difference
+from ..mechanics.simulate import Simulation
+from .optimise import Optimisation
+
+MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
+DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
+STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the sheet
+UNSTABLE = 0.3  # share of the largest motion in the softest mode
+SNAPPING = 1e-3  # stiffness of that mode against its convex part below which the shape is about to snap
+
+KINDS: tuple[tuple[str, str], ...] = (
+    ("matched", "bends as the target does"),
+    ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help"),
+    ("stiffest", "spirals are as stiff as they may be: wider arms or less smallest twist would help"),
+    ("unstable", "the shape is about to snap into another one: hold it there, or cut it along another line"),
+    ("distorted", "quads are distorted by the flattening: squarer or finer quads, or a cut there, would help"),
+    ("stretched", "the panel is stretched in its plane more than it is bent: a cut there would let it close"),
+    ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or use finer quads"),
+)  # fmt: skip
+NAMES = tuple(name for name, _ in KINDS)
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence"""
+
+    kind: np.ndarray
+    share: np.ndarray
+    advice: str
+
+    def report(self) -> dict[str, Any]:
+        """The ``reach`` block of report.json."""
+        counts = np.bincount(self.kind, minlength=len(NAMES))
+        return {
+            "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),
+            "mismatch_share": dict(zip(NAMES, np.round(self.share, 4).tolist(), strict=True)),
+            "advice": self.advice,
+        }
+
+
+def reach(of: Simulation | Optimisation) -> Reach:
+    """What limits the match of a simulated design; of an optimised one also where its bounds hold it back.
+
+    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``.
+    """
+    simulation = of.after if isinstance(of, Optimisation) else of
+    difference = laplacian_difference(
+        simulation.assembly.pairs, simulation.equilibrium.pose.centres, simulation.target.centroids
+    )
+    mismatch = np.linalg.norm(difference, axis=1)
+    a, b = simulation.assembly.pairs.T
+    spacing = np.linalg.norm(simulation.target.centroids[b] - simulation.target.centroids[a], axis=1).mean()
+    kind = np.full(len(mismatch), NAMES.index("free"))
+    reasons = _reasons(simulation)
+    if isinstance(of, Optimisation):
+        reasons |= _bounds(of)
+    for name in reversed(NAMES):
+        if name in reasons:
+            kind[reasons[name]] = NAMES.index(name)
+    kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
+    share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
+    return Reach(kind, share, _advice(kind, share))
+
+
+def _reasons(simulation: Simulation) -> dict[str, np.ndarray]:
+    """(F,) bool for every reason that a simulation knows."""
+    found = {"distorted": simulation.design.flat.energy > DISTORTED}
+    if isinstance(simulation.model, ArmModel):
+        found["stretched"] = _stretched(simulation, simulation.model)
+        found["unstable"] = _unstable(simulation)
+    return found
+
+
+def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
+    """Where the better design lies beyond a bound of the spiral itself or of a neighbour's.
+
+    A wider arm is stiffer, a more wound one softer.
+    """
+    push = -np.sign(of.gradient) * (of.at_bound != 0)
+    outwards = push == of.at_bound
+    soft = (outwards[:, 0] & (of.at_bound[:, 0] < 0)) | (outwards[:, 1] & (of.at_bound[:, 1] > 0))
+    stiff = (outwards[:, 0] & (of.at_bound[:, 0] > 0)) | (outwards[:, 1] & (of.at_bound[:, 1] < 0))
+    return {"softest": soft, "stiffest": stiff & ~soft}
+
+
+def _stretched(simulation: Simulation, model: ArmModel) -> np.ndarray:
+    """(F,) bool: most of the elastic energy comes from motions in the plane of the sheet."""
+    strains = model.start(simulation.equilibrium.pose).motion.vector
+    inside = np.where(np.isin(np.arange(6), (0, 1, 5)), strains, 0.0)
+    plane = 0.5 * np.einsum("mi,mij,mj->m", inside, model.stiffness, inside, optimize=True)
+    both = np.stack([plane, simulation.equilibrium.per_joint], axis=1)
+    total = np.zeros((simulation.assembly.size, 2))
+    for side in (0, 1):
+        np.add.at(total, simulation.assembly.pairs[:, side], both)
+    return total[:, 0] > STRETCHED * np.maximum(total[:, 1], 1e-300)
+
+
+def _unstable(simulation: Simulation) -> np.ndarray:
+    """(F,) bool: takes part in a motion that hardly costs energy."""
+    mode, stiffness = simulation.softest
+    moved = np.linalg.norm(mode[:, 3:], axis=1)
+    return (moved > UNSTABLE * moved.max()) & (stiffness < SNAPPING)
+
+
+def _advice(kind: np.ndarray, share: np.ndarray) -> str:
+    matched = NAMES.index("matched")
+    rest = np.where(np.arange(len(share)) == matched, 0.0, share)
+    if rest.sum() == 0.0:
+        return "Every spiral bends as the target asks."
+    worst = int(rest.argmax())
+    count = int((kind == worst).sum())
+    return f"{100 * share[worst]:.0f} % of the mismatch sits in {count} spirals: {KINDS[worst][1]}."

@@ -1,0 +1,50 @@
+"""Hand edits of a layout: cut or join along a run of edges; only what changed is flattened again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import LayoutParams
+from .flatten import FlatPatches, flatten
+from .layout import PatchLayout
+
+
+def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
+    """Join the surface along cut edges: patches on both sides become one, or an inner cut grows shorter.
+
+    Raises FlexMapsError where a patch would be no disk any more; any other limit is the user's own choice.
+    """
+    return _flipped(flat, edges, False, params)
+
+
+def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
+    """Cut the surface along edges. Raises FlexMapsError where a patch would be no disk any more."""
+    return _flipped(flat, edges, True, params)
+
+
+def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams) -> FlatPatches:
+    """The flat patches of the same mesh under other cuts (E,) bool; unchanged patches are taken over as they are.
+
+    Raises FlexMapsError naming the quads of a patch that is no disk.
+    """
+    mesh = flat.layout.mesh
+    layout = PatchLayout(mesh, np.asarray(cut, dtype=bool) & ~mesh.border)
+    bad = np.flatnonzero(layout.euler != 1)
+    if len(bad):
+        quads = layout.patches[bad[0]]
+        raise FlexMapsError(
+            f"A patch of {len(quads)} quads would not be one flat piece with a single outline; "
+            "leave a cut that opens it, or remove a cut that floats inside it",
+            faces=quads,
+            edges=np.unique(mesh.quad_edges[quads][layout.outline_sides[quads]]),
+        )
+    return flatten(layout, params, previous=flat)
+
+
+def _flipped(flat: FlatPatches, edges: Iterable[int], value: bool, params: LayoutParams) -> FlatPatches:
+    cut = flat.layout.cut.copy()
+    cut[np.fromiter(edges, dtype=np.int64)] = value
+    return with_cuts(flat, cut, params)

@@ -1,0 +1,189 @@
+"""Flat patches: every patch of a layout mapped to the plane, with what that costs in distortion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..params import LayoutParams
+from ..progress import SILENT, Progress
+from ..threads import one_thread
+from .arap import PatchProblem, corner_triangles, quad_energy, square_energy
+from .layout import PatchLayout
+from .outline import simple
+from .seams import QUICK, ROUNDS, match_seams
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPatches:
+    """The flat rest shape of every patch.
+
+    layout : the mesh and its cuts
+    points : (P, 2) metres, the flat vertices, indexed by ``layout.flat_corners``; every patch in a frame of its own,
+        its area centroid at the origin, counter-clockwise seen from outside, its longest extent along x
+    energy : (F,) E of every quad: mean over its 4 corner triangles, weighted by area, of (s1-1)^2 + (s2-1)^2, with s1, s2
+        the singular values of the map from the surface to the plane
+    square : (F,) the same measure against a perfect square of the same area: how regular a quad is
+    """
+
+    layout: PatchLayout
+    points: np.ndarray
+    energy: np.ndarray
+    square: np.ndarray
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(F, 4, 2) metres: the flat corners of every quad in its patch's frame."""
+        return self.points[self.layout.flat_corners]
+
+    @cached_property
+    def outlines(self) -> tuple[np.ndarray, ...]:
+        """Flat vertices of every patch's outline, (m,) int, counter-clockwise, each once."""
+        return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
+
+
+@one_thread
+def flatten(
+    layout: PatchLayout,
+    params: LayoutParams,
+    progress: Progress = SILENT,
+    previous: FlatPatches | None = None,
+    start: np.ndarray | None = None,
+) -> FlatPatches:
+    """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
+
+    The two sides of every seam are brought to the same length as far as the distortion limit allows.
+    start : (F, 4) complex of length 1, rotations of the corner triangles to start from where they are known
+    """
+    known = _known(previous, layout)
+    corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
+    problems = []
+    for quads in layout.patches:
+        if previous is not None and _key(layout, quads) in known:
+            corners[quads] = previous.corners[quads] @ np.array([1.0, 1.0j])
+        else:
+            local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+            problems.append(PatchProblem(layout.mesh, quads, local))
+    progress(0.1, "Flattening")
+    solved = match_seams(layout, problems, corners, params, progress, start, ROUNDS if not known else QUICK)
+    points = np.empty((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
+    for problem, flat in zip(problems, solved, strict=True):
+        points[layout.flat_corners[problem.quads]] = in_frame(flat.points, problem.corners)[problem.corners]
+    return measured(layout, points)
+
+
+def measured(layout: PatchLayout, points: np.ndarray) -> FlatPatches:
+    """FlatPatches with the energies that belong to given flat points (P, 2) metres."""
+    u = (points[:, 0] + 1j * points[:, 1])[layout.flat_corners]
+    tri = corner_triangles(layout.mesh)
+    d = np.roll(u, -1, axis=1) - u
+    before = np.roll(d, 1, axis=1)
+    a, b = tri.along * d + tri.against * before, tri.along_bar * d + tri.against_bar * before
+    return FlatPatches(layout, points, quad_energy(tri, a, b), square_energy(u))
+
+
+def in_frame(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Points (n,) complex moved to their patch's frame, (n, 2): area centroid at 0, longest extent along x.
+
+    corners : (q, 4) int, the quads of the patch
+    """
+    u = points[corners]
+    area = 0.5 * ((u[:, 2] - u[:, 0]).conj() * (u[:, 3] - u[:, 1])).imag
+    centre = u.mean(axis=1)
+    origin = (area * centre).sum() / area.sum()
+    hull = points - origin
+    turn = _longest_direction(hull)
+    hull = hull * turn
+    return np.stack([hull.real, hull.imag], axis=1)
+
+
+def _longest_direction(points: np.ndarray) -> complex:
+    """The turn that lays the narrowest bounding box along x; of the two ways round, the one with more to the left."""
+    angles = np.linspace(0.0, np.pi, 180, endpoint=False)
+    spun = points[None, :] * np.exp(-1j * angles)[:, None]
+    width, height = np.ptp(spun.real, axis=1), np.ptp(spun.imag, axis=1)
+    best = int(np.argmin(np.where(width >= height - 1e-12, np.round(width * height, 15), np.inf)))
+    return complex(np.exp(-1j * angles[best]))
+
+
+def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
+    return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
+
+
+def _known(previous: FlatPatches | None, layout: PatchLayout) -> dict[bytes, int]:
+    if previous is None or previous.layout.mesh is not layout.mesh:
+        return {}
+    return {_key(previous.layout, quads): i for i, quads in enumerate(previous.layout.patches)}
+
+
+def outline(layout: PatchLayout, patch: int) -> np.ndarray:
+    """(m,) int: the flat vertices on the outline of a disk patch, counter-clockwise, from its smallest one on."""
+    quads = layout.patches[patch]
+    quad, side = np.nonzero(layout.outline_sides[quads])
+    corners = layout.flat_corners[quads]
+    start, end = corners[quad, side], corners[quad, (side + 1) % 4]
+    following = dict(zip(start.tolist(), end.tolist(), strict=True))
+    walk = [int(start.min())]
+    while (vertex := following[walk[-1]]) != walk[0]:
+        walk.append(vertex)
+    return np.array(walk)
+
+
+def seam_mismatch(flat: FlatPatches) -> np.ndarray:
+    """(C,) for every cut edge: how much its two flat sides differ in length, as a share of its length on the surface."""
+    mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
+    sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
+    pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
+    length = sides[pair, side]
+    return np.abs(length[:, 0] - length[:, 1]) / mesh.edge_lengths[cut]
+
+
+def overlapping(flat: FlatPatches) -> list[int]:
+    """Patches that are not proven injective: a flip in either triangulation, no disk, or an outline that is not simple."""
+    layout = flat.layout
+    points = flat.points[:, 0] + 1j * flat.points[:, 1]
+    corners = flat.layout.flat_corners
+    flipped = np.bincount(layout.patch_of, weights=flips(points[corners]), minlength=len(layout.patches)) > 0
+    bad = np.flatnonzero(flipped | (layout.euler != 1)).tolist()
+    sides = layout.outline_sides
+    return sorted(
+        bad
+        + [
+            patch
+            for patch, quads in enumerate(layout.patches)
+            if patch not in bad and not simple(points, corners[quads], sides[quads])
+        ]
+    )
+
+
+def flips(corners: np.ndarray) -> np.ndarray:
+    """(F,) int: how many of the four corner triangles of flat quads (F, 4), complex, are not positively oriented."""
+    d = np.roll(corners, -1, axis=1) - corners
+    return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)
+
+
+def layout_report(flat: FlatPatches) -> dict[str, object]:
+    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers."""
+    layout = flat.layout
+    mismatch = seam_mismatch(flat)
+    points = (flat.points[:, 0] + 1j * flat.points[:, 1])[layout.flat_corners]
+    report: dict[str, object] = {
+        "patches": len(layout.patches),
+        "cut_edges": int(layout.cut.sum()),
+        "energy_max": float(flat.energy.max()),
+        "energy_median": float(np.median(flat.energy)),
+        "square_max": float(flat.square.max()),
+        "square_median": float(np.median(flat.square)),
+        "flips": int(flips(points).sum()),
+        "overlaps": len(overlapping(flat)),
+        "disks": bool((layout.euler == 1).all()),
+        "compactness_max": float(layout.compactness.max()),
+        "neck_min_quads": int(layout.necks().min()),
+        "smallest_patch": min(len(quads) for quads in layout.patches),
+        "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
+        "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,
+    }
+    return report | layout.notes

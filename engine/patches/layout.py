@@ -1,0 +1,246 @@
+"""The layout of patches: one boolean per edge says where the surface is cut (FlexMaps section 4).
+
+Merging, opening, closing and hand edits all flip runs of edges. A patch may keep cuts inside itself: that is how a
+sphere becomes one patch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..surface.mesh import QuadMesh
+
+
+def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(count,) int: the connected component of every node under the links a[i] - b[i], numbered by smallest node."""
+    if count > 4000:
+        graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
+        labels = connected_components(graph, directed=False)[1]
+        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        return rank[inverse]
+    # for few nodes the set-up of a sparse graph costs more than passing the smallest label on
+    labels = np.arange(count)
+    while True:
+        before = labels.copy()
+        low = np.minimum(labels[a], labels[b])
+        np.minimum.at(labels, a, low)
+        np.minimum.at(labels, b, low)
+        labels = labels[labels]
+        if (labels == before).all():
+            break
+    roots = labels == np.arange(count)
+    return (np.cumsum(roots) - 1)[labels]
+
+
+@dataclass(frozen=True, eq=False)
+class PatchLayout:
+    """A quad mesh and where it is cut.
+
+    mesh : the surface
+    cut : (E,) bool, True where the surface is cut; border edges are never marked
+    notes : sentences for the report about how the layout came about (symmetry, forced small patches)
+    """
+
+    mesh: QuadMesh
+    cut: np.ndarray
+    notes: dict[str, object] = field(default_factory=dict)
+
+    @cached_property
+    def joined(self) -> np.ndarray:
+        """(J,) int: inner edges that are not cut."""
+        return np.flatnonzero(~self.cut & ~self.mesh.border)
+
+    @cached_property
+    def patch_of(self) -> np.ndarray:
+        """(F,) int: the patch of every quad, numbered 0.. by the smallest quad in it."""
+        a, b = self.mesh.edge_quads[self.joined].T
+        return groups(len(self.mesh.quads), a, b)
+
+    @cached_property
+    def patches(self) -> tuple[np.ndarray, ...]:
+        """One int array of quads per patch, ascending."""
+        order = np.argsort(self.patch_of, kind="stable")
+        counts = np.bincount(self.patch_of)
+        return tuple(np.split(order, np.cumsum(counts)[:-1]))
+
+    @cached_property
+    def flat_corners(self) -> np.ndarray:
+        """(F, 4) int: the flat vertex of every quad corner.
+
+        Corners of two quads are one flat vertex where the quads share an uncut edge. Numbered 0..P-1.
+        """
+        mesh = self.mesh
+        (qa, qb), (ka, kb) = mesh.edge_quads[self.joined].T, mesh.edge_sides[self.joined].T
+        # side k of one quad runs against side k' of the other: corner k meets corner k'+1, k+1 meets k'
+        a = np.concatenate([4 * qa + ka, 4 * qa + (ka + 1) % 4])
+        b = np.concatenate([4 * qb + (kb + 1) % 4, 4 * qb + kb])
+        return groups(4 * len(mesh.quads), a, b).reshape(-1, 4)
+
+    # -- measures of every patch ---------------------------------------------------------------------------------
+
+    @cached_property
+    def euler(self) -> np.ndarray:
+        """(N,) int: Euler number of every patch, its inner cuts taken as outline; 1 is a disk."""
+        n = len(self.patches)
+        patch = np.repeat(self.patch_of, 4)
+        _, first = np.unique(self.flat_corners, return_index=True)
+        vertices = np.bincount(patch[first], minlength=n)
+        faces = np.bincount(self.patch_of, minlength=n)
+        inner = np.bincount(self.patch_of[self.mesh.edge_quads[self.joined, 0]], minlength=n)
+        return vertices - (4 * faces - inner) + faces
+
+    @cached_property
+    def outline_sides(self) -> np.ndarray:
+        """(F, 4) bool: sides of quads that lie on the outline of their patch (cut or border)."""
+        return (self.cut | self.mesh.border)[self.mesh.quad_edges]
+
+    @cached_property
+    def perimeters(self) -> np.ndarray:
+        """(N,) metres on the surface; cuts inside a patch count twice, once for each of their sides."""
+        lengths = (self.mesh.edge_lengths[self.mesh.quad_edges] * self.outline_sides).sum(axis=1)
+        return np.bincount(self.patch_of, weights=lengths)
+
+    @cached_property
+    def compactness(self) -> np.ndarray:
+        """(N,) perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk."""
+        return self.perimeters / np.sqrt(np.bincount(self.patch_of, weights=self.mesh.areas))
+
+    @cached_property
+    def on_outline(self) -> np.ndarray:
+        """(P,) bool: flat vertices on the outline of their patch."""
+        quad, side = np.nonzero(self.outline_sides)
+        mask = np.zeros(int(self.flat_corners.max()) + 1, dtype=bool)
+        mask[self.flat_corners[quad, side]] = True
+        mask[self.flat_corners[quad, (side + 1) % 4]] = True
+        return mask
+
+    def necks(self, widest: int = 8) -> np.ndarray:
+        """(N,) int: quads across the narrowest isthmus of every patch, at most ``widest``.
+
+        An isthmus is a straight line of uncut edges through the patch with both ends on the outline.
+        """
+        mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
+        result = np.full(len(self.patches), widest, dtype=np.int64)
+        quad, side = mesh.edge_quads[self.joined], mesh.edge_sides[self.joined]
+        for way in range(2):
+            q, k = quad[:, way].copy(), side[:, way].copy()
+            begins = outline[corners[q, k]]
+            q, k = q[begins], k[begins]
+            for steps in range(1, widest):
+                end = outline[corners[q, (k + 1) % 4]]
+                np.minimum.at(result, self.patch_of[q[end]], steps)
+                q, k = q[~end], k[~end]
+                q, k, valid = straight_on(mesh, q, k)
+                q, k = q[valid], k[valid]
+        return result
+
+    # -- seams -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def cut_degree(self) -> np.ndarray:
+        """(V,) int: number of cut edges at every vertex."""
+        return np.bincount(self.mesh.edges[self.cut].ravel(), minlength=len(self.mesh.vertices))
+
+    @cached_property
+    def seam_of(self) -> np.ndarray:
+        """(E,) int: the seam that a cut edge belongs to, -1 for the others; numbered by their smallest edges.
+
+        A seam is a longest run of cut edges that meets no other cut and no border on its way.
+        """
+        return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
+
+    def _runs(self, passing: np.ndarray) -> np.ndarray:
+        """(E,) int: runs of cut edges that go on at the vertices (V,) bool ``passing``, -1 for uncut edges."""
+        mesh = self.mesh
+        ids = np.flatnonzero(self.cut)
+        result = np.full(len(self.cut), -1, dtype=np.int64)
+        if not len(ids):
+            return result
+        ends = mesh.edges[ids]
+        node = np.where(passing[ends], ends, len(mesh.vertices) + 2 * np.arange(len(ids))[:, None] + np.arange(2))
+        labels = groups(len(mesh.vertices) + 2 * len(ids), node[:, 0], node[:, 1])[node[:, 0]]
+        _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        result[ids] = rank[inverse]
+        return result
+
+    @cached_property
+    def seam_edges(self) -> tuple[np.ndarray, ...]:
+        """The edges of every seam, ascending."""
+        return self._grouped(self.seam_of)
+
+    @cached_property
+    def short_seam_edges(self) -> tuple[np.ndarray, ...]:
+        """The same, with seams divided at irregular vertices."""
+        mesh = self.mesh
+        return self._grouped(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
+
+    def _grouped(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
+        ids = np.flatnonzero(self.cut)
+        if not len(ids):
+            return ()
+        order = np.argsort(run_of[ids], kind="stable")
+        return tuple(np.split(ids[order], np.cumsum(np.bincount(run_of[ids]))[:-1]))
+
+    @cached_property
+    def seams(self) -> tuple[np.ndarray, ...]:
+        """The edges of every seam, in the order of walking along it."""
+        return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
+
+
+def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
+    """The layout of some quads (n,), ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
+    mesh = layout.mesh
+    used, corners = np.unique(mesh.quads[quads], return_inverse=True)
+    part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
+    # vertices keep their order, and so do the edges
+    edges = np.unique(mesh.quad_edges[quads])
+    return PatchLayout(part, layout.cut[edges] & ~part.border), edges
+
+
+def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Go on along a parametric line: from side k of a quad to the next edge beyond its end, same side of the line.
+
+    Returns quad, side and valid, each (n,); not valid where the line ends at a border or an irregular vertex.
+    """
+    vertex = mesh.quads[quad, (side + 1) % 4]
+    valid = (mesh.valence[vertex] == 4) & ~mesh.on_border[vertex]
+    # round the end: the quad beyond the next side of this one carries the continuation on the same side of the line
+    across = mesh.quad_edges[quad, (side + 1) % 4]
+    pair, sides = mesh.edge_quads[across], mesh.edge_sides[across]
+    other = np.where(pair[:, 0] == quad, 1, 0)
+    rows = np.arange(len(quad))
+    next_quad, next_side = pair[rows, other], (sides[rows, other] + 1) % 4
+    return np.where(valid, next_quad, 0), np.where(valid, next_side, 0), valid
+
+
+def in_order(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray:
+    """The edges of one run, in the order of walking along it from the end with the smaller edge number."""
+    if len(edges) < 3:
+        return np.sort(edges)
+    at: dict[int, list[int]] = {}
+    for e, (a, b) in zip(edges.tolist(), mesh.edges[edges].tolist(), strict=True):
+        at.setdefault(a, []).append(e)
+        at.setdefault(b, []).append(e)
+    tips = sorted(users[0] for users in at.values() if len(users) == 1)
+    edge = tips[0] if tips else int(edges.min())
+    a, b = mesh.edges[edge].tolist()
+    vertex = (b if len(at[a]) == 1 else a) if tips else b
+    walk, seen = [edge], {edge}
+    while True:
+        following = [e for e in at[vertex] if e not in seen]
+        if not following:
+            return np.array(walk)
+        edge = following[0]
+        walk.append(edge)
+        seen.add(edge)
+        a, b = mesh.edges[edge].tolist()
+        vertex = b if vertex == a else a

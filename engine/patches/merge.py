@@ -1,0 +1,333 @@
+"""Fewer patches: greedy merging by opening runs of cut edges (FlexMaps section 4)."""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..params import LayoutParams
+from ..progress import SILENT, Progress
+from ..surface.symmetry import Symmetry, keeping, subgroups, symmetries
+from ..threads import one_thread
+from .board import WAIST, Board, Change
+from .flatten import FlatPatches, flatten, overlapping, seam_mismatch
+from .layout import PatchLayout, alone
+from .tidy import drawing_cost, natural_stops, tidy, widen
+from .trace import middle_line
+
+WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
+MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
+TRIES = 5  # most groups of symmetries that are tried
+
+
+@one_thread
+def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
+    """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
+
+    A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
+    which symmetries the surface has, which were kept, and what broke the others. Every body is laid out by itself.
+    """
+    mesh, progress = layout.mesh, _rising(progress)
+    bodies = int(mesh.body_of.max()) + 1
+    cut = layout.cut.copy()
+    notes: dict[str, object] = dict(layout.notes)
+    each: list[dict[str, object]] = []  # what is said of every body, where there are several
+    start = np.ones((len(mesh.quads), 4), dtype=complex)
+    for body in range(bodies):
+        part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
+        if bodies == 1:
+            board, said = _merge_body(layout, params, part, 1)
+            cut, start, notes = board.cut, board.rotations(), notes | said
+        else:
+            quads = np.flatnonzero(mesh.body_of == body)
+            part_of, edges = alone(layout, quads)
+            board, said = _merge_body(part_of, params, part, bodies)
+            cut[edges], start[quads] = board.cut, board.rotations()
+            each.append(said)
+    if any(each):
+        notes["bodies"] = each
+    return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
+
+
+def _rising(progress: Progress) -> Progress:
+    """The same progress, never going back: how many rounds there will be is not known beforehand."""
+    report, highest = progress.report, 0.0
+    if report is None:
+        return progress
+
+    def rise(fraction: float, text: str) -> None:
+        nonlocal highest
+        highest = max(highest, fraction)
+        report(highest, text)
+
+    return replace(progress, report=rise)
+
+
+def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
+    layout = split_long(layout, params)
+    flat = flatten(layout, params, progress, start=start)
+    layout.notes.update(forced_notes(flat, params))
+    return flat
+
+
+def _merge_body(
+    layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int
+) -> tuple[Board, dict[str, object]]:
+    """The merged layout, and what is to be said about its symmetry."""
+    progress(0.0, "Looking for symmetries")
+    found = symmetries(layout.mesh) if params.symmetric else []
+    kept = keeping(found, layout.cut)
+    start = Board(layout, params)
+    dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
+    groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 3)), []] if kept else [[]]
+    ranked: list[tuple[float, int, Board]] = []
+
+    def attempt(group: list[Symmetry], way: Way) -> None:
+        number = len(ranked)
+        # where trying is dear, go on from what the larger group has left
+        board = (ranked[-1][2] if ranked and dear else start).copy()
+        board.symmetries, board.waist = group, way.waist
+        run(board, LAST if ranked and dear else way, progress.part(number / 16, (number + 1) / 16))
+        ranked.append((round(worth(board), 9), number, board))
+
+    for way in WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]:
+        for group in groups:
+            attempt(group, way)
+    ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
+    board = next((b for b in ordered if _fits(b)), ordered[0])
+    tighter = board.copy()
+    tighter.room = 1.0
+    run(tighter, LAST, progress.part(0.9, 1.0))
+    if len(tighter.pieces) < len(board.pieces) and _fits(tighter):
+        board = tighter
+    return board, symmetry_notes(found, kept, ranked, board)
+
+
+def _fits(board: Board) -> bool:
+    """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
+    flat = flatten(board.layout, board.params, start=board.rotations())
+    apart = seam_mismatch(flat)
+    return bool(
+        apart.max(initial=0.0) < MISMATCH
+        and (not len(apart) or np.median(apart) < 0.3 * MISMATCH)
+        and flat.energy.max() <= board.params.distortion_limit
+        and not overlapping(flat)
+    )
+
+
+def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
+    """The largest group, then single mirrors and half turns, then groups of four: in between little is won."""
+    twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
+    if not most:  # one after the other, each going on from where the one before got stuck
+        return groups[:1] + fours[:1] + twos[:1]
+    rest = [g for g in groups[1:] if len(g) in (1, 3)]
+    return (groups[:1] + sorted(rest, key=len))[:most]
+
+
+def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
+    """Halve patches that are less compact than allowed, while that helps: long strips that no merge has taken in."""
+    for _ in range(20):
+        cut = layout.cut.copy()
+        for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():
+            line = middle_line(layout, patch)
+            halves = layout.cut.copy()
+            halves[line] = True
+            tried = PatchLayout(layout.mesh, halves, layout.notes)
+            parts = np.unique(tried.patch_of[layout.patches[patch]])
+            small = min(len(tried.patches[n]) for n in parts)
+            if (
+                len(parts) > 1
+                and small >= params.patch_min
+                and (tried.compactness[parts] < layout.compactness[patch]).all()
+            ):
+                cut[line] = True
+        if (cut == layout.cut).all():
+            break
+        layout = PatchLayout(layout.mesh, cut, layout.notes)
+    return layout
+
+
+def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
+    """Where a limit could not be kept, because every change within the other limits was tried and refused."""
+    layout = flat.layout
+    mesh, necks = layout.mesh, layout.necks()
+    listed = []
+    for patch, quads in enumerate(layout.patches):
+        reasons = []
+        if len(quads) < params.patch_min:
+            reasons.append(f"{len(quads)} quads")
+        if necks[patch] < params.neck_min:
+            reasons.append(f"a neck of {necks[patch]}")
+        if layout.compactness[patch] > params.compactness_limit:
+            reasons.append(f"compactness {layout.compactness[patch]:.1f}")
+        if (worst := flat.energy[quads].max()) > params.distortion_limit:
+            reasons.append(f"a distortion of {worst:.3f}")
+        if reasons:
+            x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
+            listed.append(
+                f"patch {patch} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
+                "every change to it would go beyond another limit"
+            )
+    return {"forced": listed} if listed else {}
+
+
+@dataclass(frozen=True)
+class Way:
+    """One order of doing things.
+
+    shared : how much a long common seam counts; waist : see Board;
+    short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion;
+    again : on a layout that was merged before: nothing more is done if nothing more can be merged
+    """
+
+    shared: float = 3.0
+    waist: float = WAIST
+    short: bool = False
+    again: bool = False
+
+
+WAYS = (Way(), Way(waist=2 * WAIST, short=True))
+
+LAST = Way(again=True)
+
+
+def run(board: Board, way: Way, progress: Progress) -> None:
+    """Merge and straighten in turns until neither changes anything."""
+    merged = greedy(board, way, progress.part(0.0, 0.5))
+    if way.again:
+        merged |= open_parts(board, way, progress.part(0.5, 0.6))
+        if not merged:
+            return
+    for turn in range(4):
+        part = progress.part(0.6 + turn / 10, 0.7 + turn / 10)
+        changed = tidy(board, part, darts=not way.short or turn == 3)
+        changed |= open_parts(board, way, part)
+        if not changed:
+            break
+        greedy(board, way, part)
+    tidy(board, progress, darts=True)
+    widen(board)
+
+
+def open_parts(board: Board, way: Way, progress: Progress) -> bool:
+    """Open parts of seams, and then whole ones again, while that goes."""
+    changed = False
+    while partial(board, way, progress):
+        changed = True
+        greedy(board, way, progress)
+    return changed
+
+
+def worth(board: Board) -> float:
+    """Patches, less what symmetry is worth: a mirror makes up for a fifth of them; then the drawing of the cuts."""
+    share = 0.6 + 0.4 / (1 + len(board.symmetries))
+    pieces = board.pieces.values()
+    broken = sum(p.sketch.necks + (len(p.quads) < board.params.patch_min) for p in pieces)
+    waists = sum(max(p.sketch.waist - WAIST, 0.0) for p in pieces)
+    return (len(pieces) + 0.5 * broken + 0.1 * waists) * share + 1e-3 * drawing_cost(board)
+
+
+def symmetry_notes(
+    found: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
+) -> dict[str, object]:
+    """What the report says about symmetry, in words."""
+    if not found:
+        return {}
+    rest = keeping(found, board.cut)
+    said, text = symmetry_kept(found, rest)
+    if len(kept) < len(found):
+        text += "; the first cuts chose one of several equal parametric lines"
+    if len(rest) < len(kept):
+        largest = ranked[0][2]
+        more = len(largest.pieces)
+        text += (
+            f"; with {1 + len(largest.symmetries)} of them there would be {more} patches instead of {len(board.pieces)}"
+        )
+    return said | {"symmetry": text}
+
+
+def symmetry_kept(found: list[Symmetry], rest: list[Symmetry]) -> tuple[dict[str, object], str]:
+    """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
+    names = sorted({s.name for s in rest})
+    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
+    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
+    return {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}, text
+
+
+def greedy(board: Board, way: Way, progress: Progress) -> bool:
+    """Open whole seams, best first, until no seam can be opened."""
+    mesh = board.mesh
+    tried: dict[tuple[int, ...], Change | None] = {}
+    heap: list[tuple[float, tuple[int, ...], bool]] = []
+    first = len(board.pieces)
+    changed = False
+    while True:
+        current: dict[tuple[int, ...], np.ndarray] = {}
+        layout = board.layout
+        for edges in layout.short_seam_edges if way.short else layout.seam_edges:
+            a, b = sorted(board.sides_of(edges[:1])[0].tolist())
+            key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
+            if a == b and (way.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
+                continue  # without an inner cut that has no free end the patch would be a ring
+            current[key] = edges
+            if key not in tried:
+                tried[key] = None
+                heapq.heappush(heap, (_score(board, edges, 0.0, way), key, False))
+        while heap:
+            _, key, known = heapq.heappop(heap)
+            if key not in current:
+                continue
+            if known:
+                break
+            change = tried[key] = board.attempt(current[key])
+            if change is not None:
+                worst = max(p.flat.worst for p in change.pieces)
+                heapq.heappush(heap, (_score(board, current[key], worst, way), key, True))
+        else:
+            return changed
+        found = tried[key]
+        assert found is not None
+        changed |= board.apply(found)
+        progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} patches")
+
+
+def _score(board: Board, edges: np.ndarray, worst: float, way: Way) -> float:
+    """Priority of opening a seam, the smallest first: distortion against the share of the outline that goes."""
+    sides = [board.pieces[n] for n in set(board.sides_of(edges[:1])[0].tolist())]
+    shared = float(board.mesh.edge_lengths[edges].sum())
+    worst = max(worst, *(p.flat.worst for p in sides))
+    return worst / board.params.distortion_limit - way.shared * shared / min(p.sketch.perimeter for p in sides)
+
+
+def partial(board: Board, way: Way, progress: Progress) -> bool:
+    """Open the best part of a seam between two patches that cannot be opened as a whole; the rest stays as a dart."""
+    best: tuple[float, int, Change] | None = None
+    for number, edges in enumerate(board.layout.seams):
+        a, b = board.sides_of(edges[:1])[0].tolist()
+        if a == b:
+            continue
+        change = longest_part(board, edges)
+        if change is not None:
+            worst = max(p.flat.worst for p in change.pieces)
+            score = _score(board, change.opens, worst, way)
+            if best is None or (score, number) < best[:2]:
+                best = (score, number, change)
+    progress(0.5, f"Merging: {len(board.pieces)} patches")
+    return best is not None and board.apply(best[2])
+
+
+def longest_part(board: Board, edges: np.ndarray) -> Change | None:
+    """The longest part of a seam, between two natural stops, that can be opened."""
+    few = min(len(board.pieces[n].quads) for n in board.sides_of(edges[:1])[0]) < 2 * board.params.patch_min
+    stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
+    lengths = np.concatenate([[0.0], np.cumsum(board.mesh.edge_lengths[edges])])
+    spans = [(lengths[j] - lengths[i], i, j) for n, i in enumerate(stops) for j in stops[n + 1 :]]
+    for length, i, j in sorted(spans, key=lambda s: (-round(s[0], 9), s[1])):
+        if j - i < board.params.neck_min or length < 0.3 * lengths[-1]:
+            continue
+        change = board.attempt(np.sort(edges[i:j]))
+        if change is not None:
+            return change
+    return None

@@ -1,0 +1,146 @@
+"""Flattening all patches together, so that the two sides of every seam get the same length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..params import LayoutParams
+from ..progress import Progress
+from .arap import NEXT, FlatPatch, PatchProblem, Springs, minimax, settle
+from .layout import PatchLayout
+from .outline import simple
+
+ROUNDS, QUICK = 24, 10  # rounds for a whole layout, and for the few patches of a hand edit
+STIFFNESS = 3.0  # of a seam side against its quads, at first
+ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier
+MISMATCH_CAP = 0.07  # difference of the two sides, as a share of their length, above which a seam edge gets stiffer
+
+
+@dataclass(eq=False)
+class _Work:
+    """One patch on its way: its problem, where it is now, the weights of its quads, and its sides on seams."""
+
+    problem: PatchProblem
+    flat: FlatPatch
+    weights: np.ndarray
+    quad: np.ndarray  # (m,) local quad of every side on a seam
+    side: np.ndarray  # (m,)
+    edge: np.ndarray  # (m,) mesh edge
+    outline: np.ndarray  # (q, 4) bool, sides on the outline
+
+
+def match_seams(
+    layout: PatchLayout,
+    problems: list[PatchProblem],
+    corners: np.ndarray,
+    params: LayoutParams,
+    progress: Progress,
+    start: np.ndarray | None = None,
+    rounds: int = ROUNDS,
+) -> list[FlatPatch]:
+    """Flatten some patches with springs that pull both sides of a seam to their mean length.
+
+    corners : (F, 4) complex metres, flat corners of the patches that stay as they are: their seams are taken as given
+    start : (F, 4) complex of length 1, rotations to start from, constant turns of every patch left open
+    """
+    mesh = layout.mesh
+    limit = params.distortion_limit
+    works = [_begin(layout, p, limit, None if start is None else start[p.quads]) for p in problems]
+    length = np.abs(corners[:, NEXT] - corners)
+    moving = np.zeros(len(mesh.quads), dtype=bool)
+    for work in works:
+        moving[work.problem.quads] = True
+        _note(length, work)
+    stiffness = np.full(len(mesh.edges), STIFFNESS)
+    cut = np.flatnonzero(layout.cut)
+    pair, sides = mesh.edge_quads[cut], mesh.edge_sides[cut]
+    best = [work.flat for work in works]
+    best_score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
+    for turn in range(rounds):
+        progress(0.1 + 0.8 * turn / rounds, "Fitting the seams")
+        for work in works:
+            _relax(work, layout, length, moving, stiffness, params)
+        apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
+        change = np.clip(apart / MISMATCH_CAP, 0.8, 1.6)
+        # distortion comes first: where a patch is beyond the limit, its seams give way
+        worst = np.zeros(len(mesh.quads))
+        for work in works:
+            worst[work.problem.quads] = work.flat.worst
+        over = (worst[pair] > params.distortion_limit).any(axis=1)
+        change[over] = 0.7
+        floor = np.where(over, 0.1 * STIFFNESS, STIFFNESS)
+        stiffness[cut] = np.clip(stiffness[cut] * change, floor, 1e3)
+        score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
+        if score < best_score:
+            best, best_score = [work.flat for work in works], score
+    return best
+
+
+def _begin(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
+    outline = layout.outline_sides[problem.quads]
+    flat = settle(problem, start, tolerance=0.005)
+    if flat.flips or flat.worst > limit:
+        flat = minimax(problem, flat, target=0.95 * limit)
+    if flat.flips or flat.worst > limit or not simple(flat.points, problem.corners, outline):
+        other = settle(problem, problem.smoothest(), tolerance=0.003)
+        if (other.flips, other.worst) < (flat.flips, 3 * flat.worst):
+            other = minimax(problem, other, target=0.95 * limit)
+        flat = min((flat, other), key=lambda f: (f.flips, f.worst))
+    quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
+    edge = layout.mesh.quad_edges[problem.quads[quad], side]
+    return _Work(problem, flat, np.ones(len(problem.quads)), quad, side, edge, outline)
+
+
+def _note(length: np.ndarray, work: _Work) -> None:
+    u = work.flat.points[work.problem.corners]
+    length[work.problem.quads] = np.abs(u[:, NEXT] - u)
+
+
+def _relax(
+    work: _Work,
+    layout: PatchLayout,
+    length: np.ndarray,
+    moving: np.ndarray,
+    stiffness: np.ndarray,
+    params: LayoutParams,
+) -> None:
+    """One round for one patch: heavier bad quads, springs to the wanted lengths, two solves."""
+    mesh, problem = layout.mesh, work.problem
+    cap = ENERGY_CAP * params.distortion_limit
+    work.weights = np.clip(work.weights * np.clip(work.flat.energy / cap, 0.8, 2.0), 1.0, 1e3)
+    ends = np.stack([problem.corners[work.quad, work.side], problem.corners[work.quad, NEXT[work.side]]], axis=1)
+    column = (mesh.edge_quads[work.edge, 0] == problem.quads[work.quad]).astype(np.int64)
+    other, other_side = mesh.edge_quads[work.edge, column], mesh.edge_sides[work.edge, column]
+    own, theirs = length[problem.quads[work.quad], work.side], length[other, other_side]
+    wanted = np.where(moving[other], 0.5 * (own + theirs), theirs)
+    stiff = stiffness[work.edge]
+    factor: np.ndarray | None = None
+    for _ in range(2):
+        vector = work.flat.points[ends[:, 1]] - work.flat.points[ends[:, 0]]
+        springs = Springs(ends, wanted * vector / np.maximum(np.abs(vector), 1e-300), stiff)
+        if factor is None:
+            factor = problem.factor(work.weights, springs)
+        work.flat = problem.patch(problem.global_step(factor, work.weights, work.flat.rotation, springs))
+    _note(length, work)
+
+
+def _score(
+    works: list[_Work],
+    length: np.ndarray,
+    pair: np.ndarray,
+    sides: np.ndarray,
+    surface: np.ndarray,
+    params: LayoutParams,
+) -> tuple[float, float]:
+    """What makes one state better than another: nothing broken first, then the worst of distortion and mismatch."""
+    broken = float(sum(work.flat.flips + (not _simple(work)) for work in works))
+    apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
+    worst = max((work.flat.worst for work in works), default=0.0) / params.distortion_limit
+    over = max(worst - 0.97, 0.0)
+    return broken + over, float(apart.max(initial=0.0) + 3 * np.median(apart)) if len(apart) else worst
+
+
+def _simple(work: _Work) -> bool:
+    return simple(work.flat.points, work.problem.corners, work.outline)

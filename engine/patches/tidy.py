@@ -1,0 +1,310 @@
+"""Outlines as a person would draw them: straight seams along parametric lines, few corners, no notches.
+
+Straight parts of seams are slid sideways, row by row of quads, and inner cuts are closed, wherever that makes the cuts
+shorter or takes corners away and keeps every limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..progress import Progress
+from ..surface.corners import corner_cost, rings
+from .board import NOTHING, Board, Piece
+from .layout import PatchLayout
+
+PATCH = 15.0  # what a patch less is worth, in edges of cut
+SMALL = 5.0  # what a quad more is worth in a patch that is too small
+GAIN = 0.3  # smallest gain that is worth a change
+DEPTH, LARGEST = 8, 150  # most rows and most quads moved at once
+
+
+@dataclass(frozen=True, eq=False)
+class Slide:
+    """Quads that go over to another patch: (n,) int, and for each the quad whose patch it joins."""
+
+    quads: np.ndarray
+    hosts: np.ndarray
+
+
+def tidy(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
+    """Slide seams while it pays, and if ``darts``, close inner cuts; True if anything changed."""
+    changed = False
+    for sweep in range(sweeps):
+        progress(sweep / sweeps, "Straightening seams")
+        again = _close_inner(board) if darts else False
+        again |= _slide_all(board)
+        changed |= again
+        if not again:
+            break
+    return changed
+
+
+def _slide_all(board: Board) -> bool:
+    """One sweep over all slides, the most gainful first."""
+    listed: list[tuple[float, int, Slide]] = []
+    for slide in slides(board, fresh=True):
+        flipped = flips_of(board, slide)
+        gain = gain_of(board, *flipped) + size_gain(board, slide) if flipped is not None else 0.0
+        if gain > GAIN:
+            listed.append((-round(gain, 6), len(listed), slide))
+    changed = False
+    for _, _, slide in sorted(listed, key=lambda item: item[:2]):
+        flipped = flips_of(board, slide)
+        if flipped is None or gain_of(board, *flipped) + size_gain(board, slide) <= GAIN:
+            continue
+        changed |= _try(board, *flipped)
+    return changed
+
+
+def _try(board: Board, opens: np.ndarray, closes: np.ndarray) -> bool:
+    names = np.unique(board.sides_of(np.concatenate([opens, closes])))
+    key = (opens.tobytes(), closes.tobytes(), names.tobytes())
+    if key in board.refused:
+        return False
+    change = board.attempt(opens, closes)
+    if change is not None and board.apply(change):
+        return True
+    board.refused.add(key)
+    return False
+
+
+def gain_of(board: Board, opens: np.ndarray, closes: np.ndarray) -> float:
+    """How much better drawn the layout is after flipping edges: cut length in edges, corners, patches that go."""
+    mesh = board.mesh
+    ring = rings(mesh)
+    vertices = set(mesh.edges[opens].ravel().tolist())
+    vertices.update(mesh.edges[closes].ravel().tolist())
+    cut = board.marked
+    before = sum([corner_cost(ring[v], cut) for v in vertices])
+    cut.difference_update(opens.tolist())
+    cut.update(closes.tolist())
+    after = sum([corner_cost(ring[v], cut) for v in vertices])
+    cut.update(opens.tolist())
+    cut.difference_update(closes.tolist())
+    length = (mesh.edge_lengths[opens].sum() - mesh.edge_lengths[closes].sum()) / mesh.median_edge
+    return float(length) + before - after
+
+
+def widen(board: Board) -> bool:
+    """Take away isthmuses that are too narrow and patches that are too small, at the price of a longer seam if need be."""
+    changed = False
+    for _ in range(10):
+        poor = {n for n, p in board.pieces.items() if p.sketch.necks or len(p.quads) < board.params.patch_min}
+        if not poor or not _widen_one(board, poor):
+            break
+        changed = True
+    return changed
+
+
+def _widen_one(board: Board, poor: set[int]) -> bool:
+    listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
+    for slide in slides(board):
+        if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
+            continue
+        flipped = flips_of(board, slide)
+        if flipped is not None:
+            gain = gain_of(board, *flipped) + size_gain(board, slide)
+            listed.append((-round(gain, 6), len(listed), flipped))
+    for _, _, (opens, closes) in sorted(listed, key=lambda item: item[:2])[:60]:
+        names = set(board.sides_of(np.concatenate([opens, closes])).ravel().tolist())
+        before = _poverty(board, [board.pieces[n] for n in names])
+        change = board.attempt(opens, closes)
+        if change is not None and _poverty(board, change.pieces) < before and board.apply(change):
+            return True
+    return False
+
+
+def _poverty(board: Board, pieces: list[Piece]) -> int:
+    return sum(p.sketch.necks + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
+
+
+def drawing_cost(board: Board) -> float:
+    """How well drawn all cuts are together, the less the better: length in edges and corners."""
+    ring = rings(board.mesh)
+    touched = np.unique(board.mesh.edges[board.cut]).tolist()
+    length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
+    return length + sum(corner_cost(ring[v], board.marked) for v in touched)
+
+
+def size_gain(board: Board, slide: Slide) -> float:
+    """What a slide is worth because a patch goes, or because a too small one grows."""
+    old, new = board.piece_of[slide.quads].tolist(), board.piece_of[slide.hosts].tolist()
+    change: dict[int, int] = {}
+    for a, b in zip(old, new, strict=True):
+        if a != b:
+            change[a] = change.get(a, 0) - 1
+            change[b] = change.get(b, 0) + 1
+    least = board.params.patch_min
+    gain = 0.0
+    for name, difference in change.items():
+        before = len(board.pieces[name].quads)
+        gain += _lack(before, least) - _lack(before + difference, least)
+    return gain
+
+
+def _lack(size: int, least: int) -> float:
+    return 0.0 if size == 0 else PATCH + SMALL * max(least - size, 0)
+
+
+def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:
+    """The cut edges that a slide opens and the joined edges that it closes; None where it changes nothing."""
+    mesh, owner = board.mesh, board.piece_of
+    old = owner[slide.quads]
+    new = owner[slide.hosts]
+    edges = np.unique(mesh.quad_edges[slide.quads])
+    edges = edges[~mesh.border[edges]]
+    pair = mesh.edge_quads[edges]
+    cut = board.cut[edges]
+    where = np.minimum(np.searchsorted(slide.quads, pair), len(slide.quads) - 1)
+    moved = slide.quads[where] == pair
+    if (old == new).all():
+        if (old != old[0]).any():
+            return None
+        # an inner cut: what was on one side of it is on the other afterwards
+        inside = moved[:, 0] != moved[:, 1]
+        own = (owner[pair] == old[0]).all(axis=1)
+        flip = inside & own
+        opens, closes = edges[flip & cut], edges[flip & ~cut]
+    else:
+        if (old == new).any():
+            return None
+        after = np.where(moved, new[where], owner[pair])
+        same = after[:, 0] == after[:, 1]
+        was_same = owner[pair[:, 0]] == owner[pair[:, 1]]
+        opens, closes = edges[cut & same & ~was_same], edges[~cut & ~same]
+    return (opens, closes) if len(opens) else None
+
+
+def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
+    """Every slide of a straight part of a seam, to both sides, by one row of quads or more.
+
+    ``fresh`` leaves out the seams that a sweep has seen between the same patches already.
+    """
+    mesh = board.mesh
+    border = mesh.border
+    for vertices, edges, stops in bars(board.layout):
+        if fresh:
+            around = frozenset(board.sides_of(np.array(edges)).ravel().tolist())
+            key = (edges[0], edges[-1], tuple(stops), around)
+            if key in board.swept:
+                continue
+            board.swept.add(key)
+        forward = np.array(vertices[:-1]) < np.array(vertices[1:])
+        line = np.array(edges)
+        for side in (0, 1):
+            column = np.where(forward, side, 1 - side)
+            row, at = mesh.edge_quads[line, column], mesh.edge_sides[line, column]
+            hosts = mesh.edge_quads[line, 1 - column]
+            for i, begin in enumerate(stops[:-1]):
+                for end in stops[i + 1 : i + 4]:
+                    part = slice(begin, end)
+                    yield from _rows(board, border, row[part], at[part], hosts[part])
+
+
+def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray) -> Iterator[Slide]:
+    mesh, owner = board.mesh, board.piece_of
+    taken = np.zeros(0, dtype=np.int64)
+    givers = set(owner[row].tolist())
+    if len(givers) > 2:
+        return
+    for depth in range(1, DEPTH + 1):
+        if len(taken) + len(row) > LARGEST or not set(owner[row].tolist()) <= givers:
+            return
+        taken = np.concatenate([taken, row])
+        unique, first = np.unique(taken, return_index=True)
+        if len(unique) < len(taken):
+            return
+        yield Slide(unique, np.tile(hosts, depth)[first])
+        far = mesh.quad_edges[row, (at + 2) % 4]
+        if border[far].any():
+            return
+        row, at = mesh.neighbours[row, (at + 2) % 4], _side_across(mesh.edge_quads, mesh.edge_sides, far, row)
+
+
+def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """The side of the other quad that lies on each edge."""
+    column = (edge_quads[edges, 0] == quads).astype(np.int64)
+    return edge_sides[edges, column]
+
+
+def bars(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
+    """Longest straight runs of cut edges: their vertices, edges, and the positions where they end or meet another cut."""
+    mesh = layout.mesh
+    cut, ring = layout.cut, rings(mesh)
+    degree = layout.cut_degree
+    seen: set[int] = set()
+    result = []
+    ends = mesh.edges.tolist()
+
+    def onward(edge: int, vertex: int) -> int:
+        r = ring[vertex]
+        if not r.closed or len(r.edges) != 4:
+            return -1
+        other = r.edges[(r.edges.index(edge) + 2) % 4]
+        return other if cut[other] else -1
+
+    for edge in np.flatnonzero(cut).tolist():
+        if edge in seen:
+            continue
+        seen.add(edge)
+        a, b = ends[edge]
+        halves = []
+        for vertex in (a, b):
+            points, walk, at = [vertex], [], edge
+            while (at := onward(at, points[-1])) >= 0 and at not in seen:
+                seen.add(at)
+                walk.append(at)
+                points.append(ends[at][1] if ends[at][0] == points[-1] else ends[at][0])
+            halves.append((points, walk))
+        vertices = halves[0][0][::-1] + halves[1][0]
+        edges = halves[0][1][::-1] + [edge] + halves[1][1]
+        stops = [i for i, v in enumerate(vertices) if i in (0, len(edges)) or degree[v] != 2]
+        result.append((vertices, edges, stops))
+    return result
+
+
+def _close_inner(board: Board) -> bool:
+    """Close cuts inside patches from their free ends back, as far as a natural stop, where the distortion allows."""
+    changed = False
+    mesh = board.mesh
+    layout = board.layout
+    for edges in layout.seams:
+        names = board.sides_of(edges[:1])[0]
+        if names[0] != names[1] or not board.cut[edges].all():
+            continue
+        free = [layout.cut_degree[v] == 1 for v in _run_ends(mesh.edges[edges])]
+        if not any(free):
+            continue
+        run = edges if free[1] else edges[::-1]
+        for begin in natural_stops(board, run)[:-1]:
+            if _try(board, np.sort(run[begin:]), NOTHING):
+                changed = True
+                break
+    return changed
+
+
+def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
+    """First and last vertex of a run whose edges (n, 2) are in order."""
+    if len(pairs) == 1:
+        return int(pairs[0, 0]), int(pairs[0, 1])
+    first = pairs[0, 0] if pairs[0, 0] not in pairs[1] else pairs[0, 1]
+    last = pairs[-1, 0] if pairs[-1, 0] not in pairs[-2] else pairs[-1, 1]
+    return int(first), int(last)
+
+
+def natural_stops(board: Board, run: np.ndarray) -> list[int]:
+    """Positions in a run of edges where a person would end a cut: its ends, its corners, irregular vertices."""
+    mesh = board.mesh
+    stops = [0]
+    for i in range(1, len(run)):
+        a, b = int(run[i - 1]), int(run[i])
+        vertex = next(iter(set(mesh.edges[a].tolist()) & set(mesh.edges[b].tolist())))
+        ring = rings(mesh)[vertex]
+        straight = ring.closed and len(ring.edges) == 4 and ring.edges[(ring.edges.index(a) + 2) % 4] == b
+        if not straight:
+            stops.append(i)
+    return [*stops, len(run)]

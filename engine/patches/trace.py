@@ -1,0 +1,165 @@
+"""The first layout: a motorcycle graph along parametric lines, every patch a disk (FlexMaps section 4).
+
+Lines start at the irregular vertices and run straight on, all at the same pace, until they meet a line that is already
+there (Eppstein et al. 2008). What is then no disk is cut along its shortest straight parametric line.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import LayoutParams
+from ..progress import SILENT, Progress
+from ..surface.mesh import QuadMesh
+from ..threads import one_thread
+from .arap import PatchProblem, minimax, settle
+from .layout import PatchLayout, straight_on
+
+
+@one_thread
+def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
+    """The motorcycle graph of a mesh, cut on until every patch is a disk under the distortion limit.
+
+    A single quad above the limit stays: nothing can be cut there.
+    """
+    progress(0.0, "Tracing parametric lines")
+    layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
+    good: set[bytes] = set()
+    for round_ in range(30):
+        cut = layout.cut.copy()
+        for number, quads in enumerate(layout.patches):
+            progress(0.3 + 0.02 * round_, "Flattening the first patches")
+            key = quads.tobytes()
+            if key in good:
+                continue
+            if _worst(layout, quads) > params.distortion_limit and len(line := middle_line(layout, number)):
+                cut[line] = True
+            else:
+                good.add(key)
+        if (cut == layout.cut).all():
+            return layout
+        layout = make_disks(PatchLayout(mesh, cut))
+    return layout
+
+
+def _worst(layout: PatchLayout, quads: np.ndarray) -> float:
+    """Worst energy of a patch, as far as weighing its quads brings it down."""
+    corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+    problem = PatchProblem(layout.mesh, quads, corners)
+    flat = settle(problem, tolerance=0.01)
+    return minimax(problem, flat, target=0.01).worst
+
+
+def motorcycles(mesh: QuadMesh) -> np.ndarray:
+    """(E,) bool: the edges driven over by motorcycles that start at every irregular vertex, one edge a step.
+
+    Two that meet head-on stop; two that cross at the same moment both go on, which keeps symmetry.
+    """
+    cut = np.zeros(len(mesh.edges), dtype=bool)
+    edges = np.flatnonzero(~mesh.border)
+    quad = mesh.edge_quads[edges].ravel()
+    side = mesh.edge_sides[edges].ravel()
+    start = mesh.quads[quad, side]
+    begins = mesh.irregular[start]
+    quad, side = quad[begins], side[begins]
+    reached = mesh.irregular | mesh.on_border
+    while len(quad):
+        cut[mesh.quad_edges[quad, side]] = True
+        end = mesh.quads[quad, (side + 1) % 4]
+        go = ~reached[end]
+        # whoever comes to a vertex from the opposite side has ended there too
+        quad, side, end = quad[go], side[go], end[go]
+        quad2, side2, valid = straight_on(mesh, quad, side)
+        reached[end] = True
+        fresh = valid & ~cut[mesh.quad_edges[quad2, side2]]
+        quad, side = quad2[fresh], side2[fresh]
+    return cut
+
+
+def make_disks(layout: PatchLayout) -> PatchLayout:
+    """Cut every patch that is no disk along its shortest straight parametric line, until all are disks."""
+    for _ in range(10 * len(layout.mesh.quads)):
+        bad = np.flatnonzero(layout.euler != 1)
+        if not len(bad):
+            return layout
+        cut = layout.cut.copy()
+        for patch in bad:
+            cut[opening_line(layout, int(patch))] = True
+        layout = PatchLayout(layout.mesh, cut)
+    raise FlexMapsError("The surface could not be cut into disks; check it for very small or folded parts")
+
+
+def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
+    """Edges of the shortest line that brings a patch nearer to a disk: from outline to outline, or closed."""
+    lines = parametric_lines(layout, patch)
+    length = layout.mesh.edge_lengths
+    keys = [(round(float(length[line].sum()), 12), i) for i, line in enumerate(lines)]
+    before = layout.euler[patch]
+    for _, i in sorted(keys):
+        line = lines[i]
+        if before == 2 or (line.size and _opens(layout, patch, line)):
+            return line
+    return lines[sorted(keys)[0][1]]
+
+
+def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
+    """Does this cut leave the patch in one piece (then it removes a handle or joins two outlines)?"""
+    cut = layout.cut.copy()
+    cut[line] = True
+    after = PatchLayout(layout.mesh, cut)
+    return len(np.unique(after.patch_of[layout.patches[patch]])) == 1
+
+
+def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
+    """Edges of the parametric line that halves a patch best, across its longer way; empty for a single quad."""
+    lines = parametric_lines(layout, patch)
+    mesh = layout.mesh
+    quads = layout.patches[patch]
+    best: tuple[float, int] | None = None
+    total = mesh.areas[quads].sum()
+    for i, line in enumerate(lines):
+        cut = layout.cut.copy()
+        cut[line] = True
+        parts = PatchLayout(mesh, cut).patch_of[quads]
+        area = np.bincount(parts, weights=mesh.areas[quads])
+        uneven = area.max() / total
+        score = round(float(uneven + 0.1 * mesh.edge_lengths[line].sum() / np.sqrt(total)), 9)
+        if best is None or score < best[0]:
+            best = (score, i)
+    return lines[best[1]] if best is not None else np.zeros(0, dtype=np.int64)
+
+
+def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
+    """Every maximal straight line of uncut edges inside a patch, each an int array of edges.
+
+    A line ends at the outline, at an irregular vertex, or closes on itself.
+    """
+    mesh = layout.mesh
+    inside = np.zeros(len(mesh.edges), dtype=bool)
+    inside[layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]] = True
+    edges = np.flatnonzero(inside)
+    following = {}
+    for way in range(2):
+        quad, side = mesh.edge_quads[edges, way], mesh.edge_sides[edges, way]
+        vertex = mesh.quads[quad, (side + 1) % 4]
+        next_quad, next_side, valid = straight_on(mesh, quad, side)
+        target = mesh.quad_edges[next_quad, next_side]
+        valid &= inside[target] & (layout.cut_degree[vertex] == 0)
+        for e, v, t, ok in zip(edges.tolist(), vertex.tolist(), target.tolist(), valid.tolist(), strict=True):
+            following[e, v] = t if ok else -1
+    lines, seen = [], set()
+    for e in edges.tolist():
+        if e in seen:
+            continue
+        line = [e]
+        seen.add(e)
+        for vertex in mesh.edges[e].tolist():
+            edge, v = e, vertex
+            while (nxt := following[edge, v]) >= 0 and nxt not in seen:
+                seen.add(nxt)
+                line.append(nxt)
+                a, b = mesh.edges[nxt].tolist()
+                edge, v = nxt, (b if v == a else a)
+        lines.append(np.sort(np.array(line)))
+    return lines

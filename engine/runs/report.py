@@ -1,0 +1,106 @@
+"""``report.json``: what a run was given, what it made and how good that is; the program's machine interface.
+
+SI units unless a key says mm. A stage that has not run is absent. ``SCHEMA`` changes only when a key changes its meaning
+or goes; new keys may come at any time.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import PROGRAM, VERSION
+from ..fabrication.estimates import estimates_report
+from ..fabrication.sheets import sheets_report
+from ..params import Settings, shown_values
+from ..patches.flatten import layout_report
+from ..spirals.design import design_report
+from ..surface.mesh import QuadMesh
+from .job import Result
+
+SCHEMA = 1
+
+
+def build(
+    result: Result, *, source: str, files: Iterable[Path] = (), settings: Settings | None = None
+) -> dict[str, Any]:
+    """The report of a run as plain JSON types; ``source`` names the input, ``files`` are the sheets that were written."""
+    report: dict[str, Any] = {
+        "schema": SCHEMA,
+        "program": f"{PROGRAM} {VERSION}",
+        "input": _input(result.mesh, source),
+        "checks": [finding.as_dict() for finding in result.findings],
+    }
+    if result.flat is not None:
+        report["layout"] = layout_report(result.flat)
+    if result.design is not None:
+        report["spirals"] = design_report(result.design)
+    if result.optimisation is not None:
+        report["optimise"] = result.optimisation.report()
+    if result.simulation is not None:
+        report["equilibrium"] = result.simulation.report()
+    if result.limits is not None:
+        report["reach"] = result.limits.report()
+    if result.sheets is not None:
+        report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
+        if result.estimates is not None:
+            report["sheets"] |= estimates_report(result.estimates)
+    if result.assembly is not None:
+        report["assembly"] = result.assembly.report()
+    if result.supports is not None:
+        report["input"]["supports"] = len(result.supports)
+    if settings is not None:
+        report["settings"] = shown_values(settings)
+    report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
+    peak = peak_memory()
+    if peak is not None:
+        report["memory_mb"] = round(peak / 1e6, 1)
+    report["machine"] = (
+        f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
+    return report
+
+
+def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
+    bodies = int(mesh.body_of.max()) + 1
+    is_open = bool(mesh.border.any())
+    used = len(np.unique(mesh.quads))
+    euler = used - len(mesh.edges) + len(mesh.quads)
+    genus = (2 * bodies - euler - _border_loops(mesh)) // 2
+    return {
+        "file": source,
+        "quads": len(mesh.quads),
+        "edge_mm": round(mesh.median_edge * 1e3, 4),
+        "size_mm": [round(float(x) * 1e3, 3) for x in np.ptp(mesh.vertices, axis=0)],
+        "open": is_open,
+        "genus": int(genus),
+        "bodies": bodies,
+    }
+
+
+def _border_loops(mesh: QuadMesh) -> int:
+    """Number of closed border curves; on a manifold every border vertex has exactly two border edges."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b = mesh.edges[mesh.border].T
+    if not len(a):
+        return 0
+    n = len(mesh.vertices)
+    labels = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
+    return len(np.unique(labels[a]))
+
+
+def peak_memory() -> float | None:
+    """Peak memory of this process in bytes; ``None`` where the system does not tell."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return float(peak if platform.system() == "Darwin" else peak * 1024)

@@ -1,0 +1,155 @@
+"""Which plots and maps a run has: those of the stages that have run, by the names of their files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import colours
+from ..optimisation import reach
+from ..surface.mesh import QuadMesh
+from . import plots
+from .drawing import Drawing, hexes, rgb
+from .job import Result
+from .plots import Colouring
+
+Looks = Mapping[str, tuple[tuple[float, float, float], str]]
+NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",
+         "limits")  # fmt: skip
+LEAST = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What maps show, a value for every quad; ``None`` where the stage has not run.
+
+    mesh : the target; corners : (F, 4, 2) metres, the flat patches beside each other; sides : (F, 4) bool, their outlines
+    patch : (F,) int; distortion : (F,) ARAP energy; width, twist : (F,) mm and degrees
+    shape : (V, 3) metres, the simulated one; distance : (F,) mm to the target; strain : (F,) share of the material's limit
+    kind : (F,) int, what limits the match, into ``reach.NAMES``
+    """
+
+    mesh: QuadMesh
+    corners: np.ndarray | None = None
+    sides: np.ndarray | None = None
+    patch: np.ndarray | None = None
+    distortion: np.ndarray | None = None
+    width: np.ndarray | None = None
+    twist: np.ndarray | None = None
+    shape: np.ndarray | None = None
+    distance: np.ndarray | None = None
+    strain: np.ndarray | None = None
+    kind: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, result: Result, centres: np.ndarray | None) -> Measured:
+        """Of a job; centres (N, 2) metres are where the flat patches lie."""
+        found: dict[str, Any] = {}
+        if result.flat is not None and centres is not None:
+            layout = result.flat.layout
+            found |= {
+                "corners": result.flat.corners + centres[layout.patch_of][:, None],
+                "sides": layout.outline_sides,
+                "patch": layout.patch_of,
+                "distortion": result.flat.energy,
+            }
+        if result.design is not None:
+            found |= {"width": result.design.width * 1e3, "twist": np.degrees(result.design.twist)}
+        if result.simulation is not None:
+            made = result.simulation
+            found |= {"shape": made.vertices, "distance": made.distance * 1e3, "strain": made.strain}
+        if result.limits is not None:
+            found["kind"] = result.limits.kind
+        return cls(result.mesh, **found)
+
+
+def drawings(measured: Measured, described: Mapping[str, Any], limits: Looks, distortion: float) -> dict[str, Drawing]:
+    """Every plot that there is something to show in, by name.
+
+    described : the report of the same run; limits : colour, sRGB, and name of every one of ``reach.NAMES``
+    distortion : the limit of the layout, where the scale of the distortion ends
+    """
+    found: dict[str, Drawing] = {}
+    found |= _layout(measured, distortion)
+    found |= _spirals(measured)
+    found |= _history(described)
+    found |= _match(measured, described, limits)
+    return found
+
+
+def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
+    count = len(m.mesh.quads)
+    sides = np.zeros((count, 4), bool) if m.sides is None else m.sides
+    if m.patch is None or m.corners is None or m.distortion is None:
+        plain = Colouring("Surface", np.full((count, 3), [0.80, 0.86, 0.86]))
+        return {"surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
+    looks = colours.hexadecimal(colours.of_patches(int(m.patch.max()) + 1))
+    fills = np.array([rgb(name) for name in looks])[m.patch]
+    high = max(distortion, float(m.distortion.max()))
+    bent = Colouring.of("Distortion of the flat patches, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high)
+    return {
+        "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and patches", fills)),
+        "patches": plots.flat_map(m.corners, sides, Colouring("Flat patches", fills)),
+        "distortion": plots.flat_map(m.corners, sides, bent),
+    }
+
+
+def _spirals(m: Measured) -> dict[str, Drawing]:
+    if m.width is None or m.twist is None or m.corners is None or m.sides is None:
+        return {}
+    found = {}
+    for name, title, values, unit in (
+        ("width", "Width of the arms", m.width, "mm"),
+        ("twist", "Twist of the spirals", m.twist, "degrees"),
+    ):
+        made = Colouring.of(title, values, unit, colours.MUCH, float(values.min()), float(values.max()))
+        found[name] = plots.flat_map(m.corners, m.sides, made)
+    return found
+
+
+def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
+    block = described.get("optimise")
+    if not block or not block["history"]:
+        return {}
+    rows = block["history"]
+    rmse = [block["laplacian_rmse_mm_before"], *(row["rmse_mm"] for row in rows)]
+    objective = [row["objective"] for row in rows]
+    return {
+        "history": plots.history(rmse, "Match while optimising", "RMSE (mm)"),
+        "objective": plots.history(objective, "Objective while optimising", "Objective"),
+    }
+
+
+def _match(m: Measured, described: Mapping[str, Any], limits: Looks) -> dict[str, Drawing]:
+    if m.distance is None or m.corners is None or m.sides is None:
+        return {}
+    found = {}
+    rms = float(np.sqrt((m.distance**2).mean()))
+    percent = described.get("equilibrium", {}).get("rms_percent")
+    mark = f"RMS {rms:.3g} mm" + ("" if percent is None else f" ({percent:.2f} % of the size)")
+    found["errors"] = plots.histogram(
+        m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
+    )
+    high = max(float(m.distance.max()), LEAST)
+    far = Colouring.of("Distance to the target", m.distance, "mm", colours.BAD, 0.0, high)
+    if m.shape is not None:
+        found["shape"] = plots.shape_map(
+            m.shape, m.mesh.quads, m.sides, Colouring.of("Simulated shape", m.distance, "mm", colours.BAD, 0.0, high)
+        )
+    found["distance"] = plots.flat_map(m.corners, m.sides, far)
+    if m.strain is not None:
+        share = 100.0 * m.strain
+        high = max(100.0, float(share.max()))
+        loaded = Colouring.of("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
+        found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
+    if m.kind is not None:
+        looks = [limits.get(name, ((0.6, 0.6, 0.6), name)) for name in reach.NAMES]
+        counts = np.bincount(m.kind, minlength=len(looks)).tolist()
+        named = zip(hexes(np.array([colour for colour, _ in looks])), looks, counts)
+        rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)
+        fills = np.array([colour for colour, _ in looks])[m.kind]
+        found["limits"] = plots.flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
+    return found

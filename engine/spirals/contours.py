@@ -1,0 +1,316 @@
+"""Outlines of the panels: one closed curve of arcs round every panel and one round every hole (FlexMaps section 5).
+
+Nothing is united from polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad: it runs
+from the joint of the one arm along its left edge to the hub, round a fillet, and out along the right edge of the other.
+At a joint the edge goes on in the neighbouring quad; at a cut it goes across the arm's end. So the slots of all quads are
+the links of closed chains: one round every inner flat vertex, and one round the panel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..patches.layout import PatchLayout
+from ..surface.mesh import QuadMesh
+from .arcs import Curve, Fitted, fit
+from .slots import PARALLEL, clockwise, slot_widths
+from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates, widening
+
+
+@dataclass(frozen=True, eq=False)
+class Hubs:
+    """Where consecutive arms part. Entry k belongs to the slot between arm k and arm k + 1.
+
+    left : (F, 4) t on the left edge of arm k where the fillet begins
+    right : (F, 4) t on the right edge of arm k + 1 where it ends
+    centre : (F, 4, 2) metres, the fillet's centre
+    fillet : metres, its radius
+    missed : (F, 4) bool, true where there is no room for a slot
+    """
+
+    left: np.ndarray
+    right: np.ndarray
+    centre: np.ndarray
+    fillet: float
+    missed: np.ndarray
+
+
+def hubs(arms: Arms, fillet: float) -> Hubs:
+    """Find the roots of all slots: where a fillet of this radius (metres) touches both edges.
+
+    By Newton's method, followed from straight arms (twist 0) to their full twist; and by walking down the slot from its
+    mouth where that has missed the first such place, as it may in slots that hardly narrow.
+    """
+    following = np.roll(np.arange(4), -1)
+    opening = (arms.angle[:, following] - arms.angle) % (2.0 * np.pi)
+    away = 0.5 * arms.width[:, None] + fillet
+    reach = away * (1.0 + np.cos(opening)) / np.maximum(np.sin(opening), 1e-3)
+    left, right = 1.0 - reach / arms.radius, 1.0 - reach / arms.radius[:, following]
+    top = float(np.abs(arms.wind).max(initial=0.0))
+    for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
+        left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=8)
+    doubtful = ~(miss < 1e-9)
+    # a look at all slots, and a closer one at the narrow ones: nowhere may they be narrower than at their roots
+    near = np.flatnonzero((_least(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
+    closer = _least(arms.of(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
+    doubtful[near] |= closer < 1.999 * fillet
+    quads = np.flatnonzero(doubtful.any(axis=1))
+    if len(quads):
+        again = _walked(arms.of(quads), fillet)
+        for whole, part in zip((left, right, miss), again, strict=True):
+            whole[quads] = np.where(doubtful[quads], part, whole[quads])
+    centre = edge(arms, left[..., None], LEFT, fillet)[0][:, :, 0]
+    missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
+    return Hubs(left, right, centre, fillet, missed)
+
+
+def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(F, 4) metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
+    apart, lean = slot_widths(arms, left, right, share)[:2]
+    return np.where(lean > PARALLEL, apart, np.inf).min(axis=-1)
+
+
+def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Left and right parameters of the roots and what they miss, each (F, 4): the first narrow place from the mouth inwards."""
+    far = np.full(arms.radius.shape, 0.999)
+    apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
+    # a last column that is always narrow; at the mouth itself there would be no slot
+    narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > PARALLEL), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
+    first = np.clip(narrow.argmax(axis=-1) - 1, 0, outer.shape[-1] - 1)[..., None]
+    outer, inner = np.take_along_axis(outer, first, axis=-1)[..., 0], np.take_along_axis(inner, first, axis=-1)[..., 0]
+    # the outer arm of slot k is arm k + 1, or arm k if the spirals wind clockwise
+    left, right = (outer, inner) if clockwise(arms) else (inner, outer)
+    left, right, miss = _newton(arms, left, right, fillet, rounds=40, step=0.01)
+    return left, right, np.where(narrow[..., 0], 1.0, miss)
+
+
+def _newton(
+    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float, rounds: int, step: float = 0.08
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Improve both parameters (F, 4); also returns the distance (F, 4) in metres that was left before the last round."""
+    miss = np.empty(0)
+    for _ in range(rounds):
+        a, da = (x[:, :, 0] for x in edge(arms, left[..., None], LEFT, fillet))
+        b, db = (
+            np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet)
+        )
+        gap = b - a
+        miss = np.linalg.norm(gap, axis=-1)
+        det = da[..., 1] * db[..., 0] - da[..., 0] * db[..., 1]
+        det = np.where(np.abs(det) < 1e-20, 1e-20, det)
+        # a + da x = b + db y
+        x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
+        y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
+        left = np.clip(left + np.clip(x, -step, step), 0.0, 0.9999)
+        right = np.clip(right + np.clip(y, -step, step), 0.0, 0.9999)
+    return left, right, miss
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The curves of one panel in its patch's frame: counter-clockwise outside, clockwise holes; material on the left."""
+
+    outer: Curve
+    holes: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tips:
+    """Arms that end in something else than a plain cut; arm 4 f + k is arm k of quad f.
+
+    extra : (2, F, 4) metres, how much further out their left and their right edges are at their tips
+    full, over : (F, 4) t up to which they are that much wider, and from which they are as wide as ever
+    begin : (F, 4) t where their edges begin
+    across : of every such arm the curve from its right to its left edge, in its patch's frame
+    """
+
+    extra: np.ndarray
+    full: np.ndarray
+    over: np.ndarray
+    begin: np.ndarray
+    across: dict[int, Curve]
+
+    def wider(self, which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What to add to the width at t (N, M) for the edges ``which`` (N,): left ones first, then right ones."""
+        arm = which % self.full.size
+        return widening(
+            2.0 * self.extra.ravel()[which][:, None],
+            self.full.ravel()[arm][:, None],
+            self.over.ravel()[arm][:, None],
+            t,
+        )
+
+
+def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
+    """(F, 4) t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
+
+    At a seam between two patches both ends meet when the panels lie side by side. At a cut inside a patch they face each
+    other in one panel, and must be at least ``slot`` metres apart there.
+    """
+    quad, side = mates(layout.mesh)
+    inside = (
+        layout.outline_sides
+        & (quad != np.arange(len(quad))[:, None])
+        & (layout.patch_of[quad] == layout.patch_of[:, None])
+    )
+    begin = np.zeros(inside.shape)
+    if not inside.any():
+        return begin
+    speed = centre_line(arms, begin[..., None])[1][:, :, 0]
+    own = np.stack([edge(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
+    own, facing = own[inside], own[quad, side][inside]
+    apart = np.minimum(_from_segment(own, facing), _from_segment(facing, own))
+    begin[inside] = 0.5 * np.maximum(1.02 * slot - apart, 0.0) / np.linalg.norm(speed, axis=-1)[inside]
+    return np.maximum(begin, np.where(inside, begin[quad, side], 0.0))
+
+
+def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """(N,) smallest distance of points (N, K, 2) from segments (N, 2, 2)."""
+    a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
+    share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
+    return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
+
+
+def outlines(
+    layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance: float, tips: Tips | None = None
+) -> list[Outline]:
+    """One outline per patch, as arcs within ``tolerance`` metres of the true curves; ``tips`` at the cuts, or plain ends.
+
+    ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
+    ``FlexMapsError`` with the faces where a spiral has no room in its quad.
+    """
+    mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
+    tight = np.flatnonzero(root.missed.any(axis=1))
+    if len(tight):
+        raise FlexMapsError(
+            f"{len(tight)} of {len(mesh.quads)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
+            faces=tight,
+        )
+    begin = ends(layout, arms, slot) if tips is None else tips.begin
+    chains = _chains(mesh, joined)
+    across = {} if tips is None else tips.across
+    pieces = _pieces(arms, root, begin, _edges(arms, root, begin, tolerance, tips), joined, across)
+    outer: dict[int, Curve] = {}
+    holes: dict[int, list[Curve]] = {}
+    for chain in chains:
+        points = np.concatenate([pieces[c][0] for c in chain])
+        bulge = np.concatenate([pieces[c][1] for c in chain])
+        curve = Curve(points, bulge)
+        patch = int(patch_of[chain[0] // 4])
+        if curve.area > 0.0:
+            if patch in outer:
+                raise FlexMapsError(
+                    f"Patch {patch + 1} overlaps itself once its spirals are drawn; cut it in two",
+                    faces=np.flatnonzero(patch_of == patch),
+                )
+            outer[patch] = curve
+        else:
+            holes.setdefault(patch, []).append(curve)
+    return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
+
+
+def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Tips | None) -> Fitted:
+    """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
+    count = arms.radius.size
+    left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
+    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
+    each = arms.one_by_one(*(np.tile(x.ravel(), 2) for x in np.indices(arms.radius.shape)))
+    side = np.repeat([LEFT, RIGHT], count)[:, None, None]
+
+    def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        added = None if tips is None else tips.wider(which, t)
+        wider = None if added is None else (added[0][:, None], added[1][:, None])
+        point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
+        return point[:, 0], tangent[:, 0]
+
+    return fit(evaluate, np.concatenate([left, right]), tolerance)
+
+
+def _pieces(
+    arms: Arms, root: Hubs, begin: np.ndarray, fitted: Fitted, joined: np.ndarray, across: dict[int, Curve]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
+
+    With the arm's end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
+    """
+    t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
+    p_left, d_left = (x[:, :, 0] for x in edge(arms, t_left, LEFT))
+    _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, t_right, RIGHT))
+    # from inwards on the left edge to outwards on the right edge of the next arm: always a turn to the right
+    turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
+    turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
+    bulge = np.tan(0.25 * turn)
+    end = edge(arms, begin[..., None], RIGHT)[0][:, :, 0]
+    start, count = fitted.start, arms.radius.size
+    pieces = []
+    for f in range(len(arms.centre)):
+        for j in range(4):
+            k = (j - 1) % 4
+            a, b = 4 * f + k, count + 4 * f + j
+            left, right = slice(start[a], start[a + 1]), slice(start[b], start[b + 1])
+            points, bulges = [fitted.points[left]], [fitted.bulge[left]]
+            if root.fillet > 0.0:
+                points.append(p_left[f, k][None])
+                bulges.append(bulge[f, k : k + 1])
+            points.append(fitted.points[right])
+            bulges.append(fitted.bulge[right])
+            if 4 * f + j in across:
+                points.append(across[4 * f + j].points[:-1])
+                bulges.append(across[4 * f + j].bulge[:-1])
+            elif not joined[f, j]:
+                points.append(end[f, j][None])
+                bulges.append(np.zeros(1))
+            pieces.append((np.concatenate(points), np.concatenate(bulges)))
+    return pieces
+
+
+def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
+    """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot."""
+    quad, side = mates(mesh)
+    own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4
+    # corner j starts side j; the neighbour's side runs the other way, so the same vertex is its corner side + 1
+    following = np.where(joined, 4 * quad + (side + 1) % 4, own).ravel().tolist()
+    seen = [False] * len(following)
+    chains = []
+    for first in range(len(following)):
+        if seen[first]:
+            continue
+        chain, at = [], first
+        while not seen[at]:
+            seen[at] = True
+            chain.append(at)
+            at = following[at]
+        chains.append(chain)
+    return chains
+
+
+def touching(drawn: list[Outline]) -> np.ndarray:
+    """(N, 3): patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
+    import shapely
+
+    found = []
+    for patch, outline in enumerate(drawn):
+        rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
+        if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
+            continue
+        places = [_crossing(ring) for ring in np.array(rings)[~shapely.is_simple(rings)]]
+        one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
+        both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
+        at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
+        if not len(at):  # a hole outside the panel, say: no single place
+            at = shapely.get_coordinates(rings[0])[:1]
+        found.append(np.column_stack([np.full(len(at), patch), at]))
+    return np.concatenate(found) if found else np.empty((0, 3))
+
+
+def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
+    """A place where a closed line crosses or touches itself."""
+    import shapely
+
+    return shapely.Point(
+        *map(float, shapely.is_valid_reason(shapely.Polygon(ring)).partition("[")[2].rstrip("]").split())
+    )

@@ -1,0 +1,312 @@
+"""The design: width and twist of the spiral in every quad (FlexMaps sections 5 and 7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import SpiralParams
+from ..patches.flatten import FlatPatches
+from .contours import Hubs, Outline, Tips, hubs, outlines, touching
+from .slots import (
+    CLEAR,
+    DEPTH,
+    PARALLEL,
+    gaps,
+    gaps_across,
+    gaps_round,
+    narrowest,
+    slot_needed,
+    slot_widths,
+    twist_bound,
+    twist_limit,
+)
+from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, mates, room, roomy
+
+__all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
+
+# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
+_THINNEST = 0.5
+_SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
+
+
+@dataclass(frozen=True, eq=False)
+class SpiralDesign:
+    """One spiral a quad.
+
+    flat : the flat patches that the spirals lie in
+    params : fabricable range, sheet thickness, chirality
+    width : (F,) metres, width of the four arms
+    twist : (F,) radians, winding angle from the tip to the centre
+    """
+
+    flat: FlatPatches
+    params: SpiralParams
+    width: np.ndarray
+    twist: np.ndarray
+
+    @cached_property
+    def arms(self) -> Arms:
+        """The true shape of every arm."""
+        return arms(self.flat, self.params, self.width, self.twist)
+
+    @cached_property
+    def roots(self) -> Hubs:
+        """Where the slots of every spiral end."""
+        return hubs(self.arms, self.params.fillet)
+
+    def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None) -> list[Outline]:
+        """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
+        if tips is not None:
+            slot = slot_needed(self.params)
+            return outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, tips)
+        known = self.__dict__.setdefault("_outlines", {})
+        if tolerance not in known:
+            slot = slot_needed(self.params)
+            known[tolerance] = outlines(self.flat.layout, self.arms, self.roots, slot, tolerance)
+        return known[tolerance]
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """(F,) metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
+        return 2.0 * self.arms.radius.mean(axis=1)
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """(F,) square metres of material, by its outline from edge to edge; the fillets are left out."""
+        share = np.linspace(0.0, 1.0, 33)
+        outwards = np.roll(self.roots.right, 1, axis=1)[..., None] * share[::-1]
+        right = edge(self.arms, outwards, RIGHT)[0]
+        left = edge(self.arms, self.roots.left[..., None] * share, LEFT)[0]
+        round_about = np.concatenate([right, left], axis=2).reshape(len(self.width), -1, 2) - self.arms.centre[:, None]
+        following = np.roll(round_about, -1, axis=1)
+        return 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
+
+    @cached_property
+    def thin(self) -> np.ndarray:
+        """(N,) int: quads too small for the smallest width, with thinner arms than asked for."""
+        return np.flatnonzero(self.width < self.params.width_min * (1.0 - 1e-6))
+
+    @cached_property
+    def narrowest(self) -> tuple[float, float]:
+        """Width in metres of the narrowest slot and of the narrowest piece of material, between the true edges."""
+        layout, every = self.flat.layout, np.arange(len(self.width))
+        slot, bridge = narrowest(self.arms, self.roots.left, self.roots.right, self.params.fillet)
+        # what lies across a cut is another panel
+        across = gaps_across(self.arms, layout.mesh, self.flat.corners, every)[~layout.outline_sides]
+        return min(slot, float(across.min(initial=slot)), float(gaps_round(self.arms, layout, every).min())), bridge
+
+    def narrower(self, width: float) -> np.ndarray:
+        """(N,) int: quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
+        layout, every, fillet = self.flat.layout, np.arange(len(self.width)), self.params.fillet
+        if 2.0 * fillet < width * (1.0 - 1e-9):
+            return every
+        apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
+        across = np.where(layout.outline_sides, CLEAR, gaps_across(self.arms, layout.mesh, self.flat.corners, every))
+        least = np.minimum(np.where(lean > PARALLEL, apart, CLEAR).min(axis=(1, 2)), across.min(axis=1))
+        least = np.minimum(least, gaps_round(self.arms, layout, every).min(axis=1))
+        return np.flatnonzero(least < 0.999 * width)
+
+    @cached_property
+    def coordinates(self) -> np.ndarray:
+        """(F, 2): width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
+        p = self.params
+        bound = np.maximum(twist_bound(self.flat, p, self.width), 1e-9)
+        width = (self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12)
+        return np.clip(np.stack([width, self.twist / bound], axis=1), 0.0, 1.0)
+
+
+def uniform(
+    flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
+) -> SpiralDesign:
+    """The same spiral in every quad, as far as the quads allow: each is narrowed and unwound until it can be cut.
+
+    width : metres, the mean of the allowed range if not given; twist : radians, half of the largest if not given.
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
+    width = 0.5 * (params.width_min + params.width_max) if width is None else width
+    twist = 0.5 * params.twist_max if twist is None else twist
+    count = len(flat.corners)
+    return fitted(flat, params, np.full(count, float(width)), np.full(count, float(twist)))
+
+
+def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarray) -> SpiralDesign:
+    """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
+
+    curvature : (F,) RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    width.
+    """
+    return fitted(flat, params, *curvature_adjusted(params, curvature))
+
+
+def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Widths (F,) metres and twists (F,) radians that go with an RMS curvature (F,) in 1/m, whether they can be cut or not.
+
+    Both are linear in c = C / C_max, where C_max is a high percentile of the curvature (``params.curvature_top``; 100 is the
+    maximum of the publication): one sharp crease would else leave all the rest of the surface at c near 0.
+    """
+    curvature = np.asarray(curvature, dtype=float)
+    top = float(np.percentile(curvature, params.curvature_top))
+    c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
+    width = params.width_max - c * (params.width_max - params.width_min)
+    return width, params.twist_min + c * (params.twist_max - params.twist_min)
+
+
+def fitted(
+    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, *, prove: bool = True
+) -> SpiralDesign:
+    """The design nearest to widths (F,) metres and twists (F,) radians that can be cut, joints and neighbours included.
+
+    Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
+    width = np.minimum(width, width_range(flat, params)[1])
+    twist = np.minimum(twist, twist_bound(flat, params, width))
+    design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist))
+    return _proved(design) if prove else design
+
+
+def outside(design: SpiralDesign) -> np.ndarray:
+    """(N,) int: quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
+    low, high = width_range(design.flat, design.params)
+    known = np.isfinite(design.width) & np.isfinite(design.twist)
+    width = np.where(known, design.width, low)
+    bound = twist_bound(design.flat, design.params, np.clip(width, low, high))
+    slack = 1e-3  # rounding, and limits that were found by iteration
+    fits = (width >= (1.0 - slack) * np.minimum(low, _THINNEST * design.params.width_min)) & (
+        width <= (1.0 + slack) * high
+    )
+    fits &= (design.twist >= -slack) & (design.twist <= (1.0 + slack) * bound + slack)
+    return np.flatnonzero(~(known & fits))
+
+
+def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) and (F,) metres: the smallest and the largest width in every quad.
+
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
+    if params.width_min > params.width_max:
+        raise FlexMapsError("The smallest width is larger than the largest width; exchange them")
+    widest = room(flat, params)
+    small = np.flatnonzero(widest < _THINNEST * params.width_min)
+    if len(small):
+        need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
+        remedy = (
+            f"the object {need:.3g} times larger, or the smallest width {least:.2g} mm"
+            if least > 0.0
+            else "those quads larger"
+        )
+        raise FlexMapsError(
+            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
+            faces=small,
+        )
+    # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
+    wide = np.minimum(params.width_max, np.maximum(params.width_min, roomy(flat, slot_needed(params), DEPTH)))
+    high = np.minimum(wide, widest)
+    return np.minimum(params.width_min, high), high
+
+
+def _proved(design: SpiralDesign, rounds: int = 30) -> SpiralDesign:
+    """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
+
+    Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
+    """
+    mate = mates(design.flat.layout.mesh)[0]
+    thinnest = _THINNEST * design.params.width_min
+    culprits = np.empty(0, dtype=np.int64)
+    for _ in range(rounds):
+        culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+        if not len(culprits):
+            where = touching(design.outlines())
+            if not len(where):
+                return design
+            culprits = nearest_quads(design.flat, where)
+        # unwind first, the neighbours too, whose arms pull at the joints; then make the arms thinner
+        beside = np.union1d(culprits, mate[culprits])
+        straight = culprits[(design.twist[culprits] == 0.0) & (design.twist[mate[culprits]] == 0.0).all(axis=1)]
+        twist, width = design.twist.copy(), design.width.copy()
+        twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
+        width[straight] = np.maximum(0.85 * width[straight], thinnest)
+        if (twist == design.twist).all() and (width == design.width).all():
+            break
+        design = replace(design, twist=twist, width=width)
+    raise FlexMapsError(
+        f"There is no room for the arms of {len(culprits)} quads however thin and straight; make those quads more regular",
+        faces=culprits,
+    )
+
+
+def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.ndarray:
+    """The quads nearest to places (N, 3), given as patch, x and y in metres."""
+    found = []
+    for patch, x, y in where:
+        quads = flat.layout.patches[int(patch)]
+        apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
+        found.append(quads[np.argsort(apart)[:count]])
+    return np.unique(np.concatenate(found))
+
+
+def _relieved(
+    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Widths and twists (F,), reduced where the blended joints or the neighbours leave too little room."""
+    # a little more: the gap is judged at some points of every slot only
+    slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
+    mate, side = mates(mesh)
+    rest = 1.0 / (1.0 - DEPTH) ** 2
+    gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
+    quads = np.arange(len(twist))
+    for _ in range(60):
+        shape = arms(flat, params, width, twist)
+        gap[quads] = _gap(shape, flat, quads, AMPLE * slot)
+        # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
+        sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
+        gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
+        tight = gap < slot
+        # an arm also gives way where it is its neighbour's that has no room
+        beside = tight[mate].any(axis=1) & (gap < AMPLE * slot)
+        unwind = (tight | beside | gives) & (twist > 0.0)
+        thin = tight & (twist == 0.0) & (width > params.width_min)
+        change = unwind | thin
+        if not change.any():
+            break
+        share = np.clip((gap + width) / (slot + width), 0.8, 0.98)
+        loose = np.sqrt(np.maximum((twist**2 + rest) * share**2 - rest, 0.0))
+        loose = np.where(gives, np.minimum(loose, 0.85 * twist), np.maximum(loose, 0.8 * twist))
+        twist = np.where(unwind, np.where(twist < 0.1, 0.0, loose), twist)
+        width = np.where(thin, np.maximum(0.85 * width, params.width_min), width)
+        quads = np.flatnonzero(change | change[mate].any(axis=1))
+    return width, twist
+
+
+AMPLE = 1.5  # slots, a gap that need not give way to its neighbours'
+
+
+def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray, enough: float) -> np.ndarray:
+    """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints.
+
+    Measured closely only where it may be less than ``enough`` metres.
+    """
+    across = gaps_across(shape, flat.layout.mesh, flat.corners, quads, enough)
+    gap = np.minimum(gaps(shape.of(quads)), across)
+    return np.minimum(gap, gaps_round(shape, flat.layout, quads, enough)).min(axis=1)
+
+
+def design_report(design: SpiralDesign) -> dict[str, Any]:
+    """The ``spirals`` block of report.json."""
+
+    def spread(x: np.ndarray) -> list[float]:
+        return [round(float(v), 4) for v in (x.min(), x.mean(), x.max())]
+
+    return {
+        "count": len(design.width),
+        "width_mm": spread(design.width * 1e3),
+        "twist_deg": spread(np.degrees(design.twist)),
+        "scale_mm": spread(design.scale * 1e3),
+        "slot_min_mm": round(design.narrowest[0] * 1e3, 4),
+        "too_thin": len(design.thin),
+    }

@@ -1,0 +1,264 @@
+"""The shape of the four-armed spirals in real quads: centre lines, widths and edges of every arm (FlexMaps section 5).
+
+Arm k of a quad runs from the middle of its side k (t = 0) to the quad's centre (t = 1), the mean of its corners. Outside
+the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with a radius R_k and a starting angle A_k of
+its own. Over the blend, both arms that meet at an edge turn to one common direction and width, so that their edges run
+on smoothly from one quad into the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..params import SpiralParams
+from ..patches.flatten import FlatPatches
+from ..surface.mesh import QuadMesh
+
+LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
+
+# the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
+_CROSSING_MIN = 0.1
+# what must be left of the radius of curvature of an arm's inner edge, as a share of that of its centre line
+_INNER_RADIUS_MIN = 0.6
+_BLEND_MAX = 0.7
+
+Floats = float | np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Arms:
+    """All arms as numbers. Every function of this module takes t of shape (F, 4, N), in [0, 1], and returns (F, 4, N, ...).
+
+    centre : (F, 2) metres
+    radius : (F, 4) metres, from the centre to the middle of side k
+    angle : (F, 4) radians, direction from the centre to the middle of side k, ascending within a quad
+    wind : (F,) radians, twist with the sign of the sense of rotation
+    width : (F,) metres, away from the joints
+    joint_width : (F, 4) metres, at the joint
+    pull : (F, 4, 2) metres, what the blend adds to the derivative of the centre line at the joint
+    share : (F, 4), share of t over which arm and joint are blended
+    """
+
+    centre: np.ndarray
+    radius: np.ndarray
+    angle: np.ndarray
+    wind: np.ndarray
+    width: np.ndarray
+    joint_width: np.ndarray
+    pull: np.ndarray
+    share: np.ndarray
+
+    def unblended(self, wind: np.ndarray) -> Arms:
+        """The same arms as pure spirals of another winding angle (F,)."""
+        return replace(
+            self,
+            wind=wind,
+            pull=np.zeros_like(self.pull),
+            joint_width=np.broadcast_to(self.width[:, None], self.radius.shape),
+        )
+
+    def of(self, quads: np.ndarray) -> Arms:
+        """The arms of some quads only."""
+        return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
+
+    def one_by_one(self, quad: np.ndarray, side: np.ndarray) -> Arms:
+        """N single arms (N,), as N "quads" of one arm each, so that any choice of them can be evaluated together."""
+        of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind", "width")}
+        of_arm = {n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "pull", "share")}
+        return Arms(**of_quad, **of_arm)
+
+
+def mates(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+    """The quad (F, 4) and its side (F, 4) across every side; at the border the quad and the side themselves."""
+    own = np.arange(len(mesh.quads))[:, None]
+    quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
+    across = np.where(quads[..., 0] == own, 1, 0)[..., None]
+    quad = np.take_along_axis(quads, across, axis=2)[..., 0]
+    side = np.take_along_axis(sides, across, axis=2)[..., 0]
+    border = quad < 0
+    return np.where(border, own, quad), np.where(border, np.arange(4), side)
+
+
+def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> Arms:
+    """The arms of the spirals with these widths (F,) in metres and twists (F,) in radians, joints blended."""
+    centre, radius, angle = _spokes(flat)
+    wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
+    width = np.asarray(width, dtype=float)
+    quad, side = mates(flat.layout.mesh)
+    # a joint is as wide as both arms in the mean, if there is room for that
+    widest = np.maximum(room(flat, params), width)
+    joint = np.minimum(0.5 * (width[:, None] + width[quad]), np.minimum(widest[:, None], widest[quad]))
+    pull, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
+    pure = Arms(centre, radius, angle, wind, width, joint, pull, share)
+    return _with_room(replace(pure, pull=_pulls(pure, flat.corners, quad, side)))
+
+
+def room(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
+    """(F,) metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
+    _, radius, angle = _spokes(flat)
+    opening = np.diff(angle, axis=1)
+    # edges at the distance a from straight centre lines meet at a (1 + cos) / sin from the centre
+    reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
+    return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
+
+
+def roomy(flat: FlatPatches, slot: float, depth: float) -> np.ndarray:
+    """(F,) metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
+    _, radius, angle = _spokes(flat)
+    least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
+    return (1.0 - depth) * radius.min(axis=1) * least - slot
+
+
+def _spokes(flat: FlatPatches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centre (F, 2), and distance and direction (F, 4) of the middles of the sides from it, directions ascending."""
+    corners = flat.corners
+    centre = corners.mean(axis=1)
+    spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
+    angle = np.arctan2(spokes[..., 1], spokes[..., 0])
+    # the middles of the sides go round the centre once, counter-clockwise
+    angle[:, 1:] = angle[:, :1] + np.cumsum(np.diff(angle, axis=1) % (2.0 * np.pi), axis=1)
+    return centre, np.linalg.norm(spokes, axis=2), angle
+
+
+def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """What turns both arms of every joint to their common direction, (F, 4, 2) metres.
+
+    The common direction is the mean of both arms' outward tangents per unit of radius, each measured against its own
+    copy of the shared edge. So the mean of the twists counts, and the strongly wound arm is hardly bent.
+    """
+    along = np.roll(corners, -1, axis=1) - corners
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    out = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    _, inward, _ = centre_line(pure, np.zeros((*pure.radius.shape, 1)))
+    inward = inward[:, :, 0]
+    tangent = -inward / pure.radius[..., None]
+    local = np.stack([(tangent * along).sum(-1), (tangent * out).sum(-1)], axis=-1)
+    common = local + local[quad, side]
+    common[..., 1] = np.maximum(common[..., 1], _CROSSING_MIN * np.abs(common[..., 0]))
+    common /= np.linalg.norm(common, axis=-1, keepdims=True)
+    turned = common[..., :1] * along + common[..., 1:] * out
+    return -turned * np.linalg.norm(inward, axis=-1, keepdims=True) - inward
+
+
+def _with_room(blended: Arms) -> Arms:
+    """Lengthen the blends that turn so sharply that an arm's inner edge would come near to folding."""
+    share = blended.share.copy()
+    quad, side = np.nonzero(inner_radius(blended) < _INNER_RADIUS_MIN)
+    for _ in range(8):
+        share[quad, side] = np.minimum(1.3 * share[quad, side], _BLEND_MAX)
+        longer = replace(blended, share=share)
+        tight = (inner_radius(longer.one_by_one(quad, side))[:, 0] < _INNER_RADIUS_MIN) & (
+            share[quad, side] < _BLEND_MAX
+        )
+        quad, side = quad[tight], side[tight]
+        if not len(quad):
+            break
+    return replace(blended, share=share)
+
+
+def inner_radius(arms: Arms) -> np.ndarray:
+    """(F, 4): smallest radius of curvature of an arm's inner edge within its blend, as a share of the centre line's.
+
+    1 where an arm is straight there; the edge folds at 0.
+    """
+    t = arms.share[..., None] * np.linspace(0.0, 1.0, 17)
+    _, d1, d2 = centre_line(arms, t)
+    speed = np.hypot(d1[..., 0], d1[..., 1])
+    curvature = np.abs(_cross(d1, d2)) / speed**3
+    return (1.0 - 0.5 * width_at(arms, t)[0] * curvature).min(axis=-1)
+
+
+def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2) metres."""
+    radius, wind = arms.radius[..., None], arms.wind[:, None, None]
+    # in the complex plane: c + r e^(i angle), and its derivatives
+    turn = np.exp(1j * (arms.angle[..., None] + wind * t))
+    r = radius * (1.0 - t)
+    rw = r * wind
+    p = r * turn
+    p += _complex(arms.centre)[:, None, None]
+    d1 = (1j * rw - radius) * turn
+    d2 = (-wind * rw - 2j * (wind * radius)) * turn
+    if arms.pull.any():
+        share, pull = arms.share[..., None], _complex(arms.pull)[..., None]
+        u = np.minimum(t / share, 1.0)
+        uu = u * u
+        # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
+        p += pull * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
+        d1 += pull * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
+        d2 += pull * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
+    return _pairs(p), _pairs(d1), _pairs(d2)
+
+
+def _complex(pairs: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+
+
+def _pairs(numbers: np.ndarray) -> np.ndarray:
+    return numbers.view(np.float64).reshape(*numbers.shape, 2)
+
+
+def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Width of the arms at t in metres, and its derivative, each (F, 4, N)."""
+    share = arms.share[..., None]
+    u = np.minimum(t / share, 1.0)
+    g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
+    rest = u * (1.0 - u)
+    g1 = -30.0 * rest * rest / share
+    change = (arms.joint_width - arms.width[:, None])[..., None]
+    return arms.width[:, None, None] + change * g, change * g1
+
+
+def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What a tip is wider at t: ``extra`` metres up to t = ``full``, nothing from ``over`` on; and its derivative.
+
+    Smooth to the second derivative. All arguments broadcast.
+    """
+    span = np.maximum(np.asarray(over) - full, 1e-9)
+    u = np.clip((t - full) / span, 0.0, 1.0)
+    rest = u * (1.0 - u)
+    return extra * (1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))), -30.0 * extra * rest * rest / span
+
+
+def edge(
+    arms: Arms,
+    t: np.ndarray,
+    side: float | np.ndarray,
+    away: float = 0.0,
+    wider: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
+
+    ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t.
+    ``away`` shifts the points, in metres, at right angles away from the arm: where a cutter or a fillet of that radius
+    has its centre while it touches the edge. ``wider`` is added to the width of the arms and to its derivative by t.
+    """
+    p, d1, d2 = centre_line(arms, t)
+    width, slope = width_at(arms, t)
+    if wider is not None:
+        width, slope = width + wider[0], slope + wider[1]
+    side = np.asarray(side, dtype=float)
+    speed = np.hypot(d1[..., 0], d1[..., 1])
+    normal = np.empty_like(d1)
+    normal[..., 0], normal[..., 1] = side * d1[..., 1] / speed, -side * d1[..., 0] / speed
+    curvature = side * _cross(d1, d2) / speed**3
+    point = p + normal * (0.5 * width)[..., None]
+    tangent = d1 * (1.0 + 0.5 * width * curvature)[..., None] + normal * (0.5 * slope)[..., None]
+    if away:
+        length = np.hypot(tangent[..., 0], tangent[..., 1])
+        point[..., 0] += away * side * tangent[..., 1] / length
+        point[..., 1] -= away * side * tangent[..., 0] / length
+        tangent = tangent + d1 * (away * curvature)[..., None]
+    return point, tangent
+
+
+def centre_lines(shape: Arms, samples: int) -> np.ndarray:
+    """Centre lines of all arms from joint to centre, (F, 4, samples, 2) metres, evenly spaced in t."""
+    t = np.broadcast_to(np.linspace(0.0, 1.0, samples), (*shape.radius.shape, samples))
+    return centre_line(shape, t)[0]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

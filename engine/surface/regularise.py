@@ -1,0 +1,198 @@
+"""Make the quads squarer without leaving the surface, before they are flattened.
+
+Every quad pulls its corners towards the square that fits it best; every vertex goes to the mean of what its quads want
+and back onto the surface (after Pietroni et al. 2015, Bouaziz et al. 2012). Vertices of the border and of sharp creases
+stay on these lines, their corners stay where they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..params import RegulariseParams
+from ..progress import SILENT, Progress
+from .mesh import QuadMesh
+from .regularise_guide import Guide, distances, samples
+from .symmetry import symmetries
+
+MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
+EVERY = 8  # rounds after which spoilt quads are looked for
+MENDING = 36  # how often spoilt quads are mended at the end
+GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it had before
+WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
+DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
+WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
+SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
+
+
+def square_energy(corners: np.ndarray) -> np.ndarray:
+    """How far quads (F, 4, 3) are from a square of the same area: 0 for a square, (F,).
+
+    Mean over the four corner triangles of (s1-1)^2 + (s2-1)^2 of the map from the square, as ``FlatPatches.square``, but
+    in space.
+    """
+    along, against = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    cross = np.cross(along, against)
+    # a corner that is turned over counts with its sign
+    double = np.linalg.norm(cross, axis=2) * np.sign(np.einsum("fki,fi->fk", cross, normal))
+    square = np.maximum(area, 1e-300)[:, None]
+    squares = ((along**2).sum(axis=2) + (against**2).sum(axis=2)) / square
+    sums = np.sqrt(np.maximum(squares + 2 * double / square, 0.0))
+    return (squares - 2 * sums + 2).mean(axis=1)
+
+
+def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SILENT) -> QuadMesh:
+    """The same quads, squarer: vertices moved along the surface, the border and the creases of ``mesh``.
+
+    No quad is turned over or becomes much worse, and no part of the surface is lost: where a move would do so it is
+    taken back, in the worst case all of them. ``params.boundary`` False lets border vertices slide freely over the
+    surface. A symmetric mesh stays symmetric.
+    """
+    if params.iterations == 0:
+        return mesh
+    guide = Guide.of(mesh, params.boundary)
+    points = before = mesh.vertices
+    hold = _Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
+    for done in range(params.iterations):
+        progress(0.8 * done / params.iterations, "regularise")
+        if done % EVERY == EVERY - 1:
+            hold = hold.after(*_spoilt(mesh, points, 0.8), keep=0.8)
+        wanted = points + hold.pull(points) + MOMENTUM * (points - before)
+        points, before = guide.back(points, wanted), points
+    progress(0.8, "regularise")
+    points = _mended(points, hold, guide)
+    progress(0.9, "regularise")
+    points = _symmetric(mesh, _unwarped(mesh, points))
+    better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
+    return mesh.moved(points) if better else mesh
+
+
+# -- one round -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Hold:
+    """What stands against spoiling.
+
+    weight : (F,) how much every quad's wish counts; more for quads that became worse
+    anchor : (V,) how strongly a vertex is drawn to its first place, relative to its quads; more where surface is lost
+    """
+
+    mesh: QuadMesh
+    weight: np.ndarray
+    anchor: np.ndarray
+
+    def pull(self, points: np.ndarray) -> np.ndarray:
+        """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be, and its first place."""
+        corners = points[self.mesh.quads]
+        squares = _best_squares(corners)
+        # distances relative to the quad's size are what counts: without it large quads crush small neighbours
+        area = np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1)
+        weight = np.repeat(self.weight / np.maximum(area, 1e-3 * np.median(area)), 4)
+        at, n = self.mesh.quads.ravel(), len(points)
+        total = np.stack([np.bincount(at, weight * squares[..., k].ravel(), minlength=n) for k in range(3)], axis=1)
+        wanted = total / np.maximum(np.bincount(at, weight, minlength=n), 1e-300)[:, None]
+        share = (1.0 / (1.0 + self.anchor))[:, None]
+        return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
+
+    def after(self, worse: np.ndarray, away: np.ndarray, keep: float = 1.0) -> _Hold:
+        """Tighter where quads (F,) became ``worse`` or where the surface went ``away``; elsewhere ``keep`` of it."""
+        weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
+        near = _corners_of(self.mesh, away)
+        return replace(self, weight=weight, anchor=np.where(near, 2 * self.anchor + 0.2, keep * self.anchor))
+
+
+def _corners_of(mesh: QuadMesh, quads: np.ndarray) -> np.ndarray:
+    """(V,) bool: the vertices of some quads (F,) bool."""
+    mask = np.zeros(len(mesh.vertices), dtype=bool)
+    mask[mesh.quads[quads]] = True
+    return mask
+
+
+def _best_squares(corners: np.ndarray) -> np.ndarray:
+    """(F, 4, 3): the corners of the square nearest to every quad (F, 4, 3) in the sense of least squares.
+
+    The diagonals G = (d1, d2) of a square are orthogonal and equally long; the nearest such pair is
+    s Q with the polar factor Q = G (G^T G)^-1/2 and s the mean singular value.
+    """
+    middle = corners.mean(axis=1)
+    first, second = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    a, b = np.einsum("fi,fi->f", first, first), np.einsum("fi,fi->f", second, second)
+    c = np.einsum("fi,fi->f", first, second)
+    root = np.sqrt(np.maximum(a * b - c * c, 0.0))  # s1 s2
+    # for 2 x 2 matrices (G^T G)^-1/2 = [[b + root, -c], [-c, a + root]] / (root * (s1 + s2))
+    factor = 0.25 / np.maximum(root, 1e-12 * (a + b) + 1e-300)  # half a diagonal of (s1 + s2) / 2 Q
+    one = ((b + root)[:, None] * first - c[:, None] * second) * factor[:, None]
+    two = ((a + root)[:, None] * second - c[:, None] * first) * factor[:, None]
+    return np.stack([middle - one, middle - two, middle + one, middle + two], axis=1)
+
+
+# -- guard -----------------------------------------------------------------------------------------------------------
+
+
+def _mended(points: np.ndarray, hold: _Hold, guide: Guide) -> np.ndarray:
+    """More rounds in which spoilt quads are held ever more tightly, until none is spoilt.
+
+    What is spoilt even then goes back where it was, in a wider and wider round; in the worst case all of it.
+    """
+    mesh = guide.mesh
+    back = np.zeros(len(points), dtype=bool)
+    for done in range(MENDING):
+        worse, away = _spoilt(mesh, points)
+        if not (worse | away).any():
+            return points
+        hold = hold.after(worse, away)
+        if done >= MENDING // 3:
+            back |= _corners_of(mesh, worse | away)
+            if done >= 2 * MENDING // 3:
+                back |= _corners_of(mesh, back[mesh.quads].any(axis=1))
+            hold.anchor[back] = np.inf
+            points = np.where(back[:, None], mesh.vertices, points)
+        for _ in range(3):
+            points = guide.back(points, points + hold.pull(points))
+    return mesh.vertices
+
+
+def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """Press warped quads flat, where it must be off the surface, until no corner is further than WARP off its plane.
+
+    A quad much more warped than that cannot be flattened within any useful distortion. Border vertices stay.
+    """
+    signs = np.array([1.0, -1.0, 1.0, -1.0])
+    for _ in range(100):
+        p = points[mesh.quads]
+        normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        # all four corners are equally far from the plane, alternately above and below
+        off = 0.25 * np.einsum("k,fki,fi->f", signs, p, normal)
+        allowed = WARP * np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).min(axis=1)
+        excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * allowed, 0.0) * (np.abs(off) > allowed)
+        if not excess.any():
+            break
+        step = np.zeros_like(points)
+        np.add.at(step, mesh.quads, -0.5 * excess[:, None, None] * signs[:, None] * normal[:, None, :])
+        step[mesh.on_border] = 0.0
+        points = points + step
+    return points
+
+
+def _symmetric(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """Moves averaged over the symmetries of ``mesh``: ties between nearest points break them by a hair."""
+    moves = points - mesh.vertices
+    group = symmetries(mesh, tolerance=SYMMETRY)
+    total = moves + sum(moves[s.vertices] @ s.matrix for s in group)
+    return mesh.vertices + total / (1 + len(group))
+
+
+def _spoilt(mesh: QuadMesh, points: np.ndarray, limit: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """(F,) bool each: quads that became much worse, and quads that the new surface leaves, at ``limit`` times what is allowed."""
+    before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
+    worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
+    distance = distances(mesh.moved(points), samples(mesh))
+    at_corners, at_middle = np.split(distance, [len(points)])
+    away = np.maximum(at_corners[mesh.quads].max(axis=1), at_middle) > DEVIATION * limit * np.sqrt(mesh.areas)
+    return worse, away
