@@ -113,18 +113,34 @@ def joint_loads(scale: float, count: int = 4000) -> np.ndarray:
     return np.hstack([force, directions() * rng.uniform(0.0, 0.3, (count, 1)) * scale])
 
 
-def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Energies of the held-out samples: by the model with ``fitted`` parameters, and true."""
+def held_out(series: Series, model: str) -> tuple[np.ndarray, np.ndarray]:
+    """Of the held-out samples: (n, p) energy per unit of the model's parameters, and true energies (n,)."""
     s = series.kept.chosen(series.kept.converged & (series.kept.number % chunks.HELD_OUT == 0))
     if model == "pair":
-        features, true = rods.pair_features(
-            joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale
-        )
-    elif model == "arm":
-        features, true = rods.stiffness_features(rods.arm_motions(s.centres, s.rotations, series.rest_tips)), s.energy
-    else:
-        features, true = rods.chord_features(s.centres, s.rotations, series.rest_tips), s.energy
+        return rods.pair_features(joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale)
+    if model == "arm":
+        return rods.stiffness_features(rods.arm_motions(s.centres, s.rotations, series.rest_tips)), s.energy
+    return rods.chord_features(s.centres, s.rotations, series.rest_tips), s.energy
+
+
+def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Energies of the held-out samples: by the model with ``fitted`` parameters, and true."""
+    features, true = held_out(series, model)
     return features @ fitted, true
+
+
+def floor(all_series: list[Series], model: str, law: str) -> np.ndarray:
+    """Relative errors that remain where every spiral's parameters are fitted to the very samples that judge them.
+
+    Whatever loads one fits to, their mean square is never smaller.
+    """
+    out = [np.zeros(0)]
+    for series in all_series:
+        if series.law == law and series.fitted["chord"] >= FEWEST:
+            features, true = held_out(series, model)
+            relative = features / true[:, None]
+            out.append(np.abs(relative @ solve(relative.T @ relative, relative.sum(0), len(true)) - 1.0))
+    return np.concatenate(out)
 
 
 def errors(all_series: list[Series], model: str, law: str) -> np.ndarray:

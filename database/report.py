@@ -16,11 +16,15 @@ TITLES = {
     "pair": "four parameters, hub to hub",
     "arm": "twelve numbers, linear limit",
 }
+FLOOR_TITLE = f"{TITLES['pair']}, fitted to these samples"
 
 
 def summary(all_series: list[Series]) -> dict:
-    """Held-out errors per model and law, over all spirals and per spiral, and what was solved."""
-    out: dict = {"models": {}, "spirals": [], "laws": {}}
+    """Held-out errors per model and law, over all spirals and per spiral, and what was solved.
+
+    "floor" is what four parameters from hub to hub leave at least, see ``fits.floor``.
+    """
+    out: dict = {"models": {}, "floor": {}, "spirals": [], "laws": {}}
     for law in sorted({s.law for s in all_series}):
         mine = [s for s in all_series if s.law == law]
         converged, failed = (int(sum(s.counts[k] for s in mine)) for k in ("converged", "failed"))
@@ -32,6 +36,9 @@ def summary(all_series: list[Series]) -> dict:
             e = fits.errors(all_series, model, law)
             if len(e):
                 out["models"].setdefault(model, {})[law] = _quantiles(e)
+        floor = fits.floor(all_series, "pair", law)
+        if len(floor):
+            out["floor"][law] = _quantiles(floor)
     for s in all_series:
         row: dict = {
             "scale_mm": 1e3 * s.subject.scale,
@@ -60,11 +67,12 @@ def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
     (folder / "fit_report.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     for law, solved in found["laws"].items():
         say(f"{law}: {solved['spirals']} spirals, {solved['converged']} converged, {solved['failed']} failed")
-    for model, by_law in found["models"].items():
+    named = [(TITLES[model], by_law) for model, by_law in found["models"].items()]
+    for title, by_law in [*named, (FLOOR_TITLE, found["floor"])]:
         for law, e in by_law.items():
-            say(
-                f"{TITLES[model]:34s} {law:7s} median {100 * e['median']:6.2f} %   95 % {100 * e['p95']:6.2f} %   ({e['count']} held out)"
-            )
+            median, high = 100 * e["median"], 100 * e["p95"]
+            say(f"{title:48s} {law:7s} median {median:6.2f} %   95 % {high:6.2f} %   ({e['count']} held out)")
+    for model in found["models"]:
         plot(all_series, model, folder / f"energies_{model}.png")
     say(f"written to {folder}")
     return found

@@ -182,6 +182,8 @@ def fitted() -> list[dict]:
         for name, key, limit in (("median", "median", median), ("95 %", "p95", high)):
             asked = sign if limit == np.inf else f"<= {limit:g}"
             out.append(row(f"{report.TITLES[model]}: {name}, %", asked, 100 * e[key], limit))
+    for name, key in (("median", "median"), ("95 %", "p95")):
+        out.append(row(f"{report.FLOOR_TITLE}: {name}, %", "reported", 100 * found["floor"]["strain"][key], np.inf))
     return out
 
 

@@ -47,6 +47,8 @@ def test_report_tells_what_the_models_can_do(series):
     arm, chord = found["models"]["arm"]["strain"], found["models"]["chord"]["strain"]
     assert arm["median"] < 0.012 and arm["p95"] < 0.055
     assert 0.05 < chord["median"] < 0.2 and chord["p95"] > arm["p95"]
+    least, usual = (f(series, "pair", "strain") for f in (fits.floor, fits.errors))
+    assert len(least) == len(usual) and (least**2).mean() < (usual**2).mean()
 
 
 def test_pack_is_small_enough_to_travel():
