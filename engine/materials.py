@@ -1,8 +1,7 @@
 """Materials that sheets are cut from: stiffness, density and the strain they bear, each with its source.
 
 Values are typical ones for choosing widths and twists; a maker's own batch may differ by a tenth or more, so test a strip.
-The sources say where such values are published. The plastics' have been compared with published tables; those of birch plywood
-and MDF follow the named handbook and standard, of which boards on sale differ most.
+The sources say where such values are published. Boards of wood differ most from one maker to the next.
 """
 
 from __future__ import annotations
@@ -91,10 +90,10 @@ MATERIALS: dict[str, Material] = {
         680.0,
         0.004,
         True,
-        "Handbook of Finnish Plywood (Finnish Forest Industries): 6.5 mm, five plies, in bending about 12.7 GPa along "
-        "the face grain and 4.8 GPa across it, strength over modulus 0.4 %",
-        "Effective isotropic value, the mean of both directions: they differ by about 2.7, far more in three plies, and the "
-        "sheet is much softer in shear and torsion than an isotropic one. Shapes lean with the grain; test a panel.",
+        "Handbook of Finnish Plywood (Finnish Forest Industries 2007), birch, 6.5 mm, five plies: mean modulus in bending "
+        "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, mean density 680 kg/m3",
+        "Effective isotropic value, the mean of both directions. They differ by 2.7; in three plies (4 mm) by 16, which no "
+        "isotropic value stands for. The sheet is much softer in shear and torsion. Shapes lean with the grain; test a panel.",
     ),
     "mdf": Material(
         "MDF",
@@ -103,7 +102,8 @@ MATERIALS: dict[str, Material] = {
         750.0,
         0.005,
         True,
-        "EN 622-5, thin boards: bending modulus at least 2700 MPa, bending strength at least 23 MPa",
+        "EN 622-5, thin boards: bending modulus at least 2700 MPa, bending strength at least 23 MPa; GB/T 11718, 1.5-3.5 mm: "
+        "2700 and 27 MPa",
         "Effective isotropic value in the sheet; weaker through the thickness. Thin arms swell and break with damp.",
     ),
 }
