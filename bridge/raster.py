@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import bpy
 import numpy as np
@@ -12,20 +13,39 @@ from ..engine.runs.drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes
 SCALE = 2  # pixels of the picture for one of the drawing
 FINE = 2  # smaller ones, both ways, for one of the picture: soft edges
 
+LETTERS = "".join(map(chr, range(32, 127))) + "\N{DEGREE SIGN}\N{PLUS-MINUS SIGN}\N{MULTIPLICATION SIGN}\N{EN DASH}"
+UNKNOWN = "?"  # stands for any other
+ROW = 2.0  # between two letters' baselines in the sheet that they are read from, in sizes of the font
+APART = 8  # spaces between a letter and the mark that tells how far it goes
+
 Glyphs = dict[str, tuple[np.ndarray, float]]
 
 
-def glyphs(drawings: Iterable[Drawing]) -> Glyphs:
-    """Of every text in the drawings its triangles (N, 3, 2) at size 1, and how long it is; on Blender's main thread."""
-    texts = {item.text for drawing in drawings for item in drawing.items if isinstance(item, Text)}
-    return {text: _letters(text) for text in texts}
+@cache
+def glyphs() -> Glyphs:
+    """Of every letter its triangles (N, 3, 2) at size 1 and how far it goes; on Blender's main thread.
+
+    All are set as one text, a row each, with a mark behind: making an object for each would hold the window up.
+    """
+    triangles = _set("\n".join(letter + " " * APART + "|" for letter in ("", *LETTERS)))
+    middle = triangles.mean(axis=1)
+    row = np.floor((0.75 * ROW - middle[:, 1]) / ROW).astype(int)
+    marks = middle[:, 0] > 0.25 * APART  # a space is 0.3 wide, and no letter as wide as seven of them
+    ends = np.full(len(LETTERS) + 1, np.inf)
+    np.minimum.at(ends, row[marks], triangles[marks][..., 0].min(axis=1))
+    found = {}
+    for k, letter in enumerate(LETTERS, 1):
+        own = triangles[(row == k) & ~marks]
+        found[letter] = own + np.array([0.0, ROW * k]), float(ends[k] - ends[0])
+    return found
 
 
-def _letters(text: str) -> tuple[np.ndarray, float]:
+def _set(text: str) -> np.ndarray:
+    """(N, 3, 2) triangles of a text in Blender's own font, size 1, the first baseline at y = 0."""
     data = bpy.data.curves.new(".flexmaps text", "FONT")
     obj = bpy.data.objects.new(".flexmaps text", data)
     try:
-        data.body, data.size, data.resolution_u = text, 1.0, 3
+        data.body, data.size, data.resolution_u, data.space_line = text, 1.0, 3, ROW
         mesh = obj.to_mesh()
         mesh.calc_loop_triangles()
         points, corners = np.empty(3 * len(mesh.vertices)), np.empty(3 * len(mesh.loop_triangles), np.int32)
@@ -35,8 +55,7 @@ def _letters(text: str) -> tuple[np.ndarray, float]:
     finally:
         bpy.data.objects.remove(obj)
         bpy.data.curves.remove(data)
-    triangles = points.reshape(-1, 3)[corners.reshape(-1, 3), :2]
-    return triangles, float(triangles[..., 0].max()) if len(triangles) else 0.0
+    return points.reshape(-1, 3)[corners.reshape(-1, 3), :2]
 
 
 def pixels(drawing: Drawing, letters: Glyphs) -> np.ndarray:
@@ -89,7 +108,12 @@ def _polygons(item: Item, letters: Glyphs) -> Iterable[tuple[np.ndarray, np.ndar
 
 def _placed(item: Text, letters: Glyphs) -> np.ndarray:
     """The triangles of a text where it stands; letters have their height, so the size of a font is a little more."""
-    triangles, length = letters[item.text]
+    parts, length = [np.zeros((0, 3, 2))], 0.0
+    for letter in item.text:
+        shape, width = letters[letter if letter in letters else UNKNOWN]
+        parts.append(shape + np.array([length, 0.0]))
+        length += width
+    triangles = np.concatenate(parts)
     size = 1.05 * item.size
     shift = {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor] * length
     x, y = size * (triangles[..., 0] - shift), -size * triangles[..., 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,14 +12,17 @@ import numpy as np
 
 from ..engine.errors import FlexMapsError
 from ..engine.fabrication.export import NewFile
-from ..engine.params import Settings
+from ..engine.params import ObjectSettings, Settings
 from ..engine.runs import drawing, job, report, report_page, report_plots
 from ..engine.runs.drawing import Drawing
 from ..engine.runs.report_plots import Measured
+from ..engine.surface.check import as_quad_mesh
 from . import arrange, overlay
 
 if TYPE_CHECKING:
     import bpy
+
+    from .surface import Surface
 
 PAGE, PLOTS = "report.html", "plots"
 
@@ -57,42 +60,83 @@ def stale(out: Path) -> list[Path]:
     return [out / PAGE, *(out / PLOTS / f"{name}.svg" for name in report_plots.NAMES)]
 
 
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What a report needs of an object, read from Blender: plain arrays and texts, safe in another thread.
+
+    blocks : the notes of the stages that are not out of date
+    supports : (k,) int, quads that are held; None where the user holds nothing
+    shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
+    values : (F,) arrays of that simulation by the names of ``Measured``
+    """
+
+    name: str
+    surface: Surface
+    settings: ObjectSettings
+    blocks: dict[str, Any]
+    supports: np.ndarray | None = None
+    shape: np.ndarray | None = None
+    values: dict[str, np.ndarray | None] = field(default_factory=dict)
+
+
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
     """The report and the plots of what an object holds; what its mesh has left behind is left out.
 
-    Raises ``FlexMapsError`` where the check finds errors, or where nothing was laid out yet.
+    Raises ``FlexMapsError`` where the object cannot be used, where the check finds errors, or where nothing was laid out yet.
     """
     import bpy
 
-    from ..engine.surface.check import as_quad_mesh
-    from . import attributes, equilibrium, mesh, notes, stored
+    from . import mesh
+    from . import settings as properties
 
-    found = stored.read(obj)
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    return of_taken(take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+
+
+def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings) -> Taken:
+    """Read what ``of_taken`` needs, on Blender's main thread; milliseconds. Raises ``FlexMapsError`` for wrong supports."""
+    import bpy
+
+    from . import attributes, equilibrium, notes, supports
+
+    if obj.data.is_editmode:
+        obj.update_from_editmode()
+    blocks = dict(notes.read(obj.data))
+    if equilibrium.out_of_date(obj, bpy.context.scene):
+        blocks = {name: block for name, block in blocks.items() if name not in ("equilibrium", "reach", "optimise")}
+    found = Taken(obj.name, surface, used, blocks, supports.supported(obj, surface, used.loads))
+    if "equilibrium" not in blocks:
+        return found
+    key = equilibrium.key_of(obj.data)
+    shape = surface.positions
+    if key is not None:
+        shape = np.empty_like(surface.positions)
+        key.data.foreach_get("co", shape.ravel())
+    names = {"distance": "distance", "strain": "strain", "kind": "reach"}
+    values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
+    return replace(found, shape=shape, values=values)
+
+
+def of_taken(taken: Taken) -> tuple[dict[str, Any], dict[str, Drawing]]:
+    """The report and the plots; touches no Blender data. Raises as ``of_object`` does."""
+    from . import stored
+
+    surface = taken.surface
+    found = stored.of_surface(surface, taken.settings)
     if found.broken is not None:
         raise found.broken
     if found.result is None:
         as_quad_mesh(found.source)
-        raise FlexMapsError(f"'{obj.name}' cannot be read as quads; press Check")
+        raise FlexMapsError(f"'{taken.name}' cannot be read as quads; press Check")
     if found.result.flat is None:
         raise FlexMapsError("There is nothing to report yet; press Merge or Flatten first")
-    described = report.build(found.result, source=obj.name, settings=found.settings)
-    centres = arrange.side_by_side(found.result.flat)
-    measured = Measured.of(found.result, centres)
-    scene = bpy.context.scene
-    blocks = dict(notes.read(obj.data))
-    if equilibrium.out_of_date(obj, scene):
-        blocks = {name: block for name, block in blocks.items() if name not in ("equilibrium", "reach", "optimise")}
-    if "equilibrium" in blocks:
-        values = {name: attributes.get(obj.data, attributes.PREFIX + name) for name in ("distance", "strain", "reach")}
-        surface = mesh.read_surface(obj, scene)
-        with equilibrium.shown_at(obj, 1.0):
-            shape = equilibrium.shown_positions(obj.data).astype(float)
-        world = shape @ surface.to_metres[:3, :3].T + surface.to_metres[:3, 3]
-        used = np.unique(surface.polygons.corners)
-        measured = replace(
-            measured, shape=world[used], distance=values["distance"], strain=values["strain"], kind=values["reach"]
-        )
-    described |= {name: block for name, block in blocks.items() if name != "checks"}
-    described["checks"] = blocks.get("checks", described["checks"])
-    limit = found.settings.layout.distortion_limit
-    return described, report_plots.drawings(measured, described, overlay.LIMITS, limit)
+    result = replace(found.result, supports=taken.supports)
+    described = report.build(result, source=taken.name, settings=taken.settings)
+    measured = Measured.of(result, arrange.side_by_side(found.result.flat))
+    if taken.shape is not None:
+        world = taken.shape.astype(float) @ surface.to_metres[:3, :3].T + surface.to_metres[:3, 3]
+        used = np.unique(surface.polygons.corners)  # the engine knows no others
+        measured = replace(measured, shape=world[used], **taken.values)
+    described |= {name: block for name, block in taken.blocks.items() if name != "checks"}
+    described["checks"] = taken.blocks.get("checks", described["checks"])
+    return described, report_plots.drawings(measured, described, overlay.LIMITS, taken.settings.layout.distortion_limit)

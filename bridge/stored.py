@@ -12,6 +12,7 @@ from ..engine.params import ObjectSettings
 from ..engine.runs import job
 from ..engine.surface.mesh import PolygonMesh
 from . import mesh, objects, settings, supports
+from .surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +42,23 @@ def read(obj: bpy.types.Object) -> Stored:
     if objects.changed_by_modifiers(obj):
         return Stored(mesh.read_evaluated(obj, scene, bpy.context.evaluated_depsgraph_get()), used)
     surface = mesh.read_surface(obj, scene)
+    found = of_surface(surface, used)
+    if found.result is None:
+        return found
+    held, force = supports.supported(obj, surface, used.loads), supports.force(obj, surface, used.loads)
+    return replace(found, result=replace(found.result, supports=held, force=force))
+
+
+def of_surface(surface: Surface, used: ObjectSettings) -> Stored:
+    """The same from a surface that was read, without supports and forces; touches no Blender data, so any thread can."""
     try:
         result = job.begin(surface.polygons)
     except FlexMapsError:
-        return Stored(surface.polygons, used, obj.session_uid)
-    held, force = supports.supported(obj, surface, used.loads), supports.force(obj, surface, used.loads)
-    result = replace(result, supports=held, force=force)
+        return Stored(surface.polygons, used, surface.uid)
     seams = mesh.layout_of(surface, result.mesh).cut
     try:
         flat = mesh.current_flat(surface, result.mesh) if "flat" in surface.values else None
     except FlexMapsError as error:
-        return Stored(surface.polygons, used, obj.session_uid, result, seams, error)
+        return Stored(surface.polygons, used, surface.uid, result, seams, error)
     design = None if flat is None else mesh.design_of(surface, flat, used.spiral)
-    return Stored(surface.polygons, used, obj.session_uid, replace(result, flat=flat, design=design), seams)
+    return Stored(surface.polygons, used, surface.uid, replace(result, flat=flat, design=design), seams)

@@ -37,8 +37,8 @@ class Report(Stage, bpy.types.Operator):
         from ..bridge.objects import find
 
         obj = find(surface.uid)
-        described, drawn = pages.of_object(obj)
-        letters = raster.glyphs(drawn.values())
+        taken = pages.take(obj, surface, settings)
+        letters = raster.glyphs()
         name, folder = obj.name, None
         if self.files and not (settings.export.folder.startswith("//") and not bpy.data.filepath):
             folder = _folder(settings.export.folder) / f"{_file_name(name)}-report"
@@ -46,9 +46,11 @@ class Report(Stage, bpy.types.Operator):
         def work(progress: Progress) -> Any:
             from ..engine import files
 
-            shown = {}
+            progress(0.0, "Reading what was made")
+            described, drawn = pages.of_taken(taken)
+            shown, drawing_it = {}, progress.part(0.3, 1.0)
             for k, (kind, drawing) in enumerate(drawn.items()):
-                progress(k / len(drawn), f"Drawing: {drawing.title}")
+                drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.pixels(drawing, letters)
             if folder is not None:
                 with files.replacing_many(pages.stale(folder)) as new:
