@@ -92,10 +92,11 @@ class Elements:
         """(E, 4, 16, 3): derivative of the energy by the nodal positions."""
         # first Piola-Kirchhoff stress by local direction: w P_iI dxi_d/dX_I
         p = self.weight[..., None, None] * (f @ stress @ np.swapaxes(self.inverse, -1, -2))
-        along = np.einsum("mp,emqi->epqi", self._d, p[..., 0])
-        out = np.einsum("qs,emqi->emsi", self._n, along)
-        out += np.einsum("qs,emqi->emsi", self._n1, p[..., 1])
-        return out + np.einsum("qs,emqi->emsi", self._n2, p[..., 2])
+        by_point = np.swapaxes(p, 2, 4)  # (E, m, d, i, q)
+        out = (self._d.T @ by_point[:, :, 0].reshape(len(p), ALONG, -1)).reshape(*p.shape[:2], 3, -1) @ self._n
+        out += by_point[:, :, 1] @ self._n1
+        out += by_point[:, :, 2] @ self._n2
+        return np.swapaxes(out, 2, 3)
 
     @cached_property
     def _products(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -131,7 +132,7 @@ class Elements:
         lame, shear = self.lame * weight, self.shear * weight
         out = np.empty((e, ALONG, 3, 3, 3, 3, SECTION))
         for d in range(3):
-            for g in range(3):
+            for g in range(d + 1):
                 for i in range(3):
                     for j in range(3):
                         value = lame * hat[:, :, i, d] * hat[:, :, j, g]
@@ -140,6 +141,8 @@ class Elements:
                         if i == j:
                             value += geometric[:, :, d, g]
                         out[:, :, d, g, i, j] = value
+                        if d != g:  # the energy's second derivatives are symmetric
+                            out[:, :, g, d, j, i] = value
         return out
 
     def tangents(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
@@ -206,9 +209,12 @@ class Elements:
 
 def largest_principal(strain: np.ndarray) -> np.ndarray:
     """Largest eigenvalue in magnitude of symmetric (..., 3, 3) matrices, by the trigonometric formula."""
-    mean = np.trace(strain, axis1=-2, axis2=-1) / 3.0
-    part = strain - mean[..., None, None] * np.eye(3)
-    size = np.sqrt(np.maximum(np.einsum("...ij,...ij->...", part, part) / 6.0, 1e-100))
-    angle = np.arccos(np.clip(np.linalg.det(part) / (2.0 * size**3), -1.0, 1.0)) / 3.0
+    flat = np.ascontiguousarray(np.moveaxis(strain.reshape(-1, 9), 1, 0))  # long runs of plain products
+    xx, xy, xz, _, yy, yz, _, _, zz = flat
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    size = np.sqrt(np.maximum((a * a + b * b + c * c + 2.0 * (xy * xy + xz * xz + yz * yz)) / 6.0, 1e-100))
+    determinant = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    angle = np.arccos(np.clip(determinant / (2.0 * size**3), -1.0, 1.0)) / 3.0
     high, low = mean + 2.0 * size * np.cos(angle), mean + 2.0 * size * np.cos(angle + 2.0 * np.pi / 3.0)
-    return np.maximum(np.abs(high), np.abs(low))
+    return np.maximum(np.abs(high), np.abs(low)).reshape(strain.shape[:-2])
