@@ -68,15 +68,20 @@ class PanelMesh:
     def triangles(self) -> int:
         return int((self.sizes - 2).sum())
 
-    def placed(self, arms: BentArms, pose: Pose) -> np.ndarray:
-        """(V, 3) metres: the vertices in space."""
-        place, turn = arms.at(self.arm, self.t, self.line)
-        edges = place[:, None] + self.sides @ np.swapaxes(turn, 1, 2)
-        rim = pose.centres[self.rim_quad] + times(pose.rotations[self.rim_quad], self.rim)
-        head, head_turn = arms.at(self.heads.arm, self.heads.t, self.heads.line)
-        head = head + times(head_turn, self.heads.side)
-        ups = np.concatenate([pose.rotations[self.rim_quad, :, 2], head_turn[:, :, 2]])
-        return self._thick(edges, turn[:, :, 2], np.concatenate([rim, head]), ups)
+    def placed(self, arms: BentArms, pose: Pose, only: np.ndarray | None = None) -> np.ndarray:
+        """(V, 3) metres: the vertices in space; where only some quads, (F,) bool, are asked for, the others' are anywhere."""
+        wanted = np.ones(len(self.design.width), bool) if only is None else only
+        rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
+        place, turn = arms.at(self.arm[rows], self.t[rows], self.line[rows])
+        edges, up = np.zeros((len(self.arm), 2, 3)), np.zeros((len(self.arm), 3))
+        edges[rows], up[rows] = place[:, None] + self.sides[rows] @ np.swapaxes(turn, 1, 2), turn[:, :, 2]
+        alone, alone_up = np.zeros((2, len(self.rim_quad) + len(self.heads.arm), 3))
+        rim_quad, heads, later = self.rim_quad[rims], self.heads, len(self.rim_quad) + np.flatnonzero(points)
+        alone[: len(rims)][rims] = pose.centres[rim_quad] + times(pose.rotations[rim_quad], self.rim[rims])
+        alone_up[: len(rims)][rims] = pose.rotations[rim_quad, :, 2]
+        head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
+        alone[later], alone_up[later] = head + times(head_turn, heads.side[points]), head_turn[:, :, 2]
+        return self._thick(edges, up, alone, alone_up)
 
     def flat(self, centres: np.ndarray) -> np.ndarray:
         """(V, 3) metres: the vertices in the flat panels, every patch's origin at ``centres`` (N, 2), middle plane at z = 0."""

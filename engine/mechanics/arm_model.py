@@ -9,7 +9,7 @@ matters under strong forces only, so that the search for a design does without i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -94,6 +94,16 @@ class ArmModel:
     @property
     def pairs(self) -> np.ndarray:
         return self.assembly.pairs
+
+    def part(self, hubs: np.ndarray, joints: np.ndarray) -> ArmModel:
+        known = self.compliance
+        return replace(
+            self,
+            assembly=self.assembly.part(hubs, joints),
+            compliance=ArmCompliance(*(getattr(known, one.name)[joints] for one in fields(known))),
+            curving=None if self.curving is None else self.curving[joints],
+            **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
+        )
 
     def start(self, pose: Pose) -> ArmState:
         motion = self.motion(pose)

@@ -38,10 +38,20 @@ class Pose:
         """The whole turned by rotation (3, 3) and then shifted by (3,) metres."""
         return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations)
 
-    def aligned(self, centres: np.ndarray) -> Pose:
-        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""
-        rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
-        return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
+    def part(self, hubs: np.ndarray) -> Pose:
+        """Only these hubs (k,) int."""
+        return Pose(self.centres[hubs], self.rotations[hubs])
+
+    def aligned(self, centres: np.ndarray, weight: np.ndarray | None = None) -> Pose:
+        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes).
+
+        weight : (n,) how much every hub counts; all the same if not given
+        """
+        share = np.ones(len(centres)) if weight is None else weight
+        share = share / share.sum()
+        own, there = share @ self.centres, share @ centres
+        rotation = nearest_rotation((share[:, None] * (self.centres - own)).T @ (centres - there))
+        return self.placed(rotation, there - rotation @ own)
 
 
 def nearest_rotation(covariance: np.ndarray) -> np.ndarray:
@@ -110,6 +120,19 @@ class Assembly:
     def bend(self) -> tuple[np.ndarray, np.ndarray]:
         """Bend points of the arms of every spiral, and their derivatives by the twist, (n, 2) (see ``arm_bend``)."""
         return bend_point(self.twist)
+
+    def part(self, hubs: np.ndarray, joints: np.ndarray) -> Assembly:
+        """Some spirals (k,) int, numbered anew in this order, and some of the joints (j,) int between them."""
+        number = np.full(self.size, -1)
+        number[hubs] = np.arange(len(hubs))
+        return replace(
+            self,
+            pairs=number[self.pairs[joints]],
+            lever=self.lever[joints],
+            axes=self.axes[joints],
+            width=self.width[hubs],
+            twist=self.twist[hubs],
+        )
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
         """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""

@@ -108,24 +108,55 @@ def bent(
     """The arms of a design whose hubs stand in a pose.
 
     closed : (m,) bool, the joints, in the order of the inner edges, whose tips meet; all if not given
-    wrench : (A, 6) as in ``BentArms``, at the tips of the others; none if not given
+    wrench : (A, 6) as in ``BentArms``, at the tips of the others, and where the search for those of the joints begins;
+        none if not given
     """
-    mesh = design.flat.layout.mesh
-    inner = np.flatnonzero(~mesh.border)
-    arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]  # (m, 2)
-    rest = rest_joints(mesh, design.flat.corners)[1]
-    axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
-    axes[arm] = rest
-    pieces = _pieces(design, axes, poisson)
-    load = np.zeros((len(axes), 6)) if wrench is None else wrench.copy()
-    closed = np.ones(len(arm), bool) if closed is None else closed
-    load[arm[closed]] = 0.0
-    size, both = float(np.median(design.scale)), arm[closed]
-    # some hundred joints at a time stay in the processor's cache
-    for start in range(0, len(both), BATCH):
-        _close(pieces, pose, axes, load, both[start : start + BATCH], CLOSE * size)
-    found = _shaped(pieces, pose, load)
-    return _met(found, arm[closed], axes)
+    return Bender.of(design, poisson).bent(pose, closed, wrench)
+
+
+@dataclass(frozen=True, eq=False)
+class Bender:
+    """What bending the arms of a design has in common for all poses.
+
+    arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
+    size : metres, of a spiral
+    """
+
+    pieces: _Pieces
+    arm: np.ndarray
+    axes: np.ndarray
+    size: float
+
+    @classmethod
+    def of(cls, design: SpiralDesign, poisson: float = POISSON) -> Bender:
+        mesh = design.flat.layout.mesh
+        inner = np.flatnonzero(~mesh.border)
+        arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
+        axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
+        axes[arm] = rest_joints(mesh, design.flat.corners)[1]
+        return cls(_pieces(design, axes, poisson), arm, axes, float(np.median(design.scale)))
+
+    def bent(
+        self,
+        pose: Pose,
+        closed: np.ndarray | None = None,
+        wrench: np.ndarray | None = None,
+        only: np.ndarray | None = None,
+    ) -> BentArms:
+        """As the function ``bent``; the search for the closed joints' wrenches begins with those given.
+
+        only : (F,) bool, quads whose arms are asked for; of the others' arms nothing but zeros comes back
+        """
+        load = np.zeros((len(self.axes), 6)) if wrench is None else wrench.copy()
+        both = self.arm if closed is None else self.arm[closed]
+        some = np.arange(len(load))
+        if only is not None:
+            both = both[only[both // 4].any(axis=1)]
+            some = np.union1d(some[np.repeat(only, 4)], both)
+        # some hundred joints at a time stay in the processor's cache
+        for start in range(0, len(both), BATCH):
+            _close(self.pieces, pose, self.axes, load, both[start : start + BATCH], CLOSE * self.size)
+        return _met(_shaped(self.pieces, pose, load, some), both, self.axes, some)
 
 
 def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float) -> None:
@@ -256,15 +287,24 @@ def _newton(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[n
     return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
 
 
-def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray) -> BentArms:
-    strain = (pieces.answer @ load[:, None, :, None])[..., 0]
-    quad = np.repeat(np.arange(len(pose.centres)), 4)
+def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray, some: np.ndarray) -> BentArms:
+    """Arms ``some`` (n,) under loads (A, 6); zeros for the others."""
+    strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
-    place, turn, _ = _run(pieces.flat, pose.rotations[quad], pose.centres[quad], bend, stretch)
-    return BentArms(pieces.hub, pieces.flat, place, turn, bend, stretch, load)
+    place, turn, _ = _run(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
+    whole = (_spread(values, some, len(load)) for values in (place, turn, bend, stretch))
+    return BentArms(pieces.hub, pieces.flat, *whole, load)
 
 
-def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray) -> BentArms:
+def _spread(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
+    if len(some) == count:
+        return values
+    out = np.zeros((count, *values.shape[1:]))
+    out[some] = values
+    return out
+
+
+def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) -> BentArms:
     """The same with tips that meet to the last digit, joints (m, 2): what is left is spread evenly along both arms.
 
     So joints that no beam can close, of poses that are torn apart, are closed as well.
@@ -283,9 +323,10 @@ def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray) -> BentArms:
         turn[which] = twisted @ turn[which]
         place[which, -1] = meeting
         turn[which, -1] = middle @ np.swapaxes(axes[which], 1, 2)
-    count = len(turn) * STATIONS
-    between = np.swapaxes(turn[:, :-1], 2, 3) @ turn[:, 1:]
-    bend = rotation_vector(between.reshape(count, 3, 3)).reshape(-1, STATIONS, 3)
-    half = turn[:, :-1] @ exponential(0.5 * bend)
-    stretch = times(np.swapaxes(half, 2, 3), np.diff(place, axis=1)) - np.diff(arms.flat, axis=1)
-    return replace(arms, place=place, turn=turn, bend=bend, stretch=stretch)
+    own = turn[some]
+    between = np.swapaxes(own[:, :-1], 2, 3) @ own[:, 1:]
+    bend = rotation_vector(between.reshape(-1, 3, 3)).reshape(-1, STATIONS, 3)
+    half = own[:, :-1] @ exponential(0.5 * bend)
+    stretch = times(np.swapaxes(half, 2, 3), np.diff(place[some], axis=1)) - np.diff(arms.flat[some], axis=1)
+    count = len(turn)
+    return replace(arms, place=place, turn=turn, bend=_spread(bend, some, count), stretch=_spread(stretch, some, count))

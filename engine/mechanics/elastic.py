@@ -47,6 +47,9 @@ class ElasticModel(Protocol):
     @property
     def pairs(self) -> np.ndarray: ...
 
+    def part(self, hubs: np.ndarray, joints: np.ndarray) -> ElasticModel:
+        """The model of some spirals and some of the joints between them, as ``Assembly.part``: the other joints are open."""
+
     def start(self, pose: Pose) -> Any:
         """The state at a pose, as if reached straight from rest."""
 

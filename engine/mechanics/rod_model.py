@@ -80,6 +80,10 @@ class RodModel:
     def pairs(self) -> np.ndarray:
         return self.assembly.pairs
 
+    def part(self, hubs: np.ndarray, joints: np.ndarray) -> RodModel:
+        of_joints = {name: getattr(self, name)[joints] for name in ("springs", "stretch", "rest", "length")}
+        return replace(self, assembly=self.assembly.part(hubs, joints), by_design=self.by_design[hubs], **of_joints)
+
     def start(self, pose: Pose) -> RodState:
         return self._state(pose, None)
 
