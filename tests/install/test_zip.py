@@ -41,7 +41,7 @@ heavy = {"cvxopt", "scipy", "shapely", "igl", "ezdxf", "xatlas", "spyrrow"}
 early = sorted(heavy & set(sys.modules))
 
 from bl_ext.user_default.flexmaps.bridge import scene
-from bl_ext.user_default.flexmaps.engine import shapes
+from bl_ext.user_default.flexmaps.engine.surface import shapes
 obj = scene.add_model(bpy.context.scene, shapes.make("dome"), "dome")
 done = {}
 for stage in ("check", "regularise", "trace", "merge", "spirals", "simulate"):
