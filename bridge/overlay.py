@@ -124,6 +124,26 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
     return True
 
 
+def renew(obj: bpy.types.Object, made: str = "") -> None:
+    """After a stage: colour the object anew, in the kind that is shown, or in the kind that the stage has ``made`` something of.
+
+    That is where nothing else is shown, or what was is gone; who switched the colours off is left without.
+    """
+    manager = bpy.context.window_manager
+    shown = manager.flexmaps_overlay
+    if shown != "NONE" and store(obj, shown):
+        _redraw(manager)
+    elif made and not manager.flexmaps_plain and store(obj, made):
+        manager.flexmaps_overlay = made
+
+
+def switch(kind: str) -> None:
+    """What the user wants to see from now on; "NONE": nothing, until they choose again."""
+    manager = bpy.context.window_manager
+    manager.flexmaps_plain = kind == "NONE"
+    manager.flexmaps_overlay = kind
+
+
 def _current(obj: bpy.types.Object, kind: str) -> bool:
     """Colours of a simulation that the mesh has left behind are not shown."""
     return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)
@@ -139,6 +159,7 @@ def register() -> None:
     items = [("NONE", "None", "No colours")]
     items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in KINDS.items()]
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_redraw)
+    bpy.types.WindowManager.flexmaps_plain = bpy.props.BoolProperty(name="Colours were switched off")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.append(_changed)
     handlers.load_pre.append(_forget)
@@ -159,10 +180,10 @@ def unregister() -> None:
     for which in (handlers.load_pre, handlers.undo_post, handlers.redo_post):
         which.remove(_forget)
     _cache.clear()
-    del bpy.types.WindowManager.flexmaps_overlay
+    del bpy.types.WindowManager.flexmaps_overlay, bpy.types.WindowManager.flexmaps_plain
 
 
-def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
+def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context | None = None) -> None:
     _cache.clear()
     for window in manager.windows:
         for area in window.screen.areas:
@@ -199,14 +220,14 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    corners, values, seams = _quads(obj, KINDS[kind][0])
-    if values is None or not len(values) or not _current(obj, kind):
+    quads = _quads(obj, KINDS[kind][0])
+    if quads is None or not len(quads.values) or not _current(obj, kind):
         return None
-    rgb, legend = painted(obj, kind, values)
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    edge = np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))
-    lifted = corners + LIFT * edge * normal[:, None]
+    rgb, legend = painted(obj, kind, quads.values)
+    seams, corners = quads.seams, quads.positions[quads.corners]
+    up, normal = _normals(quads)
+    lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up[quads.corners]
+    lifted = corners + lift
     light = 0.78 + 0.22 * normal @ np.array([0.27, -0.45, 0.85])  # enough to read the shape
     srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
@@ -217,7 +238,8 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     lines = None
     sides = seams != NO_SEAM
     if sides.any():
-        ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2) + 2 * LIFT * edge * normal[:, None, None]
+        higher = lifted + 2 * lift
+        ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
         look = {"pos": ends[sides].reshape(-1, 3), "color": np.repeat(_seam_colours(seams[sides], kind), 2, axis=0)}
         lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
@@ -233,37 +255,61 @@ def _seam_colours(seams: np.ndarray, kind: str) -> np.ndarray:
     return np.c_[rgb, np.ones(len(rgb))]
 
 
-def _quads(obj: bpy.types.Object, name: str) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Corners (F, 4, 3) in the object's frame, values (F,) of a face attribute, and the seam on every side (F, 4).
+def _normals(quads: _Quads) -> tuple[np.ndarray, np.ndarray]:
+    """Of the vertices (V, 3) and of the quads (F, 3). Colours rise along the first, or neighbours would part."""
+    p = quads.positions[quads.corners]
+    normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+    up = np.zeros_like(quads.positions)
+    np.add.at(up, quads.corners, normal[:, None])
+    return _unit(up), _unit(normal)
 
-    -1 for a seam that has no number yet, ``NO_SEAM`` where there is none.
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-30)
+
+
+@dataclass(frozen=True, eq=False)
+class _Quads:
+    """What is coloured: positions (V, 3) in the object's frame, corners (F, 4) into them, a value (F,) and the seams.
+
+    seams : (F, 4) int, the seam on every side, -1 for one that has no number yet, ``NO_SEAM`` where there is none
     """
-    nothing = np.zeros((0, 4, 3)), None, np.full((0, 4), NO_SEAM)
+
+    positions: np.ndarray
+    corners: np.ndarray
+    values: np.ndarray
+    seams: np.ndarray
+
+
+def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:
+    """The object as it is seen, with the values of a face attribute; None where there are none, or other faces than quads."""
     if obj.data.is_editmode:
         import bmesh
 
         bm = bmesh.from_edit_mesh(obj.data)
         layer = bm.faces.layers.float.get(name) or bm.faces.layers.int.get(name)
         if layer is None or any(len(face.verts) != 4 for face in bm.faces):
-            return nothing
-        corners = np.array([[v.co for v in face.verts] for face in bm.faces], dtype=float)
+            return None
+        bm.verts.index_update()
+        positions = np.array([v.co for v in bm.verts], dtype=float)
+        corners = np.array([[v.index for v in face.verts] for face in bm.faces])
         number = bm.edges.layers.int.get(SEAMS)
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
-        return corners, np.array([face[layer] for face in bm.faces]), seams
+        return _Quads(positions, corners, np.array([face[layer] for face in bm.faces]), seams)
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
-        return nothing
+        return None
     index = np.empty(len(mesh.loops), np.int32)
     edges, seams = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.edges), bool)
     mesh.loops.foreach_get("vertex_index", index)
     mesh.loops.foreach_get("edge_index", edges)
     mesh.edges.foreach_get("use_seam", seams)
-    corners = equilibrium.shown_positions(mesh)[index].reshape(-1, 4, 3).astype(float)
     number = attributes.get(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
-    return corners, values, np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
+    sides = np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
+    return _Quads(equilibrium.shown_positions(mesh).astype(float), index.reshape(-1, 4), values, sides)
 
 
 def _draw_colours() -> None:

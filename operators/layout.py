@@ -15,6 +15,8 @@ from .stage import Stage, Work
 class LayoutStage(Stage):
     """What these stages write: seams, the flat patches, and what they cost."""
 
+    shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
+
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import arrange, beside, mesh
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ..bridge import warm
@@ -11,7 +13,7 @@ STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
 
 
 class Overlay(bpy.types.Operator):
-    """Colour the quads by a number; press again to take the colours away"""
+    """Colour the quads by a number; press again to take the colours away. Trace and Merge show their patches, unless the colours were taken away"""
 
     bl_idname = "flexmaps.overlay"
     bl_label = "Overlay"
@@ -41,19 +43,20 @@ class Overlay(bpy.types.Operator):
             cls.poll_message_set(problem)
         return problem is None
 
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        if self.kind == context.window_manager.flexmaps_overlay:  # the button that is pressed in
+            self.kind = "NONE"
+        return self.execute(context)
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         warm.wait()
         from ..bridge import overlay
 
-        manager = context.window_manager
-        if self.kind == "NONE" or manager.flexmaps_overlay == self.kind:
-            manager.flexmaps_overlay = "NONE"
-            return {"FINISHED"}
-        if not overlay.store(context.object, self.kind):
+        if self.kind != "NONE" and not overlay.store(context.object, self.kind):
             stage = "Simulate" if self.kind in overlay.SIMULATED else STAGES.get(self.kind, "Merge")
             self.report({"ERROR"}, f"There is nothing to show yet; press {stage} first")
             return {"CANCELLED"}
-        manager.flexmaps_overlay = self.kind
+        overlay.switch(self.kind)
         return {"FINISHED"}
 
 

@@ -34,6 +34,7 @@ class Stage:
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
+    shows = ""  # the overlay that is switched on afterwards, where none is
     on_stop = "nothing is changed then"  # what becomes of the work when it is stopped
     level = "INFO"  # how ``finish`` wants its line to be told: "WARNING" where the result is not what was hoped for
 
@@ -147,7 +148,7 @@ class Stage:
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
-        from ..bridge import mesh, states
+        from ..bridge import mesh, overlay, states
         from ..bridge.objects import find
 
         assert self._surface is not None
@@ -160,6 +161,7 @@ class Stage:
             message = self.finish(context, obj, self._surface, result)
         finally:  # a check writes what it found, then complains
             states.stamp(obj, context.scene)
+        overlay.renew(obj, self.shows)
         redraw(context)
         yield
         with suppress(FlexMapsError):  # where the object is gone there is nothing more to draw

@@ -23,6 +23,8 @@ def extension() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def empty(extension: None) -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    manager = bpy.context.window_manager
+    manager.flexmaps_overlay, manager.flexmaps_plain = "NONE", False
 
 
 Add = Callable[..., Any]

@@ -407,7 +407,59 @@ def test_overlay_shows_and_hides(dome: Any, attribute: Any) -> None:
     assert len(np.unique(colours[:, 0, :3].round(5), axis=0)) == len(np.unique(patch))
     assert (colours == colours[:, :1]).all()
     press("overlay", kind="PATCH")
+    assert manager.flexmaps_overlay == "PATCH", "a script that asks for colours has them"
+    press("overlay", kind="NONE")
     assert manager.flexmaps_overlay == "NONE"
+
+
+def _shown_patches(obj: Any, attribute: Any) -> bool:
+    """Whether the colours on the mesh tell its patches of now apart."""
+    rgb = attribute(obj, "flexmaps_colour", "color", 4)[::4, :3].round(5)
+    both = np.c_[rgb, attribute(obj, "flexmaps_patch")]
+    return len(np.unique(rgb, axis=0)) == len(np.unique(both, axis=0)) == len(np.unique(both[:, 3]))
+
+
+def test_the_layout_is_seen_at_once(dome: Any, attribute: Any) -> None:
+    manager = bpy.context.window_manager
+    press("trace")
+    assert manager.flexmaps_overlay == "PATCH" and _shown_patches(dome, attribute)
+    press("merge")
+    assert manager.flexmaps_overlay == "PATCH" and _shown_patches(dome, attribute)
+    press("spirals")
+    press("overlay", kind="TWIST")
+    press("spirals")
+    assert manager.flexmaps_overlay == "TWIST", "what was chosen stays"
+    press("flatten")
+    assert manager.flexmaps_overlay == "PATCH", "there are no twists to be seen any more"
+
+
+def test_who_took_the_colours_away_has_none(dome: Any) -> None:
+    manager = bpy.context.window_manager
+    press("trace")
+    press("overlay", kind="NONE")
+    press("merge")
+    assert manager.flexmaps_overlay == "NONE"
+    press("overlay", kind="ENERGY")
+    press("overlay", kind="PATCH")
+    press("flatten")
+    assert manager.flexmaps_overlay == "PATCH"
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_colours_lie_closely_on_the_surface(dome: Any, mode: str) -> None:
+    """Neighbours share their corners, or the mesh would shine through between them."""
+    from flexmaps.bridge import overlay
+
+    press("trace")
+    bpy.ops.object.mode_set(mode=mode)
+    quads = overlay._quads(dome, "flexmaps_patch")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert quads is not None
+    assert np.array_equal(quads.positions, [v.co for v in dome.data.vertices])
+    assert np.array_equal(quads.corners, [f.vertices[:] for f in dome.data.polygons])
+    up, _ = overlay._normals(quads)
+    assert len(up) == len(dome.data.vertices)
+    assert up == pytest.approx(np.array([n.vector for n in dome.data.vertex_normals]), abs=0.1)
 
 
 # -- quad remesh -------------------------------------------------------------------------------------------------------
@@ -586,7 +638,9 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
     surface = bridge.read_surface(dome, bpy.context.scene)
     flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
     bpy.ops.object.mode_set(mode=mode)
-    seams = overlay._quads(dome, "flexmaps_patch")[2]
+    quads = overlay._quads(dome, "flexmaps_patch")
+    assert quads is not None
+    seams = quads.seams
     bpy.ops.object.mode_set(mode="OBJECT")
     wanted = flat.layout.seam_of[flat.layout.mesh.quad_edges]
     assert (np.where(seams == overlay.NO_SEAM, -1, seams) == wanted).all() and wanted.max() >= 0

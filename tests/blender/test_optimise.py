@@ -400,7 +400,6 @@ def test_limits_as_colours(piece: Any, attribute: Any) -> None:
         assert sorted(int(text.rpartition(": ")[2]) for _, text in legend.entries) == sorted(shown.values())
         rgb = np.round(attribute(piece, "flexmaps_colour", "color", 4)[::4, :3], 5)
         assert len(np.unique(rgb, axis=0)) == len(shown)
-        press("overlay", kind="REACH")
     assert set(overlay.LIMITS) == set(NAMES)
     piece.flexmaps.material.material = "birch"
     with pytest.raises(RuntimeError, match="nothing to show"):

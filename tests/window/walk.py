@@ -43,6 +43,13 @@ def picture(name):
     hands.shot(f"{FOUND['pictures']:02d}-{name}")
 
 
+def coloured():
+    """The share of the 3D view's left half that has a colour, neither grey nor dark."""
+    area = hands.view()[1]
+    shown = hands.part(area)[:, : area.width // 2, :3].astype(int)
+    return float(((np.ptp(shown, axis=2) > 40) & (shown.max(axis=2) > 110)).mean())
+
+
 def current():
     return hands.module("bridge.job").current()
 
@@ -135,6 +142,11 @@ def layout():
     expect(any(e.use_seam for e in bpy.context.object.data.edges), "Trace draws seams")
     traced = blocks()["layout"]["patches"]
     yield from picture("traced")
+    expect(coloured() > 0.08, f"the patches are seen at once, but {coloured():.1%} of the view has a colour")
+    yield from press("overlay", text="Patches")
+    yield from hands.still(hands.view()[1])
+    expect(coloured() < 0.02, "pressed again, the colours go")
+    yield from press("overlay", text="Patches")
     yield from press("merge")
     block = blocks()["layout"]
     expect(block["patches"] < traced, f"Merge joins patches: {traced} to {block['patches']}")
