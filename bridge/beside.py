@@ -180,12 +180,15 @@ def paint(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
     mesh.attributes.active_color_name = "flexmaps_colour"
 
 
-def lines(name: str, polylines: list[np.ndarray], radius: float) -> bpy.types.Curve:
-    """A curve object's data of round lines through points (n, 3) each, closed where first and last are the same."""
+def lines(name: str, polylines: list[np.ndarray], radius: float, sides: int = 8) -> bpy.types.Curve:
+    """A curve object's data of round lines through points (n, 3) each, closed where first and last are the same.
+
+    sides : of their sections, an even number of at least 4
+    """
     curve = bpy.data.curves.new(name, "CURVE")
     curve.dimensions = "3D"
     curve.bevel_depth = radius
-    curve.bevel_resolution = 2
+    curve.bevel_resolution = sides // 2 - 2
     for points in polylines:
         closed = len(points) > 2 and bool((points[0] == points[-1]).all())
         points = points[:-1] if closed else points
@@ -220,18 +223,25 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
 FEW = 64
 
 
-def wear(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
-    """Give the faces the materials of their colours (N, 3), linear: so they are seen in solid view too.
+def wear(data: bpy.types.Mesh | bpy.types.Curve, rgb: np.ndarray) -> None:
+    """Give the faces, or the lines, the materials of their colours (N, 3), linear: so they are seen in solid view too.
 
-    Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute.
+    Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute of a mesh; lines have none,
+    and get fewer shades.
     """
     found, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
+    lines = isinstance(data, bpy.types.Curve)
+    shades = FEW
+    while lines and len(found) > FEW:
+        shades //= 2
+        found, which = np.unique(np.round(rgb * shades) / shades, axis=0, return_inverse=True)
     if len(found) > FEW:
-        mesh.materials.append(material("FlexMaps panel", None))
+        data.materials.append(material("FlexMaps panel", None))
         return
     for name, colour in zip(colours.hexadecimal(found), found, strict=True):
-        mesh.materials.append(material(f"FlexMaps {name}", colour))
-    mesh.polygons.foreach_set("material_index", which.ravel().astype(np.int32))
+        data.materials.append(material(f"FlexMaps {name}", colour))
+    parts = data.splines if lines else data.polygons
+    parts.foreach_set("material_index", which.ravel().astype(np.int32))
 
 
 def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import time
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -15,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
-from ..engine import colours
 from ..engine.errors import FlexMapsError
-from . import arrange, attributes, beside, looks, notes, overlay
+from . import arrange, attributes, beside, looks, overlay, states
 
 if TYPE_CHECKING:
     from ..engine.fabrication.connector_path import Tip
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from ..engine.spirals.design import SpiralDesign
 
 KIND, NAME = "assembled", "Assembled"
-NOTE = "flexmaps_preview"  # on the object, JSON: figures, and what it was made from
+NOTE = "flexmaps_preview"  # on the object, JSON: its figures
 WIRE = 9  # points along an arm that is drawn as a wire
 
 
@@ -83,16 +81,9 @@ def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def note_of(obj: bpy.types.Object) -> dict[str, Any]:
-    """The figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``, ``made_from``; empty if none."""
+    """The figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty if none."""
     found = existing(obj)
     return json.loads(found.get(NOTE, "{}")) if found is not None else {}
-
-
-def made_from(obj: bpy.types.Object) -> str:
-    """What tells whether the spirals or their simulation are others than they were."""
-    blocks = notes.read(obj.data)
-    text = json.dumps([blocks.get("spirals"), blocks.get("equilibrium")])
-    return f"{zlib.crc32(text.encode()):08x}"
 
 
 def show(
@@ -114,10 +105,8 @@ def show(
             put(data, kind, "FACE", domain_values)
     if rgb is None:
         data.materials.append(looks.of_material(obj.flexmaps.material.material))
-    elif built.panels is None:
-        data.materials.append(beside.material("FlexMaps wire", _WIRE))
     else:
-        beside.wear(data, rgb[built.panels.quad_of])
+        beside.wear(data, np.repeat(rgb, 4, axis=0) if built.panels is None else rgb[built.panels.quad_of])
     place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     triangles = 0 if built.panels is None else built.panels.triangles
@@ -126,13 +115,10 @@ def show(
         "triangles": triangles,
         "seconds": round(built.seconds + time.perf_counter() - began, 3),
         "simulated": simulated,
-        "made_from": made_from(obj),
     }
     made[NOTE] = json.dumps(figures)
+    states.stamp_beside(obj, scene, "preview")
     return made
-
-
-_WIRE = colours.linear(colours.SEAM)
 
 
 def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -222,5 +208,5 @@ def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> Non
 
 
 def _curve(name: str, built: Built) -> bpy.types.Curve:
-    """The arms as round wires as thick as they are wide in the mean, from hub to joint."""
-    return beside.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()))
+    """The arms as wires as thick as they are wide in the mean, from hub to joint; of four sides, for there are thousands."""
+    return beside.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

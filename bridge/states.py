@@ -17,7 +17,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from . import attributes, notes, settings
+from . import attributes, notes, pose, settings
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
 NAME = "flexmaps_made_from"  # on the mesh, JSON: stage -> part -> checksum
@@ -32,6 +32,11 @@ PARTS: dict[str, tuple[str, ...]] = {
     "optimise": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
     "sheets": ("seams", "shape", "design", "spiral", "material", "sheet", "connect", "cut", "export"),
 }
+# what is no stage and has no note, but is made from the same
+BESIDE: dict[str, tuple[str, ...]] = {
+    "regularise": ("shape",),
+    "preview": ("seams", "shape", "design", "spiral", "pose"),
+}
 # stage -> the one that it goes on from
 AFTER = {"spirals": "layout", "equilibrium": "spirals", "optimise": "spirals", "sheets": "spirals"}
 WHY = {
@@ -41,7 +46,7 @@ WHY = {
     "down": "The object was turned since",
 }
 SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
-MANY = 20_000  # edges whose seams can be looked at one by one in a redraw (a millisecond or two)
+MANY = 20_000  # edges of a mesh that can be looked at one by one in a redraw (some milliseconds)
 EDGES = 64  # so many edges, evenly picked, tell the size of the quads well enough
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
 MADE_SQUARER = {"concave", "warped"}
@@ -79,7 +84,8 @@ class _Present:
             own: dict[str, Callable[[], bytes]] = {
                 "shape": self._shape,
                 "seams": self._seams,
-                "design": self._design,
+                "design": lambda: self._values("width", "twist"),
+                "pose": lambda: self._values(*pose.NAMES),
                 "down": self._down,
             }
             data = own[part]() if part in own else self._settings(part)
@@ -89,27 +95,58 @@ class _Present:
     def _shape(self) -> bytes:
         """Vertices, faces and size; where it stands and how it is turned do not matter."""
         mesh = self._obj.data
-        positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
-        mesh.vertices.foreach_get("co", positions)
-        mesh.loops.foreach_get("vertex_index", corners)
+        bm = self._edited()
+        if bm is not None:
+            bm.verts.index_update()
+            positions = np.fromiter((x for v in bm.verts for x in v.co), np.float32, 3 * len(bm.verts))
+            corners = np.fromiter((loop.vert.index for face in bm.faces for loop in face.loops), np.int32)
+            faces = len(bm.faces)
+        else:
+            positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+            mesh.vertices.foreach_get("co", positions)
+            mesh.loops.foreach_get("vertex_index", corners)
+            faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
-        rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {len(mesh.polygons)}"
+        rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {faces}"
         return positions.tobytes() + corners.tobytes() + rest.encode()
+
+    def _edited(self) -> bmesh.types.BMesh | None:
+        """Where the user is editing, of which the mesh does not know yet; None elsewhere, or where it would take too long.
+
+        Of shape keys only the basis is what stages read; while another one is edited, the mesh is as edit mode found it.
+        """
+        mesh = self._obj.data
+        if not mesh.is_editmode or len(mesh.edges) > MANY or self._obj.active_shape_key_index > 0:
+            return None
+        bm = bmesh.from_edit_mesh(mesh)
+        return bm if len(bm.edges) <= MANY else None
 
     def _seams(self) -> bytes:
         mesh = self._obj.data
-        if (
-            mesh.is_editmode and len(mesh.edges) <= MANY
-        ):  # where seams are edited, the mesh itself does not know of it yet
-            edges = bmesh.from_edit_mesh(mesh).edges
-            return np.fromiter((edge.seam for edge in edges), bool, len(edges)).tobytes()
+        bm = self._edited()
+        if bm is not None:
+            return np.fromiter((edge.seam for edge in bm.edges), bool, len(bm.edges)).tobytes()
         seams = np.empty(len(mesh.edges), bool)
         mesh.edges.foreach_get("use_seam", seams)
         return seams.tobytes()
 
-    def _design(self) -> bytes:
-        found = (attributes.get(self._obj.data, attributes.PREFIX + name) for name in ("width", "twist"))
-        return b"".join(b"" if values is None else values.tobytes() for values in found)
+    def _values(self, *names: str) -> bytes:
+        """Attributes of ours on the faces."""
+        mesh = self._obj.data
+        if not mesh.is_editmode:
+            found = (attributes.get(mesh, attributes.PREFIX + name) for name in names)
+            return b"".join(b"" if values is None else values.tobytes() for values in found)
+        faces = bmesh.from_edit_mesh(mesh).faces  # while it is edited, the mesh itself has none
+        data = b""
+        for name in names:
+            number, way = (
+                layers.get(attributes.PREFIX + name) for layers in (faces.layers.float, faces.layers.float_vector)
+            )
+            if number is not None:
+                data += np.fromiter((face[number] for face in faces), np.float32, len(faces)).tobytes()
+            elif way is not None:
+                data += np.fromiter((x for face in faces for x in face[way]), np.float32, 3 * len(faces)).tobytes()
+        return data
 
     def _down(self) -> bytes:
         """Where weight and forces pull; nothing where there are none."""
@@ -157,18 +194,19 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     mesh[NAME] = json.dumps(_stamps(mesh) | made)
 
 
-def stamp_regularised(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Note that this shape is as regular as it gets; it is no stage, and has no note of its own."""
+def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> None:
+    """Note what something was made from that is no stage, one of ``BESIDE``."""
     if obj.data.is_editmode:
         obj.update_from_editmode()
-    obj.data[NAME] = json.dumps(_stamps(obj.data) | {"regularise": {"shape": _Present(obj, scene)["shape"]}})
+    now = _Present(obj, scene)
+    obj.data[NAME] = json.dumps(_stamps(obj.data) | {name: {part: now[part] for part in BESIDE[name]}})
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
-    """The state of every stage. In edit mode all but the seams is as edit mode found it, or as the last stage wrote it."""
+    """The state of every stage, in edit mode too; a mesh of more than ``MANY`` edges is there as edit mode found it."""
     blocks, stamps, now = notes.read(obj.data), _stamps(obj.data), _Present(obj, scene)
     found: dict[str, State] = {}
     for stage, parts in PARTS.items():
@@ -187,11 +225,20 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     """Whether there is a result of a stage that what it was made from has left behind; earlier stages are not looked at."""
-    made = _stamps(obj.data).get(stage)
-    if made is None or stage not in notes.read(obj.data):
+    return stage in notes.read(obj.data) and _left_behind(obj, scene, stage, PARTS[stage])
+
+
+def is_old_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
+    """The same of one of ``BESIDE``, which has no note; False where it was never made."""
+    return _left_behind(obj, scene, name, BESIDE[name])
+
+
+def _left_behind(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
+    made = _stamps(obj.data).get(name)
+    if made is None:
         return False
     now = _Present(obj, scene)
-    return any(made.get(part) != now[part] for part in PARTS[stage])
+    return any(made.get(part) != now[part] for part in parts)
 
 
 # -- what comes next ---------------------------------------------------------------------------------------------------
@@ -239,7 +286,8 @@ def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[st
     if errors:
         return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
     poor = any(finding["code"] in MADE_SQUARER for finding in checks)
-    if poor and _stamps(obj.data).get("regularise", {}).get("shape") != _Present(obj, scene)["shape"]:
+    regular = "regularise" in _stamps(obj.data) and not is_old_beside(obj, scene, "regularise")
+    if poor and not regular:  # once it is as regular as it gets, pressing again is no use
         return "flexmaps.regularise"
     return ""
 

@@ -479,7 +479,7 @@ class PreviewParams(Params):
         "Detail",
         "How finely the spirals are drawn",
         choices=(
-            ("LINES", "Lines", "Round wires along the arms; the lightest"),
+            ("LINES", "Lines", "Wires along the arms; the lightest"),
             ("COARSE", "Coarse", "True arms and hubs in few pieces; for thousands of spirals"),
             ("MEDIUM", "Medium", "True arms and hubs; smooth from afar"),
             ("FINE", "Fine", "True arms and hubs with their inner corners; for close-ups"),

@@ -46,7 +46,7 @@ class Regularise(Stage, bpy.types.Operator):
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
-        states.stamp_regularised(obj, context.scene)
+        states.stamp_beside(obj, context.scene, "regularise")
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return f"Vertices moved by up to {moved / before.median_edge:.0%} of an edge"
 

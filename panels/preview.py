@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge import preview
+from ..bridge import preview, states
 from ..engine.params import FilmParams, PreviewParams, RenderParams
 from .rows import more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel
@@ -37,7 +37,7 @@ def _figures(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> 
     figures = preview.note_of(obj)
     if not figures:
         return
-    if figures["made_from"] != preview.made_from(obj):
+    if states.is_old_beside(obj, context.scene, "preview"):
         wrapped(layout, context, "The spirals or their shape are others now; press Preview again", icon="INFO")
         return
     grid = numbers(layout)

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import mesh, notes, pose, preview
+from flexmaps.bridge import attributes, beside, mesh, notes, pose, preview, states
 from flexmaps.engine.surface import check, shapes
 
 
@@ -101,10 +101,35 @@ def test_pressed_again_it_is_replaced(piece: Any) -> None:
 
 
 def test_it_says_when_it_is_old(piece: Any) -> None:
+    def old() -> bool:
+        return states.is_old_beside(piece, bpy.context.scene, "preview")
+
     press("preview")
-    assert preview.note_of(piece)["made_from"] == preview.made_from(piece)
+    assert not old()
     press("simulate")
-    assert preview.note_of(piece)["made_from"] != preview.made_from(piece)
+    assert old(), "the hubs stand elsewhere now"
+    press("preview")
+    piece.location = (1.0, 2.0, 3.0)
+    piece.flexmaps.cut.kerf_outline = 0.1
+    bpy.context.view_layer.update()
+    assert not old()
+    piece.flexmaps.spiral.thickness = 1.5
+    assert old()
+
+
+def test_wires_have_the_colours_of_their_patches(piece: Any) -> None:
+    piece.flexmaps.preview.detail = "LINES"
+    press("preview")
+    made = preview.existing(piece).data
+    patches = attributes.get(piece.data, "flexmaps_patch")
+    worn = np.array([spline.material_index for spline in made.splines]).reshape(-1, 4)
+    assert (worn == worn[:, :1]).all() and len(made.materials) == len(np.unique(patches))
+    assert len(np.unique(np.c_[worn[:, 0], patches], axis=0)) == len(made.materials)
+    press("simulate")
+    piece.flexmaps.preview.colour = "DISTANCE"
+    press("preview")
+    made = preview.existing(piece).data
+    assert 3 < len(made.materials) <= beside.FEW
 
 
 def test_colours_that_are_not_there_are_refused(piece: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
@@ -250,3 +251,22 @@ def test_asking_changes_nothing(made: Any, content: Any) -> None:
     kinds(made), offered(made)
     assert content(made) == before
     assert not [key for key in made.data.keys() if "fresh" in key]  # noqa: SIM118
+
+
+def test_what_is_edited_is_noticed_before_edit_mode_is_left(made: Any) -> None:
+    """As soon as it is moved, and no longer once it is back; seams by themselves leave the check alone."""
+    bpy.ops.object.mode_set(mode="EDIT")
+    bm = bmesh.from_edit_mesh(made.data)
+    bm.verts.ensure_lookup_table()
+    before = bm.verts[40].co.copy()
+    assert OLD not in kinds(made).values()
+    bm.verts[40].co.z += 0.01
+    assert kinds(made)["checks"] == OLD and "mesh" in why(made, "layout")
+    bm.verts[40].co = before
+    assert OLD not in kinds(made).values()
+    next(edge for edge in bm.edges if not edge.seam).seam = True
+    assert kinds(made)["layout"] == OLD and kinds(made)["checks"] == DONE
+    bm.faces.remove(next(iter(bm.faces)))
+    assert kinds(made)["checks"] == OLD
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert kinds(made)["checks"] == OLD
