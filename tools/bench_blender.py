@@ -1,6 +1,6 @@
 """Measures the extension inside Blender against what was asked: every Blender there is, how soon things are seen, random calls.
 
-python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview random]
+python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview frames random]
 
 The random calls go on where an interrupted run of the same sources stopped (out/random_calls.json).
 """
@@ -107,22 +107,30 @@ def _other_python() -> str | None:
 
 
 def _real_blender() -> Iterator[Row]:
-    import real_blender
-
-    if not (real_blender.folder() / "usr" / "bin" / "blender").exists():
-        yield row("real Blender", "survey", "", "none made yet (test window)", None)
-        return
-    zips = sorted((ROOT / "dist").glob("*debian*.zip"), key=lambda p: p.stat().st_mtime)
-    reason = real_blender.obstacle() or (None if zips else "no zip for it; run test window")
-    if reason:
-        yield row("real Blender", "survey", "", reason[:60], None)
-        return
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        shutil.copy2(zips[-1], work)
+        reason = _ready(work)
+        if reason is not None:
+            yield row("real Blender", "survey", "", reason[:60], None)
+            return
+        import real_blender
+
         for _ in range(3):  # the first installs, the second makes Python's bytecode
             done = real_blender.run(TOOLS / "blender_survey.py", work, window=False, timeout=240)
     yield from _told(_answer(done.stdout + done.stderr))
+
+
+def _ready(work: Path) -> str | None:
+    """Put the zip of the real Blender into a folder; why there is none, as a sentence."""
+    import real_blender
+
+    if not (real_blender.folder() / "usr" / "bin" / "blender").exists():
+        return "none made yet (test window)"
+    zips = sorted((ROOT / "dist").glob("*debian*.zip"), key=lambda p: p.stat().st_mtime)
+    reason = real_blender.obstacle() or (None if zips else "no zip for it; run test window")
+    if reason is None:
+        shutil.copy2(zips[-1], work)
+    return reason
 
 
 # -- zips --------------------------------------------------------------------------------------------------------------------
@@ -193,9 +201,10 @@ def _first_sight(cls: type) -> float:
 def _piece() -> Any:
     """A saddle of 2401 quads in a new file, the active object."""
     import bpy
-    from flexmaps.engine.surface import shapes
 
     _enable()
+    from flexmaps.engine.surface import shapes
+
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     mesh = shapes.saddle(49)
     data = bpy.data.meshes.new("piece")
@@ -286,6 +295,48 @@ def preview(_: argparse.Namespace) -> Iterator[Row]:
         yield at_most("2400 spirals", f"preview, {item.name}: s of the processor", limit, worked, peer)
 
 
+# -- frames ----------------------------------------------------------------------------------------------------------------------
+
+# Mesa's driver that draws nothing: what is left of a frame is Blender's own work, as beside an endlessly fast graphics card
+NOTHING_DRAWN = "GALLIUM_NOOP=1"
+FPS = 20.0
+
+
+def frames(_: argparse.Namespace) -> Iterator[Row]:
+    """Milliseconds a frame of the 3D view takes in a real window while it turns, with the preview of 2401 spirals in it.
+
+    Without a graphics card only Blender's own part can be held against the wanted 20 frames a second; beside it stand the
+    triangles that a card would have to draw then, and what drawing them by software takes here.
+    """
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        reason = _ready(work)
+        for variables in () if reason else ("", NOTHING_DRAWN):
+            import real_blender
+
+            for old in ("display", "result.json"):
+                (work / old).unlink(missing_ok=True)
+            script = TOOLS / "blender_frames.py"
+            done = real_blender.run(script, work, window=True, timeout=500, variables=variables)
+            if not (work / "result.json").is_file():
+                reason = f"no answer: {(done.stdout + done.stderr)[-200:]}"
+                break
+            found.append(json.loads((work / "result.json").read_text()))
+            print("\n".join(found[-1]["errors"]), file=sys.stderr)
+    if reason is not None or len(found) < 2:
+        yield row("2401 spirals", "frames", "", str(reason)[:60], None)
+        return
+    software, own = (one["frames"] for one in found)
+    for name, drawn in software.items():
+        peer = {"by software": f"{1e3 / drawn['frame_ms']:.2g} fps"}
+        if "triangles" in drawn:
+            peer["triangles"] = drawn["triangles"]
+            peer[f"at {FPS:g} fps"] = f"{1e-6 * FPS * drawn['triangles']:.0f} million triangles/s"
+        label = f"frame of the 3D view, {name.lower()}: own ms"
+        yield at_most("2401 spirals", label, 1e3 / FPS, own[name]["frame_ms"], peer)
+
+
 # -- random calls ----------------------------------------------------------------------------------------------------------------
 
 
@@ -368,5 +419,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "progress": progress,
     "panels": panels,
     "preview": preview,
+    "frames": frames,
     "random": random,
 }

@@ -86,10 +86,13 @@ def obstacle() -> str | None:
     return None
 
 
-def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subprocess.CompletedProcess[str]:
+def run(
+    script: Path, work: Path, *, window: bool, timeout: int = 240, variables: str = ""
+) -> subprocess.CompletedProcess[str]:
     """Run a Python script in the real Blender; ``work`` is the one folder that both sides see, by the same path.
 
-    The script's neighbours come with it, for it to import. With ``window``, Blender has a window on a virtual screen whose pixels are in ``work``/Xvfb_screen0.
+    The script's neighbours come with it, for it to import. With ``window``, Blender has a window on a virtual screen whose pixels
+    are in ``work``/Xvfb_screen0. ``variables`` of the environment are written as a shell does: "NAME=value OTHER=value".
     """
     for file in script.parent.glob("*.py"):
         shutil.copy2(file, work)
@@ -97,9 +100,8 @@ def run(script: Path, work: Path, *, window: bool, timeout: int = 240) -> subpro
     place = shlex.quote(str(work))
     screen = VIRTUAL_SCREEN.format(work=place, width=width, height=height) if window else ""
     options = "--factory-startup --window-fullscreen" if window else "--factory-startup -b"
-    return shell(
-        INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name), work, timeout
-    )
+    text = INSIDE.format(work=place, screen=screen, timeout=timeout, options=options, script=script.name)
+    return shell(f"export {variables}\n{text}" if variables else text, work, timeout)
 
 
 def shell(text: str, work: Path, timeout: int = 240) -> subprocess.CompletedProcess[str]:
