@@ -106,7 +106,7 @@ def show(
     if rgb is None:
         data.materials.append(looks.of_material(obj.flexmaps.material.material))
     else:
-        beside.wear(data, np.repeat(rgb, 4, axis=0) if built.panels is None else rgb[built.panels.quad_of])
+        beside.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
     place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     triangles = 0 if built.panels is None else built.panels.triangles
@@ -188,10 +188,10 @@ def piece_mesh(name: str, panels: PanelMesh, vertices: np.ndarray, rgb: np.ndarr
 def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
     """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
     pairs = np.empty(2 * len(mesh.edges), np.int32)
-    mesh.edges.foreach_get("vertices", pairs)
+    mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
     ends = section[pairs.reshape(-1, 2)]
     put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
-    mesh.polygons.foreach_set("use_smooth", np.ones(len(mesh.polygons), bool))
+    mesh.shade_smooth()
 
 
 def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
