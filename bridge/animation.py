@@ -147,8 +147,8 @@ def _bends(made: bpy.types.Object, track: Track, frame: Any) -> None:
         key.interpolation = "KEY_LINEAR"
     keys = made.data.shape_keys
     keys.use_relative = False
-    for key, time in zip(keys.key_blocks, track.shape_times, strict=True):
-        keys.eval_time = key.frame
+    for which, time in zip(track.which.tolist(), track.shape_times.tolist(), strict=True):
+        keys.eval_time = keys.key_blocks[which].frame
         keys.keyframe_insert("eval_time", frame=frame(time))
     _straight(keys)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -10,11 +10,15 @@ from ..bridge import notes
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
+from .spirals import DRAWN
 from .stage import Stage, Work
+
+if TYPE_CHECKING:
+    from ..engine.fabrication.connector_path import Tip
 
 
 class Animate(Stage, bpy.types.Operator):
-    """Animate the assembly: the panels fly from the table to their places, bend, and close seam by seam into the simulated shape. Play it with the space bar"""
+    """Animate the assembly: the panels fly from the table to their places and are joined seam by seam; what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
     bl_label = "Animate assembly"
@@ -35,8 +39,11 @@ class Animate(Stage, bpy.types.Operator):
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
 
+        material = settings.material.chosen
+
         def work(progress: Progress) -> Any:
             from ..engine.assembling import assembly_film
+            from ..engine.fabrication.connectors import connect
             from ..engine.fabrication.panel_mesh import DETAILS
             from ..engine.surface import check
 
@@ -47,7 +54,12 @@ class Animate(Stage, bpy.types.Operator):
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             detail = DETAILS[settings.film.film_detail]
-            made = assembly_film.film(design, found, animation.on_table(design, found), detail, progress)
+            table = animation.on_table(design, found)
+            tips: tuple[Tip, ...] = ()
+            if settings.preview.joined:
+                tips = connect(design, settings.connect, DRAWN, progress.part(0.0, 0.2), settings.cut.mill).tips
+                progress = progress.part(0.2, 1.0)
+            made = assembly_film.film(design, found, table, detail, material, settings.simulate, progress, tips)
             return made, found, settings
 
         return work
@@ -64,7 +76,10 @@ class Animate(Stage, bpy.types.Operator):
             obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
         )
         scene.frame_end = max(scene.frame_end, last)
-        return f"{len(film.tracks)} panels in {last - scene.frame_start + 1} frames; play them with the space bar"
+        text = f"{len(film.tracks)} panels in {last - scene.frame_start + 1} frames; play them with the space bar"
+        if film.stages.warnings:
+            self.level = "WARNING"
+        return ". ".join([text, *film.stages.warnings])
 
 
 CLASSES = (Animate,)

@@ -1,32 +1,43 @@
-"""How the panels come together, as a film: from the table they fly to their places, bend, and close seam by seam.
+"""How the panels come together, as a film: from the table they fly to their places, and seam by seam they are joined.
 
-The order is that of ``assembly_order``. A panel that bends goes through blends of its flat and its final pose, whose joints
-stay closed; its arms are bent in every one of them as in ``bent_arms``. At its seams the arms take up the wrench that they
-carry in the end, so that the tips of both sides meet as the panel arrives.
+The order is that of ``assembly_order``. After some joints each, what is joined has the shape in which it rests
+(``stages``): every stage is an equilibrium of the panels that are there, afloat, without weight. Between two stages hubs
+turn evenly and joints that are closed in the first stay closed (``blend``); arms are bent anew in every shape as in
+``bent_arms``, and those of a seam that is being closed take up the wrench that they carry in the end, so that their tips
+meet as it closes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
-from scipy.sparse.linalg import splu
 
+from ..fabrication.connector_path import Tip
 from ..fabrication.panel_mesh import Detail, PanelMesh, panel_mesh
+from ..materials import Material
 from ..mechanics.assembly import Pose, nearest_rotation, rest_joints
-from ..mechanics.bent_arms import BentArms, bent, exponential
+from ..mechanics.bent_arms import Bender
 from ..mechanics.joint_motion import rotation_vector, times
+from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .assembly_order import steps
+from .blend import Blend, means
+from .flight import flight, lowest
+from .stages import Stage, Stages, find_stages, lying
 
-BENDS = 6
-"""Shapes between flat and bent."""
-FLIGHT, CLOSING = 0.6, 0.5
-"""How long a panel flies and closes, in steps; the next panel flies while it closes."""
-WAYPOINTS = 9
+FLIGHT, CLOSING = 0.6, 0.9
+"""How long a panel flies and is joined, in steps; the next panel flies meanwhile."""
+HOVER = 0.15
+"""How far outside its place a panel arrives, as a share of the piece's size."""
+SAME = 0.05
+"""Shapes are the same if no hub, seen from its panel or from over a seam, differs by so many quad edges or radians."""
+STRAIGHT, MOST = 0.05, 8
+"""From stage to stage a panel gets so many shapes, eight at most, that it strays by this share of an edge in between."""
+NEAR = 1e-3
+"""How near tips are brought between two stages before the rest is spread, in quad edges: less is not to be seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +45,8 @@ class Track:
     """What becomes of one panel. Times are in steps.
 
     vertices : (n,) int, its vertices in the film's mesh
-    shapes : (K, n, 3) metres, in the panel's own frame, one after the other; shape_times : (K,), when it has each
+    shapes : (K, n, 3) metres, in the panel's own frame, one after the other; shape_times : (T,) and which : (T,) int, when it
+        has which of them
     times : (M,), turns : (M, 3, 3) and places : (M, 3) metres, of the panel's own frame
     """
 
@@ -42,6 +54,7 @@ class Track:
     vertices: np.ndarray
     shapes: np.ndarray
     shape_times: np.ndarray
+    which: np.ndarray
     times: np.ndarray
     turns: np.ndarray
     places: np.ndarray
@@ -49,208 +62,256 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """panels : the mesh of all panels; tracks : one a panel, in the order in which they are joined; length : in steps"""
+    """panels : the mesh of all panels; tracks : one a panel, in the order in which they are joined; length : in steps
+
+    stages : the shapes in which half-finished pieces rest; stage_times : (S,), when each is reached
+    """
 
     panels: PanelMesh
     tracks: tuple[Track, ...]
     length: float
+    stages: Stages
+    stage_times: np.ndarray
 
 
-def film(design: SpiralDesign, pose: Pose, table: np.ndarray, detail: Detail, progress: Progress = SILENT) -> Film:
-    """The film of an assembly that ends in a pose; table (N, 3) metres: where the origin of every patch lies at first.
+def film(
+    design: SpiralDesign,
+    pose: Pose,
+    table: np.ndarray,
+    detail: Detail,
+    material: Material,
+    params: SimulateParams,
+    progress: Progress = SILENT,
+    tips: Sequence[Tip] = (),
+) -> Film:
+    """The film of an assembly that ends in a pose, with the elastic model and the solver of a simulation.
 
-    The patches lie parallel to the xy plane.
+    table : (N, 3) metres, where the origin of every patch lies at first, parallel to the xy plane; tips : the ends of arms
+    with connectors. Raises FlexMapsError where a spiral is outside the elastic model's range.
     """
-    layout = design.flat.layout
-    order = steps(layout)
-    when = np.zeros(len(order))
-    when[[step.panel for step in order]] = np.arange(len(order))
-    home = _frames(design, pose)
-    blend = Blend.of(design, _local(pose, home, layout.patch_of))
-    final = bent(design, pose).wrench
-    events, sides = _events(design, when)
-    panels = panel_mesh(design, detail)
-    inside = ~layout.cut[~layout.mesh.border]
-    shares = np.linspace(0.0, 1.0, BENDS + 1)
-    rounds = len(shares) + max((len(e) for e in events), default=0)
-    shapes: list[np.ndarray] = []
-    for k in range(rounds):
-        progress(k / rounds, "Bending the panels")
-        stand = blend.at(shares[k]) if k < len(shares) else blend.at(1.0)
-        # an arm at a seam takes its share as its own panel arrives, or later, when the other one does
-        late = np.where(sides >= 0, sides + 1, 0)
-        load = np.where(late == 0, shares[min(k, len(shares) - 1)], (k - len(shares) + 1 >= late) * 1.0)
-        arms: BentArms = bent(design, stand, closed=inside, wrench=load[:, None] * final)
-        shapes.append(panels.placed(arms, stand))
-    patch = layout.patch_of[panels.vertex_quad]
-    rest = _table_places(design, table)
-    size = float(np.linalg.norm(np.ptp(pose.centres, axis=0)))
-    tracks = []
+    found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
+    order = steps(design.flat.layout)
+    shot = _Shooting(
+        design, panel_mesh(design, detail, tips), table, float(np.linalg.norm(np.ptp(pose.centres, axis=0)))
+    )
     for number, step in enumerate(order):
-        p = step.panel
-        own = np.flatnonzero(patch == p)
-        arrival = number + FLIGHT
-        begins = [arrival + CLOSING * s for s in shares]
-        marks, which = [*begins], list(range(len(shares)))
-        for e, other in enumerate(events[p]):
-            # it keeps its last shape until the other panel comes
-            marks += [other + FLIGHT, other + FLIGHT + CLOSING]
-            which += [which[-1], len(shares) + e]
-        bending = [shape[own] for shape in shapes[: len(shares)]]
-        moves = _flight(number, rest[p], home[1][p], home[0][p], size, bending)
-        tracks.append(Track(p, own, np.stack([shapes[k][own] for k in which]), np.array(marks), *moves))
-    return Film(panels, tuple(tracks), len(order) - 1 + FLIGHT + CLOSING)
+        own = [stage for stage in found.all if stage.step == number]
+        shot.fly(number, step.panel, own[0])
+        part = progress.part(0.5 + 0.5 * number / len(order), 0.5 + 0.5 * (number + 1) / len(order))
+        shot.join(number + FLIGHT, own, part)
+    tracks = tuple(shot.reels[step.panel].track() for step in order)
+    return Film(shot.panels, tracks, len(order) - 1 + FLIGHT + CLOSING, found, np.array(shot.stage_times))
 
 
-# -- where the panels are -----------------------------------------------------------------------------------------------
+Moment = tuple[float, np.ndarray, np.ndarray]
+"""A time, and the turns (N, 3, 3) and places (N, 3) metres of all panels then."""
 
 
-def _frames(design: SpiralDesign, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Turns (N, 3, 3) and places (N, 3) of the patches as a whole: the mean of their hubs."""
-    patch, count = design.flat.layout.patch_of, len(design.flat.layout.patches)
-    turns = np.stack([np.bincount(patch, pose.rotations[:, i, j], count) for i in range(3) for j in range(3)], axis=1)
-    return nearest_rotation(np.swapaxes(turns.reshape(-1, 3, 3), 1, 2)), _means(pose.centres, patch, count)
+@dataclass(eq=False)
+class _Reel:
+    """A track that grows."""
+
+    patch: int
+    vertices: np.ndarray
+    shapes: list[np.ndarray] = field(default_factory=list)
+    shape_times: list[float] = field(default_factory=list)
+    which: list[int] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    turns: list[np.ndarray] = field(default_factory=list)
+    places: list[np.ndarray] = field(default_factory=list)
+
+    def bend(self, before: float, time: float, shape: np.ndarray) -> None:
+        """A new shape at a time; until ``before`` it kept the last one."""
+        if self.shapes and self.shape_times[-1] < before:
+            self.shape_times.append(before)
+            self.which.append(self.which[-1])
+        self.shape_times.append(time)
+        self.which.append(len(self.shapes))
+        self.shapes.append(shape)
+
+    def move(self, time: float, turn: np.ndarray, place: np.ndarray) -> None:
+        self.times.append(time)
+        self.turns.append(turn)
+        self.places.append(place)
+
+    def shape(self, time: float) -> np.ndarray:
+        """(n, 3) metres: the shape at a time, on the straight way between those before and after it."""
+        after = int(np.searchsorted(self.shape_times, time))
+        if after in (0, len(self.shape_times)):
+            return self.shapes[self.which[min(after, len(self.which) - 1)]]
+        begin, end = self.shape_times[after - 1 : after + 1]
+        first, last = (self.shapes[k] for k in self.which[after - 1 : after + 1])
+        return first if first is last else first + (time - begin) / (end - begin) * (last - first)
+
+    def track(self) -> Track:
+        arrays = (self.shapes, self.shape_times, self.which, self.times, self.turns, self.places)
+        return Track(self.patch, self.vertices, *(np.array(values) for values in arrays))
 
 
-def _means(points: np.ndarray, patch: np.ndarray, count: int) -> np.ndarray:
-    total = np.stack([np.bincount(patch, x, count) for x in points.T], axis=1)
-    return total / np.bincount(patch, minlength=count)[:, None]
+class _Shooting:
+    """The film as it is made: where everything is, and what was last recorded of it."""
+
+    def __init__(self, design: SpiralDesign, panels: PanelMesh, table: np.ndarray, size: float):
+        self.design, self.panels, self.size = design, panels, size
+        mesh, self.patch = design.flat.layout.mesh, design.flat.layout.patch_of
+        count, inner = len(self.patch), ~mesh.border
+        self.bender, self.edge = Bender.of(design), mesh.median_edge
+        self.pairs, self.lever = mesh.edge_quads[inner], rest_joints(mesh, design.flat.corners)[0]
+        flat = np.c_[design.arms.centre, np.zeros(count)]
+        self.middle = means(flat, self.patch)
+        self.table, self.ground = table + self.middle, float(table[:, 2].min()) - 0.5 * design.params.thickness
+        self.pose = Pose(flat - self.middle[self.patch], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+        # the flat panels: inner joints are closed, and nothing is bent
+        self.inside = self.patch[self.pairs[:, 0]] == self.patch[self.pairs[:, 1]]
+        self.inside &= ~design.flat.layout.cut[inner]
+        self.closed = np.zeros(len(self.pairs), bool)
+        self.wrench = np.zeros((4 * count, 6))
+        flat_shape = panels.placed(self.bender.bent(self.pose, self.inside), self.pose)
+        owner = self.patch[panels.vertex_quad]
+        self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
+        self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
+        self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())  # from the panels, as last recorded
+        self.over = np.zeros((len(self.pairs), 2, 6))  # the joints, as when the panel on either side was recorded
+        self.stage_times: list[float] = []
+        self.lift = 0.0
+
+    def fly(self, number: int, panel: int, first: Stage) -> None:
+        """Bring a flat panel from the table to where it is joined in its first stage, a little outside."""
+        hubs = np.flatnonzero(self.patch == panel)
+        there = self._with(first)
+        dock = lying(self.design, hubs, there)
+        turn, place = dock.rotations[0], dock.centres.mean(axis=0)
+        alone = len(hubs) == len(first.hubs)
+        if alone:
+            self.lift = 0.0
+        wanted = place + (0.0 if alone else HOVER * self.size) * turn[:, 2]
+        wanted[2] += self.lift
+        reel = self.reels[panel]
+        shares, turns, places = flight(self.table[panel], wanted, turn, self.size, self.flat_shapes[panel], self.ground)
+        reel.bend(0.0, number, self.flat_shapes[panel])
+        for one in zip(number + FLIGHT * shares, turns, places, strict=True):
+            reel.move(*one)
+        off = places[-1] - place - [0.0, 0.0, self.lift]
+        self.pose.centres[hubs], self.pose.rotations[hubs] = dock.centres + off, dock.rotations
+        self.closed |= self.inside & (self.patch[self.pairs[:, 0]] == panel)
+        for p in np.unique(self.patch[first.hubs]).tolist():
+            if p != panel:  # what is there keeps still until now
+                held = self.reels[p]
+                held.move(number + FLIGHT, held.turns[-1], held.places[-1])
+
+    def join(self, start: float, stages: list[Stage], progress: Progress) -> None:
+        """Go through the stages of a step, evenly in time."""
+        long = CLOSING / len(stages)
+        for k, stage in enumerate(stages):
+            self._go(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
+            self.stage_times.append(start + (k + 1) * long)
+
+    def _go(self, begin: float, long: float, stage: Stage, progress: Progress) -> None:
+        """From the shape that is there to a stage's."""
+        end = self._with(stage)
+        blend = Blend.of(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
+        bending = self._bending(end, stage)
+        counts, ways = self._pieces(blend)
+        count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
+        arms = self.bender.bent(end, stage.closed, self.wrench, np.isin(self.patch, bending))
+        moments: list[Moment] = []
+        for k in range(1, count + 1):
+            progress((k - 1) / count, "Bending the panels")
+            share = k / count
+            here = end if k == count else blend.at(share)
+            moments.append((begin + share * long, *_frames(here, self.patch)))
+            some = bending[k * counts[bending] % count == 0]
+            if len(some):
+                quads, bent = np.isin(self.patch, some), arms
+                if k < count:
+                    load = (1.0 - share) * self.wrench + share * arms.wrench
+                    bent = self.bender.bent(here, self.closed, load, quads, NEAR)
+                points = self.panels.placed(bent, here, quads)
+                _, turns, places = moments[-1]
+                for reel in (self.reels[p] for p in some.tolist()):
+                    shape = (points[reel.vertices] - places[reel.patch]) @ turns[reel.patch]
+                    reel.bend(begin, begin + share * long, shape)
+        self._move(moments, np.unique(self.patch[stage.hubs]).tolist(), stage.whole)
+        self._remember(end, bending)
+        self.pose, self.closed, self.wrench = end, self.closed | stage.closed, arms.wrench
+
+    def _with(self, stage: Stage) -> Pose:
+        """The pose of all hubs, with those of a stage where it has them."""
+        out = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
+        out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
+        return out
+
+    def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) int each, powers of two: in how many pieces every panel's bending and its way as a whole go nearly straight.
+
+        The way of a point bends about evenly: in n pieces it strays by an n-th of an n-th of what it does half way.
+        """
+        poses = (blend.start, blend.at(0.5), blend.end)
+        bending = np.zeros(len(self.reels))
+        np.maximum.at(bending, self.patch, _stray(*(self._points(pose) for pose in poses)).max(axis=1))
+        places = _stray(*(_frames(pose, self.patch)[1] for pose in poses))
+        shapes, ways = (
+            2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (STRAIGHT * self.edge), 1.0))).astype(int)
+            for stray in (bending, places)
+        )
+        return np.minimum(shapes, MOST), np.minimum(ways, 2 * MOST)
+
+    def _points(self, pose: Pose) -> np.ndarray:
+        """(F, 2, 3) metres: two joints of every hub, as its panel sees them."""
+        seen = self._from_panels(pose)
+        return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
+
+    def _bending(self, end: Pose, stage: Stage) -> np.ndarray:
+        """The panels of a stage that have another shape than when they were last recorded."""
+        there = np.unique(self.patch[stage.hubs])
+        if stage.whole:
+            return there
+        seen = self._from_panels(end)
+        apart = np.linalg.norm(seen.centres - self.seen.centres, axis=1) / self.edge
+        turned = np.linalg.norm(rotation_vector(seen.rotations @ np.swapaxes(self.seen.rotations, 1, 2)), axis=1)
+        other = self.patch[np.maximum(apart, turned) > SAME]
+        moved = np.abs(self._over(end)[:, None] - self.over).max(axis=2) > SAME
+        moved[stage.closed & ~self.closed] = True
+        moved[~stage.closed] = False
+        return np.intersect1d(there, np.concatenate([other, self.patch[self.pairs][moved]]))
+
+    def _move(self, moments: list[Moment], panels: list[int], stands: bool) -> None:
+        """Where panels are from moment to moment: over the table, held as high as needs be, until in the end it stands there."""
+        for time, turns, places in moments:
+            low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
+            # a little higher, for ways are straight only nearly
+            self.lift = max(0.0, self.ground + STRAIGHT * self.edge - low)
+            if stands and time == moments[-1][0]:
+                self.lift = 0.0
+            for p in panels:
+                self.reels[p].move(time, turns[p], places[p] + [0.0, 0.0, self.lift])
+
+    def _remember(self, end: Pose, bending: np.ndarray) -> None:
+        """These panels were recorded in a pose."""
+        quads = np.isin(self.patch, bending)
+        seen, over = self._from_panels(end), self._over(end)
+        self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]
+        self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
+
+    def _from_panels(self, pose: Pose) -> Pose:
+        """The pose as the panels see it: from the mean of their hubs."""
+        turns, places = _frames(pose, self.patch)
+        back = np.swapaxes(turns, 1, 2)[self.patch]
+        return Pose(times(back, pose.centres - places[self.patch]), back @ pose.rotations)
+
+    def _over(self, pose: Pose) -> np.ndarray:
+        """(m, 6): way, in quad edges, and turn over every joint."""
+        first, second = pose.rotations[self.pairs[:, 0]], pose.rotations[self.pairs[:, 1]]
+        back, centres = np.swapaxes(first, 1, 2), pose.centres[self.pairs]
+        return np.hstack([times(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
 
 
-def _local(pose: Pose, home: tuple[np.ndarray, np.ndarray], patch: np.ndarray) -> Pose:
-    """A pose as the patches see it."""
-    back = np.swapaxes(home[0], 1, 2)[patch]
-    return Pose(times(back, pose.centres - home[1][patch]), back @ pose.rotations)
+def _stray(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(...) metres: how far points (..., 3) are half way from the straight line's middle."""
+    return np.linalg.norm(half - 0.5 * (start + end), axis=-1)
 
 
-def _table_places(design: SpiralDesign, table: np.ndarray) -> np.ndarray:
-    """(N, 3) metres: where the middle of every patch lies on the table."""
-    middles = _means(design.arms.centre, design.flat.layout.patch_of, len(table))
-    return table + np.c_[middles, np.zeros(len(middles))]
-
-
-def _flight(
-    number: int, table: np.ndarray, place: np.ndarray, turn: np.ndarray, size: float, bending: list[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times (M,), turns (M, 3, 3) and places (M, 3) of the panel that is joined in a step: up in an arc, then in from outside.
-
-    bending : its shapes (n, 3) metres from flat to bent, evenly spaced in time; until it is there it stays above the table
-    """
-    share = np.linspace(0.0, 1.0, WAYPOINTS)
-    ease = share * share * (3.0 - 2.0 * share)
-    turns = exponential(ease[:, None] * rotation_vector(turn[None])[0])
-    hover = place + 0.15 * size * turn[:, 2]
-    arc = table + ease[:, None] * (hover - table)
-    arc[:, 2] += 0.35 * size * np.sin(np.pi * ease)
-    ground = table[2] + float(bending[0][:, 2].min())
-    arc[:, 2] = np.maximum(arc[:, 2], ground - (turns[:, 2] @ bending[0].T).min(axis=1))
-    closing = np.linspace(0.0, 1.0, len(bending))[1:]
-    inwards = arc[-1] + (closing * (2.0 - closing))[:, None] * (place - arc[-1])
-    lowest = np.array([(shape @ turn[2]).min() for shape in bending[1:]])
-    inwards[:-1, 2] = np.maximum(inwards[:-1, 2], (ground - lowest)[:-1])
-    when = number + np.concatenate([FLIGHT * share, FLIGHT + CLOSING * closing])
-    held = np.broadcast_to(turn, (len(closing), 3, 3))
-    return when, np.concatenate([turns, held]), np.concatenate([arc, inwards])
-
-
-# -- how they bend --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Blend:
-    """Poses between flat patches, 0, and a pose, 1, in which the joints within every patch are as closed as they are there.
-
-    turns : (F, 3) rotation vectors of the hubs from flat to there, in the frames of their patches
-    gaps : (m, 3) metres, what the way between both hubs misses the joint by, as seen half way, at inner joints ``pairs``
-    """
-
-    patch: np.ndarray
-    flat: np.ndarray
-    pairs: np.ndarray
-    lever: np.ndarray
-    turns: np.ndarray
-    gaps: np.ndarray
-    solve: object
-
-    @classmethod
-    def of(cls, design: SpiralDesign, pose: Pose) -> Blend:
-        """``pose`` is seen from the frames of the patches."""
-        layout = design.flat.layout
-        mesh, patch = layout.mesh, layout.patch_of
-        joined = ~layout.cut[~mesh.border]
-        pairs, lever = mesh.edge_quads[~mesh.border][joined], rest_joints(mesh, design.flat.corners)[0][joined]
-        turns = _unwound(rotation_vector(pose.rotations), pairs, len(patch))
-        count, middles = len(layout.patches), design.arms.centre
-        flat = np.c_[middles - _means(middles, patch, count)[patch], np.zeros(len(patch))]
-        gaps = _gap(pose.centres, exponential(turns), pairs, lever)
-        gaps = times(np.swapaxes(_half(turns, pairs), 1, 2), gaps)
-        # hubs are held together by their joints, and every patch by a weak spring at its middle
-        ones, rows = np.ones(len(pairs)), np.arange(len(pairs))
-        ends = sparse.coo_matrix(
-            (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([pairs[:, 1], pairs[:, 0]]))),
-            (len(pairs), len(patch)),
-        ).tocsr()
-        solver = splu((ends.T @ ends + 1e-9 * sparse.identity(len(patch))).tocsc())
-        return cls(patch, flat, pairs, lever, turns, gaps, lambda right: solver.solve(ends.T @ right))
-
-    def at(self, share: float) -> Pose:
-        """The pose in between, in the frames of the patches."""
-        turns = share * self.turns
-        rotations = exponential(turns)
-        wanted = times(_half(turns, self.pairs), share * self.gaps) - _gap(self.flat, rotations, self.pairs, self.lever)
-        moved = self.flat + self.solve(wanted)  # type: ignore[operator]
-        return Pose(moved - _means(moved, self.patch, int(self.patch.max()) + 1)[self.patch], rotations)
-
-
-def _gap(centres: np.ndarray, rotations: np.ndarray, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """(m, 3) metres from the joint as the first hub carries it to that of the second."""
-    ends = centres[pairs] + (rotations[pairs] @ lever[..., None])[..., 0]
-    return ends[:, 1] - ends[:, 0]
-
-
-def _half(turns: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """(m, 3, 3): about half way between two hubs."""
-    return exponential(0.5 * (turns[pairs[:, 0]] + turns[pairs[:, 1]]))
-
-
-def _unwound(turns: np.ndarray, pairs: np.ndarray, count: int) -> np.ndarray:
-    """Rotation vectors (F, 3) that change little from a hub to the next, so that rolled panels unroll the way they came."""
-    graph = sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()
-    parts, label = csgraph.connected_components(graph, directed=False)
-    out = turns.copy()
-    size = np.linalg.norm(turns, axis=1)
-    for part in range(parts):
-        members = np.flatnonzero(label == part)
-        start = members[np.argmin(size[members])]
-        order, before = csgraph.breadth_first_order(graph, start, directed=False)
-        for hub in order[1:].tolist():
-            near = out[before[hub]]
-            # about the same axis, as many whole turns more as bring it nearest to the hub before
-            axis = turns[hub] / size[hub] if size[hub] > 1e-9 else near / max(float(np.linalg.norm(near)), 1e-9)
-            out[hub] += 2.0 * np.pi * np.round((near @ axis - size[hub]) / (2.0 * np.pi)) * axis
-    return out
-
-
-# -- which seams close when ---------------------------------------------------------------------------------------------
-
-
-def _events(design: SpiralDesign, when: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Of every patch the later steps that close a seam of it; and of every arm (A,) which of these is its own, else -1."""
-    layout = design.flat.layout
-    mesh = layout.mesh
-    seam = layout.cut & ~mesh.border
-    arms = 4 * mesh.edge_quads[seam] + mesh.edge_sides[seam]
-    patch = layout.patch_of[mesh.edge_quads[seam]]
-    events: list[list[int]] = [[] for _ in when]
-    for a, b in np.unique(np.sort(patch, axis=1), axis=0).tolist():
-        if a != b:
-            first, last = (a, b) if when[a] < when[b] else (b, a)
-            events[first].append(int(when[last]))
-    for found in events:
-        found.sort()
-    which = np.full(4 * len(mesh.quads), -1)
-    for own, other in ((0, 1), (1, 0)):
-        for arm, a, b in zip(arms[:, own].tolist(), patch[:, own].tolist(), patch[:, other].tolist(), strict=True):
-            if when[b] > when[a]:
-                which[arm] = events[a].index(int(when[b]))
-    return events, which
+def _frames(pose: Pose, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turns (N, 3, 3) and places (N, 3) metres of the patches as a whole: the mean of their hubs."""
+    sums = means(np.swapaxes(pose.rotations, 1, 2).reshape(-1, 9), patch)
+    return nearest_rotation(sums.reshape(-1, 3, 3)), means(pose.centres, patch)

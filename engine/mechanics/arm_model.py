@@ -105,6 +105,10 @@ class ArmModel:
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
 
+    def weakened(self, share: np.ndarray) -> ArmModel:
+        factor = share[:, None, None]
+        return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
+
     def start(self, pose: Pose) -> ArmState:
         motion = self.motion(pose)
         return ArmState(pose, motion, motion.vector)

@@ -142,10 +142,12 @@ class Bender:
         closed: np.ndarray | None = None,
         wrench: np.ndarray | None = None,
         only: np.ndarray | None = None,
+        close: float = CLOSE,
     ) -> BentArms:
         """As the function ``bent``; the search for the closed joints' wrenches begins with those given.
 
         only : (F,) bool, quads whose arms are asked for; of the others' arms nothing but zeros comes back
+        close : how near it brings the tips, relative to the size of a spiral, before the rest is spread along the arms
         """
         load = np.zeros((len(self.axes), 6)) if wrench is None else wrench.copy()
         both = self.arm if closed is None else self.arm[closed]
@@ -155,7 +157,7 @@ class Bender:
             some = np.union1d(some[np.repeat(only, 4)], both)
         # some hundred joints at a time stay in the processor's cache
         for start in range(0, len(both), BATCH):
-            _close(self.pieces, pose, self.axes, load, both[start : start + BATCH], CLOSE * self.size)
+            _close(self.pieces, pose, self.axes, load, both[start : start + BATCH], close * self.size)
         return _met(_shaped(self.pieces, pose, load, some), both, self.axes, some)
 
 

@@ -50,6 +50,9 @@ class ElasticModel(Protocol):
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ElasticModel:
         """The model of some spirals and some of the joints between them, as ``Assembly.part``: the other joints are open."""
 
+    def weakened(self, share: np.ndarray) -> ElasticModel:
+        """The model with joints of these shares (m,) of their stiffness."""
+
     def start(self, pose: Pose) -> Any:
         """The state at a pose, as if reached straight from rest."""
 

@@ -84,6 +84,9 @@ class RodModel:
         of_joints = {name: getattr(self, name)[joints] for name in ("springs", "stretch", "rest", "length")}
         return replace(self, assembly=self.assembly.part(hubs, joints), by_design=self.by_design[hubs], **of_joints)
 
+    def weakened(self, share: np.ndarray) -> RodModel:
+        return replace(self, springs=share[:, None, None] * self.springs, stretch=share * self.stretch)
+
     def start(self, pose: Pose) -> RodState:
         return self._state(pose, None)
 

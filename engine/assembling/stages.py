@@ -1,0 +1,215 @@
+"""Half-finished pieces: the shapes in which the panels that are joined so far come to rest.
+
+A stage is a static equilibrium of the elastic model of the whole piece without the joints that are still open; every other
+joint is as it will be in the end, and nothing forces those that are open. Pieces float freely: neither weight nor supports
+nor forces act on them, and each lies where it fits its place in the finished piece best. A loose panel lies flat.
+
+The stages are sought backwards. The finished piece is taken apart joint by joint, seam by seam, in the opposite order of
+``assembly_order``, and after some joints what is left relaxes from where it was: nothing has to be pulled together over a
+gap, and energy is only given away. What springs open too far to be followed at once, such as a ring, is let go slowly: the
+joints that are opened become weaker and weaker first. Where a half-finished piece could rest in several shapes, this is the
+one from which the finished one is reached.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..fabrication.labels import panel_name
+from ..materials import Material
+from ..mechanics.assembly import Pose, nearest_rotation, of_design
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.equilibrium import solve
+from ..mechanics.loads import Loads
+from ..mechanics.simulate import build_model
+from ..params import SimulateParams
+from ..patches.layout import PatchLayout
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from .assembly_order import Step, steps
+
+PARTS = 3
+"""About so many stages, one after the other, in which an arriving panel is joined; every seam has one at least."""
+AT_ONCE, SLOWLY = 150, 40
+"""Newton steps that a piece may take to its rest after joints were opened, and after they were made weaker."""
+WEAKER = 10.0 ** -np.arange(1.0, 13.0)
+"""Shares of their stiffness of joints that are let go slowly. Shifts at a joint are far stiffer than turns: many decades."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What is joined after some joints, and where it rests.
+
+    step : number of the step of ``assembly_order.steps`` in which its last panel comes; seam : name of its last seam, empty
+        before the first
+    hubs : (n,) int, the spirals of its panels; closed : (m,) bool, of all inner edges, those whose joints are closed
+    share : of the joints of the step that are closed
+    pose : of the hubs, laid over their places in the finished piece
+    energy : joules, of the elastic model
+    whole : whether it is the finished body, which is in the pose that it was given
+    solved : whether it is an equilibrium; if not, it has the shape of the next one that is
+    """
+
+    step: int
+    seam: str
+    hubs: np.ndarray
+    closed: np.ndarray
+    share: float
+    pose: Pose
+    energy: float
+    whole: bool = False
+    solved: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """all : the stages in the order in which the piece is put together; skipped : names of those without an equilibrium"""
+
+    all: tuple[Stage, ...]
+    skipped: tuple[str, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know."""
+        if not self.skipped:
+            return ()
+        names = ", ".join(self.skipped[:4]) + (", ..." if len(self.skipped) > 4 else "")
+        return (
+            f"{len(self.skipped)} half-finished pieces found no rest ({names}); blends between their neighbours stand in",
+        )
+
+
+def find_stages(
+    design: SpiralDesign, pose: Pose, material: Material, params: SimulateParams, progress: Progress = SILENT
+) -> Stages:
+    """All stages of a piece whose hubs rest in a pose, which is the last stage of every body.
+
+    params : the elastic model and its solver; weight and other shapes are left out. Raises FlexMapsError where a spiral is
+    outside the elastic model's range.
+    """
+    model = build_model(of_design(design), material, params.model)
+    search = _Search(design, pose, model, replace(params, restarts=0))
+    plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
+    found: list[Stage] = []
+    for done, (number, k) in enumerate(reversed(plan)):
+        panel = panel_name(search.order[number].panel)
+        # many joints are many hubs: the first stages that are sought are the longest
+        share = 1.0 - (1.0 - done / len(plan)) ** 2
+        progress(share, f"Taking the piece apart: panel {panel}, {len(plan) - done} half-finished pieces to go")
+        made = search.stage(number, k, progress)
+        if made is not None:
+            found.append(made)
+    return Stages(tuple(reversed(found)), tuple(reversed(search.skipped)))
+
+
+class _Search:
+    """The piece as it is taken apart."""
+
+    def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
+        self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
+        self.order = steps(self.layout)
+        self.batches = [batches(self.layout, step) for step in self.order]
+        self.bodies = _bodies(self.layout)
+        self.closed = np.ones(len(model.pairs), dtype=bool)
+        self.now = Pose(pose.centres.copy(), pose.rotations.copy())
+        self.before = self.closed.copy()  # where ``now`` rests
+        self.skipped: list[str] = []
+
+    def stage(self, number: int, k: int, progress: Progress) -> Stage | None:
+        """The stage after the batches up to ``k`` of a step; then those of ``k`` are opened. None where it is left out."""
+        step, batches_ = self.order[number], self.batches[number]
+        body, last = self.bodies[step.panel], k >= len(batches_) - 1
+        patches = [p for p in step.there if self.bodies[p] == body]
+        hubs = np.flatnonzero(np.isin(self.layout.patch_of, patches))
+        closed = self.closed & np.isin(self.layout.patch_of[self.model.pairs], patches).all(axis=1)
+        counts = [len(joints) for _, joints in batches_]
+        share = sum(counts[: k + 1]) / sum(counts) if counts else 1.0
+        seam = batches_[k][0] if batches_ else ""
+        here = Stage(number, seam, hubs, closed, share, self.now.part(hubs), np.nan)
+        made: Stage | None
+        if last and all(self.bodies[later.panel] != body for later in self.order[number + 1 :]):
+            made = self._standing(replace(here, pose=self.end.part(hubs), whole=True))
+        elif not batches_:
+            made = self._standing(replace(here, pose=lying(self.design, hubs, self.end)))
+        else:
+            made = self._solved(here, step.panel, progress)
+            if made is None:
+                self.skipped.append(f"panel {panel_name(step.panel)} at seam {seam}")
+                # something has to be there before the panel comes
+                made = self._standing(replace(here, solved=False)) if last else None
+        if made is not None:
+            self.now.centres[hubs], self.now.rotations[hubs] = made.pose.centres, made.pose.rotations
+            self.before = self.closed.copy()
+        if batches_:
+            self.closed[batches_[k][1]] = False
+        return made
+
+    def _standing(self, here: Stage) -> Stage:
+        """With the energy of where it is."""
+        part = self._model(here)
+        return replace(here, energy=part.energy(part.start(here.pose)))
+
+    def _model(self, here: Stage) -> ElasticModel:
+        return self.model.part(here.hubs, np.flatnonzero(here.closed))
+
+    def _solved(self, here: Stage, panel: int, progress: Progress) -> Stage | None:
+        loads, quiet = Loads.of(len(here.hubs)), progress.quiet()
+        found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
+        if not found.converged:
+            opened = self.before & ~self.closed & np.isin(self.model.pairs, here.hubs).all(axis=1)
+            joints, pose = np.flatnonzero(here.closed | opened), here.pose
+            held = self.model.part(here.hubs, joints)
+            for share in WEAKER:
+                weaker = held.weakened(np.where(opened[joints], share, 1.0))
+                pose = solve(weaker, pose, loads, self.params, quiet, iterations=SLOWLY).pose
+            found = solve(self._model(here), pose, loads, self.params, quiet, iterations=AT_ONCE)
+        if not found.converged:
+            return None
+        # a panel that hangs on by a few joints has little to say about where the piece lies
+        weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
+        return replace(here, pose=found.pose.aligned(self.end.centres[here.hubs], weight), energy=found.energy)
+
+
+def lying(design: SpiralDesign, hubs: np.ndarray, there: Pose) -> Pose:
+    """Hubs (n,) int of one panel, flat, laid over their places in a pose of all hubs: at their mean, turned as their mean."""
+    place, turn = there.centres[hubs].mean(axis=0), nearest_rotation(there.rotations[hubs].sum(axis=0).T)
+    flat = np.zeros((len(hubs), 3))
+    flat[:, :2] = design.arms.centre[hubs] - design.arms.centre[hubs].mean(axis=0)
+    return Pose(place + flat @ turn.T, np.broadcast_to(turn, (len(hubs), 3, 3)).copy())
+
+
+def _bodies(layout: PatchLayout) -> np.ndarray:
+    """(N,) int: which body every patch belongs to."""
+    body = np.arange(len(layout.patches))
+    for edges in layout.seams:
+        one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]
+        body[body == two] = one
+    return body
+
+
+# -- joints in the order in which they are closed --------------------------------------------------------------------------
+
+
+def batches(layout: PatchLayout, step: Step) -> list[tuple[str, np.ndarray]]:
+    """The joints (n,) int, of all inner edges, that a step closes one after the other, with the names of their seams.
+
+    Seam by seam as the step says, those within the panel last, for it hangs on nothing before the others; along a seam from
+    the end at which the panel is already joined.
+    """
+    mesh = layout.mesh
+    joint = np.cumsum(~mesh.border) - 1
+    joins = sorted(step.joins, key=lambda join: join.other == join.panel)
+    total, found = sum(join.joints for join in joins), []
+    held: set[int] = set()  # vertices where the panel is joined
+    for join in joins:
+        edges = layout.seams[join.seam]
+        if len(edges) > 1 and held:
+            first, last = (set(mesh.edges[e].tolist()) for e in (edges[0], edges[-1]))
+            if last & held and not first & held:
+                edges = edges[::-1]
+        held.update(mesh.edges[edges].ravel().tolist())
+        count = min(max(round(PARTS * len(edges) / total), 1), len(edges))
+        found += [(join.name, joint[part]) for part in np.array_split(edges, count)]
+    return found
