@@ -17,6 +17,10 @@ from ..engine.progress import Progress
 
 Work = Callable[[Progress], Any]
 
+# seconds until a thread that waits for Python's lock gets it while the worker computes in Python. To draw a sidebar the main
+# thread asks for it a hundred times, which with Python's own 5 ms is seen as a window that does not answer
+SWITCH = 0.0003
+
 _running: list[Job] = []
 
 
@@ -38,6 +42,7 @@ class Job:
         self.error: BaseException | None = None
         self._work = work
         self._stop = threading.Event()
+        self._interval = sys.getswitchinterval()
         self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
 
     def start(self) -> None:
@@ -45,6 +50,8 @@ class Job:
         if _running:
             raise RuntimeError(f"{_running[0].title} is still running")
         _running.append(self)
+        self._interval = sys.getswitchinterval()
+        sys.setswitchinterval(min(SWITCH, self._interval))
         self._thread.start()
 
     @property
@@ -64,6 +71,7 @@ class Job:
         self.stop()
         if self._thread.ident is not None:
             self._thread.join()
+            sys.setswitchinterval(self._interval)
         if self in _running:
             _running.remove(self)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,11 +12,12 @@ import numpy as np
 
 from ..engine import colours
 from ..engine.errors import FlexMapsError
-from ..engine.params import RenderParams
-from . import animation, arrange, attributes, beside, equilibrium, looks, mesh, overlay, pose, preview, stored
+from ..engine.params import ObjectSettings, RenderParams
+from . import animation, arrange, attributes, beside, equilibrium, looks, mesh, overlay, pose, preview, settings, stored
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
+    from ..engine.fabrication.connector_path import Tip
     from ..engine.spirals.design import SpiralDesign
 
 SIZE = (1280, 720)
@@ -83,7 +84,8 @@ def overview(obj: bpy.types.Object, path: str | Path) -> None:
 def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> None:
     """Target, assembled piece and flat panels on one ground, as far as they are asked for.
 
-    Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is asked for.
+    With connectors if the preview has them. Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is
+    asked for.
     """
     design = stored_design(obj)
     if design is None:
@@ -92,15 +94,20 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
         raise FlexMapsError("Nothing is to be shown; switch Target, Assembled or Panels on")
     finish = obj.flexmaps.material.material if params.finish == "SHEET" else params.finish
     size = (params.pixels_x, max(params.pixels_y, 16))
+    tips = (
+        preview.tips_of(design, settings.read(obj.flexmaps, ObjectSettings))
+        if params.assembled or params.panels
+        else ()
+    )
     with studio(size, params.samples, "GREY" if finish in looks.LOOKS else "WHITE") as place:
         standing = []
         if params.target:
             standing.append(_target(place, obj, finish))
         if params.assembled:
-            standing.append(_assembled(place, obj, design, finish))
+            standing.append(_assembled(place, obj, design, finish, tips))
         wide, depth = _line_up(standing, params.azimuth)
         if params.panels:
-            flat = _panels(place, obj, design, finish, PAGE * wide if standing else None, params.azimuth)
+            flat = _panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
             _before(flat, wide, depth, params.azimuth)
         place.set_up(_direction(params), tight=not params.pixels_y)
         if finish in overlay.KINDS and finish != "PATCH":
@@ -221,7 +228,9 @@ def _sides(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     return np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
 
 
-def _assembled(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str) -> Group:
+def _assembled(
+    place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
+) -> Group:
     """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
     from ..engine.mechanics.assembly import target_pose
 
@@ -229,7 +238,7 @@ def _assembled(place: Studio, obj: bpy.types.Object, design: SpiralDesign, finis
     stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
     if stand is None:
         stand = target_pose(design.flat.layout.mesh, design.flat.corners)
-    built = preview.build(design, stand, _detail(design))
+    built = preview.build(design, stand, _detail(design), tips)
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
     _finished(data, finish)
@@ -241,6 +250,7 @@ def _panels(
     obj: bpy.types.Object,
     design: SpiralDesign,
     finish: str,
+    tips: Sequence[Tip] = (),
     width: float | None = None,
     azimuth: float = 0.0,
 ) -> Group:
@@ -248,7 +258,7 @@ def _panels(
     from ..engine.fabrication.panel_mesh import DETAILS, panel_mesh
 
     rgb = _colours(obj, finish)
-    made = panel_mesh(design, DETAILS[_detail(design)])
+    made = panel_mesh(design, DETAILS[_detail(design)], tips)
     flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
     _finished(data, finish)

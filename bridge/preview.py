@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import FlexMapsError
+from ..engine.progress import SILENT, Progress
 from . import arrange, attributes, beside, looks, overlay, states
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from ..engine.fabrication.panel_mesh import PanelMesh
     from ..engine.mechanics.assembly import Pose
     from ..engine.mechanics.bent_arms import BentArms
-    from ..engine.params import PreviewParams
+    from ..engine.params import ObjectSettings, PreviewParams
     from ..engine.spirals.design import SpiralDesign
 
 KIND, NAME = "assembled", "Assembled"
@@ -45,6 +46,19 @@ class Built:
     panels: PanelMesh | None
     vertices: np.ndarray
     seconds: float
+
+
+def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
+    """The ends of arms that have a connector, if the preview, the animation and pictures are to show them.
+
+    Raises ``FlexMapsError`` where the settings allow no connectors.
+    """
+    if not settings.preview.joined:
+        return ()
+    from ..engine.fabrication.connectors import connect
+    from .solids import DRAWN
+
+    return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
 
 
 def build(design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = ()) -> Built:

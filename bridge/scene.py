@@ -21,8 +21,6 @@ from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states, supports
 from .surface import Surface
 
-DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
-
 
 def read_blend(path: str | Path) -> PolygonMesh:
     """The object of ``open_blend`` as it is seen there: metres, world axes. Raises as that does."""
@@ -122,7 +120,7 @@ def _outlines(result: Result) -> list[tuple[Any, ...]]:
         return [(panel.outline, *panel.holes) for panel in result.sheets.panels if panel.patch >= 0]
     design: SpiralDesign = result.design  # type: ignore[assignment]
     root = hubs(design.arms, design.params.fillet)
-    drawn = outlines(design.flat.layout, design.arms, root, slot_needed(design.params), DRAWN)
+    drawn = outlines(design.flat.layout, design.arms, root, slot_needed(design.params), solids.DRAWN)
     return [(o.outer, *o.holes) for o in drawn]
 
 

@@ -18,6 +18,7 @@ from ..engine.spirals.slots import slot_needed
 from ..engine.spirals.spiral import LEFT, RIGHT, edge, mates
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
+DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
 
 @dataclass(frozen=True, eq=False)

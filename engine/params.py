@@ -498,7 +498,9 @@ class PreviewParams(Params):
         ),
     )
     joined: bool = setting(
-        False, "With connectors", "Draw the connectors along the seams in their true shape; takes longer"
+        False,
+        "With connectors",
+        "Draw the connectors along the seams in their true shape, in the animation and in pictures too; takes longer",
     )
     place: str = setting(
         "BESIDE",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
@@ -10,11 +10,7 @@ from ..bridge import notes
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .spirals import DRAWN
 from .stage import Stage, Work
-
-if TYPE_CHECKING:
-    from ..engine.fabrication.connector_path import Tip
 
 
 class Animate(Stage, bpy.types.Operator):
@@ -43,7 +39,6 @@ class Animate(Stage, bpy.types.Operator):
 
         def work(progress: Progress) -> Any:
             from ..engine.assembling import assembly_film
-            from ..engine.fabrication.connectors import connect
             from ..engine.fabrication.panel_mesh import DETAILS
             from ..engine.surface import check
 
@@ -55,11 +50,9 @@ class Animate(Stage, bpy.types.Operator):
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             detail = DETAILS[settings.film.film_detail]
             table = animation.on_table(design, found)
-            tips: tuple[Tip, ...] = ()
-            if settings.preview.joined:
-                tips = connect(design, settings.connect, DRAWN, progress.part(0.0, 0.2), settings.cut.mill).tips
-                progress = progress.part(0.2, 1.0)
-            made = assembly_film.film(design, found, table, detail, material, settings.simulate, progress, tips)
+            tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
+            rest = progress.part(0.2 if tips else 0.0, 1.0)
+            made = assembly_film.film(design, found, table, detail, material, settings.simulate, rest, tips)
             return made, found, settings
 
         return work

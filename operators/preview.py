@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .spirals import DRAWN
 from .stage import Stage, Work
-
-if TYPE_CHECKING:
-    from ..engine.fabrication.connector_path import Tip
 
 
 class Preview(Stage, bpy.types.Operator):
@@ -37,7 +34,6 @@ class Preview(Stage, bpy.types.Operator):
             preview.quad_colours(obj, settings.preview.colour)  # asked for before the work, not after
 
         def work(progress: Progress) -> Any:
-            from ..engine.fabrication.connectors import connect
             from ..engine.mechanics.assembly import target_pose
             from ..engine.surface import check
 
@@ -46,10 +42,8 @@ class Preview(Stage, bpy.types.Operator):
             design = mesh.design_of(surface, mesh.current_flat(surface, quads), settings.spiral)
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
-            tips: tuple[Tip, ...] = ()
-            if settings.preview.joined and settings.preview.detail != "LINES":
-                made = connect(design, settings.connect, DRAWN, progress.part(0.2, 0.7), settings.cut.mill)
-                tips = made.tips
+            wires = settings.preview.detail == "LINES"
+            tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             progress(0.7, "Bending the arms")
             stand = target_pose(quads, design.flat.corners) if found is None else found
             return preview.build(design, stand, settings.preview.detail, tips), settings.preview, found is not None
@@ -63,12 +57,13 @@ class Preview(Stage, bpy.types.Operator):
         animation.clear(obj)  # one of both stands there
         preview.show(obj, context.scene, built, params, simulated)
         figures = preview.note_of(obj)
-        text = f"{figures['spirals']} spirals, {figures['triangles']} triangles in {figures['seconds']:.1f} s"
+        amounts = figures["spirals"], figures["triangles"], figures["seconds"]
+        text = told("{} spirals, {} triangles in {:.1f} s", *amounts)
         if not simulated:
-            return f"{text}. Not simulated yet: the hubs lie on the target"
+            return f"{text}. {told('Not simulated yet: the hubs lie on the target')}"
         if equilibrium.out_of_date(obj, context.scene):
             self.level = "WARNING"
-            return f"{text}. The mesh or a setting was changed since; press Simulate again"
+            return f"{text}. {told('The mesh or a setting was changed since; press Simulate again')}"
         return text
 
 

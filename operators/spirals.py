@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ConnectorParams, ObjectSettings
 from ..engine.progress import SILENT, Progress
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from ..engine.fabrication.connectors import Connections
     from ..engine.spirals.arcs import Curve
     from ..engine.spirals.design import SpiralDesign
-
-DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +46,10 @@ class Drawn:
     @classmethod
     def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> Drawn:
         """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
+        from ..bridge import solids
         from ..engine.fabrication import connectors
 
-        tolerance = max(settings.sheet.tolerance, DRAWN)
+        tolerance = max(settings.sheet.tolerance, solids.DRAWN)
         try:
             made = connectors.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
         except FlexMapsError:  # Export says why
@@ -119,7 +119,7 @@ class Spirals(Stage, bpy.types.Operator):
         mesh.write_design(obj, drawn.design)
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
-        return f"{block['count']} spirals, twist {low:.0f} to {high:.0f}\N{DEGREE SIGN}"
+        return told("{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}", block["count"], low, high)
 
 
 CLASSES = (Spirals,)

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import animation, mesh, pose, preview
+from flexmaps.engine.assembling import stages
 from flexmaps.engine.surface import shapes
 
 
@@ -63,6 +64,37 @@ def test_it_begins_flat_and_ends_assembled(piece: Any) -> None:
     assert last[order].mean(axis=0) == pytest.approx(points.mean(axis=0), abs=1e-5)
     away = _nearest(last, points)
     assert away.max() < 2e-5 * size and order.shape == wanted.shape
+
+
+def test_with_connectors(piece: Any) -> None:
+    """The film ends with what the preview shows, connectors and all."""
+    piece.flexmaps.connect.connector = "dovetail"
+    plain = _film_and_preview(piece)
+    piece.flexmaps.preview.joined = True
+    joined = _film_and_preview(piece)
+    assert len(joined) > len(plain) + 10
+
+
+def _film_and_preview(piece: Any) -> np.ndarray:
+    """(V, 3) the film's last frame, which is the preview."""
+    press("preview")
+    made = preview.existing(piece)
+    bpy.context.view_layer.update()
+    matrix = np.array(made.matrix_world)
+    points = np.array([tuple(v.co) for v in made.data.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    press("animate")
+    last = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.existing(piece)[1:]])
+    assert len(last) == len(points)
+    assert _nearest(last, points).max() < 2e-5 * np.linalg.norm(np.ptp(points, axis=0))
+    return last
+
+
+def test_half_finished_pieces_that_find_no_rest_are_told_of(piece: Any, capsys: Any, monkeypatch: Any) -> None:
+    piece.flexmaps.simulate.iterations = 1
+    monkeypatch.setattr(stages, "WEAKER", ())
+    press("animate")
+    assert "found no rest" in capsys.readouterr().out
+    assert len(animation.existing(piece)) > 2
 
 
 def _patches(obj: Any) -> np.ndarray:
