@@ -136,3 +136,16 @@ def test_frames_of_the_animation(piece: Any, tmp_path: Path) -> None:
 def test_an_unsaved_file_needs_a_whole_path(piece: Any) -> None:
     with pytest.raises(RuntimeError, match="Save the"):
         bpy.ops.flexmaps.render()
+
+
+def test_with_connectors(piece: Any, tmp_path: Path) -> None:
+    """Flat panels with and without: their seams are drawn otherwise, and little else."""
+    piece.flexmaps.connect.connector = "dovetail"
+    params = RenderParams(**SMALL, pixels_y=192, target=False, assembled=False)
+    seen = []
+    for joined in (False, True):
+        piece.flexmaps.preview.joined = joined
+        picture.together(piece, tmp_path / "a.png", params)
+        seen.append(pixels(tmp_path / "a.png"))
+    changed = np.abs(seen[1] - seen[0]).max(axis=2) > 0.1
+    assert 0.0 < changed.mean() < 0.2
