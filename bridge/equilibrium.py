@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from . import attributes, notes, pose, states
+from .words import told
 
 if TYPE_CHECKING:
     from ..engine.mechanics.simulate import Simulation
@@ -163,10 +164,12 @@ def sound(block: dict[str, Any]) -> bool:
 
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """What a simulation found, for people, and whether that is a warning."""
-    text = f"{block['status']} Distance to the target: RMS {block['rms_mm']:.2f} mm, {block['rms_percent']:.2f} %."
+    away = told("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
+    text = f"{block['status']} {away}"
     strain = block.get("strain_share_max", 0.0)
     if strain > 1.0:
-        text += f" Strain reaches {100 * strain:.0f} % of what the material bears: arms break or stay bent."
+        broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
+        text += f" {told(broken, 100 * strain)}"
     return text, strain > 1.0 or not sound(block)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..engine.errors import FlexMapsError
+from .words import told
 
 # modifiers that leave the surface where it is
 HARMLESS = {
@@ -24,9 +25,9 @@ def unusable(obj: bpy.types.Object | None) -> str | None:
     if obj is None:
         return "Select a mesh object"
     if obj.type != "MESH":
-        return f"'{obj.name}' is not a mesh; select one, or convert it to a mesh"
+        return told("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
     if obj.library is not None or obj.data.library is not None:
-        return f"'{obj.name}' is linked from another file; make it local first"
+        return told("'{}' is linked from another file; make it local first", obj.name)
     if obj.mode not in {"OBJECT", "EDIT"}:
         return "Go to Object Mode or Edit Mode"
     return None
@@ -36,7 +37,8 @@ def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
     """Why the mesh is not what is seen, as a sentence; ``None`` where no modifier changes the surface."""
     for modifier in obj.modifiers:
         if modifier.show_viewport and modifier.type not in HARMLESS:
-            return f"Apply or remove the modifier '{modifier.name}' first: the layout lives in the mesh itself"
+            text = "Apply or remove the modifier '{}' first: the layout lives in the mesh itself"
+            return told(text, modifier.name)
     return None
 
 

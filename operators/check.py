@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge import notes, warm
 from ..bridge.objects import unusable
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -34,8 +35,12 @@ class Check(Stage, bpy.types.Operator):
         errors = [finding for finding in result if finding.is_error]
         if errors:
             raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
-        quads = f"{len(surface.polygons.sizes)} quads"
-        return f"{quads}, {len(result)} warnings" if result else f"{quads}, nothing to complain about"
+        count = len(surface.polygons.sizes)
+        return (
+            told("{} quads, {} warnings", count, len(result))
+            if result
+            else told("{} quads, nothing to complain about", count)
+        )
 
 
 class ShowFinding(bpy.types.Operator):
@@ -53,7 +58,7 @@ class ShowFinding(bpy.types.Operator):
         if problem is None and not notes.read(context.object.data).get("checks"):
             problem = "There is nothing to show; press Check first"
         if problem is not None:
-            cls.poll_message_set(problem)
+            cls.poll_message_set(told(problem))
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ExportParams, ObjectSettings
 from ..engine.progress import Progress
@@ -70,7 +71,7 @@ class Export(Stage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         block, folder, _ = result
         notes.write(obj.data, "sheets", block)
-        return f"{', '.join(block['files'])} in {folder}"
+        return told("{} in {}", ", ".join(block["files"]), folder)
 
 
 def _folder(text: str) -> Path:

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
@@ -26,7 +27,7 @@ class LayoutStage(Stage):
         mesh.shelve_design(obj)
         beside.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
-        return f"{block['patches']} patches, largest distortion {block['energy_max']:.3f}"
+        return told("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
 
 
 class Trace(LayoutStage, bpy.types.Operator):

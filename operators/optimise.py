@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import Cancelled
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -100,11 +101,13 @@ class Optimise(Stage, bpy.types.Operator):
         notes.write(obj.data, "optimise", report)
         text, warning = equilibrium.sentences(simulation.report())
         self.level = "WARNING" if warning else "INFO"
-        return (
-            f"{'' if report['finished'] else 'Stopped; the best so far is kept. '}RMSE "
-            f"{report['laplacian_rmse_mm_before']:.3g} to {report['laplacian_rmse_mm']:.3g} mm "
-            f"in {report['iterations']} steps{'. ' + text if warning else ''}"
-        )
+        better = report["laplacian_rmse_mm_before"], report["laplacian_rmse_mm"], report["iterations"]
+        lines = [
+            *([] if report["finished"] else [told("Stopped; the best so far is kept")]),
+            told("RMSE {:.3g} to {:.3g} mm in {} steps", *better),
+            *([text] if warning else []),
+        ]
+        return ". ".join(lines)
 
 
 CLASSES = (Optimise,)

@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge import warm
 from ..bridge.objects import unusable
+from ..bridge.words import named, told
 
 STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
 
@@ -40,7 +41,7 @@ class Overlay(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = unusable(context.object)
         if problem is not None:
-            cls.poll_message_set(problem)
+            cls.poll_message_set(told(problem))
         return problem is None
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
@@ -54,7 +55,7 @@ class Overlay(bpy.types.Operator):
 
         if self.kind != "NONE" and not overlay.store(context.object, self.kind):
             stage = "Simulate" if self.kind in overlay.SIMULATED else STAGES.get(self.kind, "Merge")
-            self.report({"ERROR"}, f"There is nothing to show yet; press {stage} first")
+            self.report({"ERROR"}, told("There is nothing to show yet; press {} first", named(stage)))
             return {"CANCELLED"}
         overlay.switch(self.kind)
         return {"FINISHED"}

@@ -13,6 +13,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 
 from ..bridge.objects import unusable
+from ..bridge.words import told
 from ..engine.params import ObjectSettings
 
 FOLDER = Path(__file__).resolve().parent.parent
@@ -62,7 +63,7 @@ class ApplyPreset(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not Path(self.filepath).is_file():
-            self.report({"ERROR"}, f"There is no preset {self.filepath}; choose another one")
+            self.report({"ERROR"}, told("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
         # Blender's operator does it, which leaves no step to undo when it is called by itself
         return bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
@@ -71,7 +72,7 @@ class ApplyPreset(bpy.types.Operator):
 def _usable(cls: type, context: bpy.types.Context) -> bool:
     problem = unusable(context.object)
     if problem is not None:
-        cls.poll_message_set(problem)  # type: ignore[attr-defined]
+        cls.poll_message_set(told(problem))  # type: ignore[attr-defined]
     return problem is None
 
 

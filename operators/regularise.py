@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
@@ -48,7 +49,7 @@ class Regularise(Stage, bpy.types.Operator):
         notes.write_checks(obj.data, findings)
         states.stamp_beside(obj, context.scene, "regularise")
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
-        return f"Vertices moved by up to {moved / before.median_edge:.0%} of an edge"
+        return told("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)
 
 
 CLASSES = (Regularise,)

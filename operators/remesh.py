@@ -8,10 +8,11 @@ import bpy
 
 from ..bridge import job, notes, settings, warm
 from ..bridge.objects import find, unusable
+from ..bridge.words import named, told
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work, redraw, show_progress
+from .stage import Stage, Work, redraw, show_progress, still_running
 
 
 class QuadRemesh(bpy.types.Operator):
@@ -29,13 +30,11 @@ class QuadRemesh(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
         running = job.current()
-        problem = (
-            f"{running.title} is running; wait for it, or stop it with ESC" if running is not None else unusable(obj)
-        )
+        problem = unusable(obj) if running is None else still_running(running)
         if problem is None and obj.mode != "OBJECT":
             problem = "Go to Object Mode: a new object is made"
         if problem is not None:
-            cls.poll_message_set(problem)
+            cls.poll_message_set(told(problem))
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -83,7 +82,7 @@ class QuadRemesh(bpy.types.Operator):
     def _end(self, context: bpy.types.Context, work: job.Steps) -> set[str]:
         self._clear(context, work)
         if isinstance(work.error, Cancelled):
-            self.report({"WARNING"}, f"{self.bl_label} was stopped; nothing was changed")
+            self.report({"WARNING"}, told("{} was stopped; nothing was changed", named(self.bl_label)))
             return {"CANCELLED"}
         if isinstance(work.error, FlexMapsError):
             self.report({"ERROR"}, str(work.error))
@@ -118,7 +117,7 @@ def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.type
     made.select_set(True)
     redraw(context)
     edge = check.median_edge(mesh.read_surface(made, context.scene).polygons)
-    return f"'{made.name}': {len(made.data.polygons)} quads, edge {edge * 1e3:.3g} mm"
+    return told("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)
 
 
 class SetSize(Stage, bpy.types.Operator):
@@ -154,7 +153,7 @@ class SetSize(Stage, bpy.types.Operator):
         beside.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
-        return f"Scaled by {factor:.4g}"
+        return told("Scaled by {:.4g}", factor)
 
 
 CLASSES = (QuadRemesh, SetSize)

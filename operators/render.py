@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import RenderParams
 from .stage import Stage
@@ -36,7 +37,7 @@ class Render(Stage, bpy.types.Operator):
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 count = picture.film(context.object, path, params)
-                self.report({"INFO"}, f"{count} frames in {path.parent}")
+                self.report({"INFO"}, told("{} frames in {}", count, path.parent))
                 return {"FINISHED"}
             with files.replacing(path) as new:
                 picture.together(context.object, new, params)
@@ -44,7 +45,7 @@ class Render(Stage, bpy.types.Operator):
             return self._refused(context, error)
         shown = bpy.data.images.load(str(path), check_existing=True)
         shown.reload()
-        self.report({"INFO"}, f"{path.name}, {shown.size[0]} x {shown.size[1]} pixels, in {path.parent}")
+        self.report({"INFO"}, told("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))
         return {"FINISHED"}
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .export import _file_name, _folder
@@ -64,11 +65,12 @@ class Report(Stage, bpy.types.Operator):
 
         _, shown, folder = result
         if folder is None:
-            return f"{len(shown)} pictures for the image editor; save the .blend file to get the page too"
+            text = "{} pictures for the image editor; save the .blend file to get the page too"
+            return told(text, len(shown))
         page = folder / pages.PAGE
         if self.browse and not bpy.app.background:
             bpy.ops.wm.url_open(url=page.as_uri())
-        return f"{len(shown)} pictures for the image editor; {page}"
+        return told("{} pictures for the image editor; {}", len(shown), page)
 
     def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
         from ..bridge import raster

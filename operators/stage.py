@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge import job, warm
+from ..bridge.words import named, told
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -68,7 +69,7 @@ class Stage:
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = why_not(cls, context.object)
         if problem:
-            cls.poll_message_set(problem)  # type: ignore[attr-defined]
+            cls.poll_message_set(told(problem))  # type: ignore[attr-defined]
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -184,7 +185,7 @@ class Stage:
         redraw(context)
 
     def _cancelled(self) -> set[str]:
-        self.report({"WARNING"}, f"{self.bl_label} was stopped; nothing was changed")
+        self.report({"WARNING"}, told("{} was stopped; nothing was changed", named(self.bl_label)))
         return {"CANCELLED"}
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
@@ -204,11 +205,15 @@ def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
 
     running = job.current()
     if running is not None:
-        return f"{running.title} is running; wait for it, or stop it with ESC"
+        return still_running(running)
     problem = unusable(obj)
     if problem is None and obj is not None:
         problem = changed_by_modifiers(obj) or stage.obstacle(obj)
     return problem
+
+
+def still_running(running: job.Job) -> str:
+    return told("{} is running; wait for it, or stop it with ESC", named(running.title))
 
 
 def reveal(
@@ -234,14 +239,14 @@ def show_progress(context: bpy.types.Context, running: job.Job) -> None:
     """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
-        context.workspace.status_text_set(progress_line(running) + "    ESC: stop")
+        context.workspace.status_text_set(progress_line(running) + "    " + told("ESC: stop"))
     redraw(context, "UI" if running.shown is None else "")
 
 
 def progress_line(running: job.Job) -> str:
     if running.stopping:
-        return f"{running.title}: stopping"
-    return f"{running.title}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+        return told("{}: stopping", named(running.title))
+    return f"{named(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:

@@ -1,4 +1,4 @@
-"""German names of what stands in the sidebar; explanations and messages stay English."""
+"""German names of what stands in the sidebar."""
 
 from __future__ import annotations
 

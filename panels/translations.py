@@ -1,4 +1,4 @@
-"""Translations of the texts in the sidebar, as Blender keeps them: by language, context and English text."""
+"""Translations of the sidebar, its explanations and what stages report, as Blender keeps them: by language, context and English text."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import fields
 import bpy
 
 from ..engine.params import SHOWN, ObjectSettings
-from . import german
+from . import german, german_messages, german_tips
 
-LANGUAGES = {"de_DE": german.WORDS}
+LANGUAGES = {"de_DE": german.WORDS | german_tips.TIPS | german_messages.MESSAGES}
 CONTEXTS = ("*", "Operator")  # of labels, and of buttons
 
 

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from flexmaps import operators, panels
 from flexmaps.bridge import states
+from flexmaps.bridge.words import told
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.panels import translations
 
@@ -47,12 +50,49 @@ def of_panels() -> set[str]:
     return {text for text in found if text[:1].strip() and not text.startswith("flexmaps")}
 
 
+def of_tips() -> set[str]:
+    """What pops up under the pointer; materials name their sources there, which stay."""
+    found = {(cls.__doc__ or "").strip() for cls in operators.CLASSES}
+    for block in fields(ObjectSettings):
+        for f in fields(block.default_factory):  # type: ignore[arg-type]
+            choices = () if f.name == "material" else f.metadata["choices"]
+            found |= {f.metadata["help"], *(choice[2] for choice in choices)}
+    return found
+
+
+def of_messages() -> set[str]:
+    """Lines that are told in the user's language, and why a button is grey."""
+    found = set()
+    for file in (*(FOLDER.parent / "operators").glob("*.py"), *(FOLDER.parent / "bridge").glob("*.py")):
+        tree = ast.parse(file.read_text())
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _name(node.func) == "told"]
+        found |= {node.args[0].value for node in calls if isinstance(node.args[0], ast.Constant)}
+        named = {name.id for node in calls if isinstance(name := node.args[0], ast.Name)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id in named:
+                found |= set(_texts(node.value))
+            if isinstance(node, ast.FunctionDef) and node.name in {"obstacle", "unusable"}:
+                for line in ast.walk(node):
+                    if isinstance(line, ast.Return) and line.value is not None:
+                        found |= set(_texts(line.value))
+    return found
+
+
+def _texts(value: ast.expr) -> Iterator[str]:
+    """Texts that an expression may be, if it is no call."""
+    if isinstance(value, ast.Constant) and isinstance(value.value, str):
+        yield value.value
+    elif isinstance(value, ast.IfExp):
+        yield from _texts(value.body)
+        yield from _texts(value.orelse)
+
+
 def _name(func: ast.expr) -> str:
     return func.id if isinstance(func, ast.Name) else func.attr if isinstance(func, ast.Attribute) else ""
 
 
 def everything() -> set[str]:
-    found = of_settings() | of_panels() | {cls.bl_label for cls in operators.CLASSES}
+    found = of_settings() | of_panels() | of_tips() | of_messages() | {cls.bl_label for cls in operators.CLASSES}
     return found | {
         *states.WHY.values(),
         states.SETTING,
@@ -78,6 +118,26 @@ def test_nearly_every_name_has_its_word_and_few_words_are_left_over(words: dict[
     assert len(wanted & set(words)) >= 0.85 * len(wanted), wanted - set(words)
     left = set(words) - everything()
     assert len(left) <= 0.05 * len(words), left
+
+
+def test_explanations_and_messages_have_their_words(words: dict[str, str]) -> None:
+    assert len(of_messages()) > 30 and len(of_tips()) > 120
+    assert not of_messages() - set(words)
+    wanted = of_tips()
+    assert len(wanted & set(words)) >= 0.9 * len(wanted), wanted - set(words)
+
+
+def test_told_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender as a module knows no languages: its dictionary is played here."""
+    german = translations.LANGUAGES["de_DE"]
+    played = SimpleNamespace(
+        app=SimpleNamespace(translations=SimpleNamespace(pgettext_rpt=lambda text: german.get(text, text)))
+    )
+    assert told("{} frames in {}", 3, "{x}") == "3 frames in {x}"
+    monkeypatch.setattr("flexmaps.bridge.words.bpy", played)
+    assert told("{} frames in {}", 3, "{x}") == "3 Bilder in {x}"
+    assert told("Press Spirals first") == "Erst Spiralen drücken"
+    assert told("'{x}' has a name of its own") == "'{x}' has a name of its own"
 
 
 def test_values_keep_their_places(words: dict[str, str]) -> None:
