@@ -294,8 +294,8 @@ def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray, some: np.ndarray) -> 
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
     place, turn, _ = _run(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
-    whole = (_spread(values, some, len(load)) for values in (place, turn, bend, stretch))
-    return BentArms(pieces.hub, pieces.flat, *whole, load)
+    place, turn, bend, stretch = (_spread(values, some, len(load)) for values in (place, turn, bend, stretch))
+    return BentArms(pieces.hub, pieces.flat, place, turn, bend, stretch, load)
 
 
 def _spread(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
