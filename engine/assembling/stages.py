@@ -169,7 +169,8 @@ class _Search:
             return None
         # a panel that hangs on by a few joints has little to say about where the piece lies
         weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
-        return replace(here, pose=found.pose.aligned(self.end.centres[here.hubs], weight), energy=found.energy)
+        pose = _laid(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
+        return replace(here, pose=pose, energy=found.energy)
 
 
 def lying(design: SpiralDesign, hubs: np.ndarray, there: Pose) -> Pose:
@@ -178,6 +179,19 @@ def lying(design: SpiralDesign, hubs: np.ndarray, there: Pose) -> Pose:
     flat = np.zeros((len(hubs), 3))
     flat[:, :2] = design.arms.centre[hubs] - design.arms.centre[hubs].mean(axis=0)
     return Pose(place + flat @ turn.T, np.broadcast_to(turn, (len(hubs), 3, 3)).copy())
+
+
+def _laid(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
+    """A pose moved rigidly so that hubs with these weights (n,) lie as near as possible to those of another one.
+
+    What is compared are the ends of the hubs' axes, of length ``reach`` in metres: a row of hubs has a direction, too.
+    """
+    share = weight / weight.sum()
+    own, aim = share @ pose.centres, share @ there.centres
+    spread = (share[:, None] * (pose.centres - own)).T @ (there.centres - aim)
+    turned = np.einsum("n,nik,njk->ij", share, pose.rotations, there.rotations)
+    rotation = nearest_rotation(spread + reach**2 * turned)
+    return pose.placed(rotation, aim - rotation @ own)
 
 
 def _bodies(layout: PatchLayout) -> np.ndarray:

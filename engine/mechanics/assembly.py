@@ -42,16 +42,10 @@ class Pose:
         """Only these hubs (k,) int."""
         return Pose(self.centres[hubs], self.rotations[hubs])
 
-    def aligned(self, centres: np.ndarray, weight: np.ndarray | None = None) -> Pose:
-        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes).
-
-        weight : (n,) how much every hub counts; all the same if not given
-        """
-        share = np.ones(len(centres)) if weight is None else weight
-        share = share / share.sum()
-        own, there = share @ self.centres, share @ centres
-        rotation = nearest_rotation((share[:, None] * (self.centres - own)).T @ (centres - there))
-        return self.placed(rotation, there - rotation @ own)
+    def aligned(self, centres: np.ndarray) -> Pose:
+        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""
+        rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
+        return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
 def nearest_rotation(covariance: np.ndarray) -> np.ndarray:
