@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from typing import Any
 
 import bpy
@@ -28,6 +30,8 @@ class Report(Stage, bpy.types.Operator):
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
+    _letters: Any = None  # a Future: Blender draws all windows anew when letters are made, which must not come first
+
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return None if "layout" in notes.read(obj.data) else "Merge or flatten first"
@@ -39,7 +43,7 @@ class Report(Stage, bpy.types.Operator):
 
         obj = find(surface.uid)
         taken = pages.take(obj, surface, settings)
-        letters = raster.glyphs()
+        letters = self._letters = Future()
         name, folder = obj.name, None
         if self.files and not (settings.export.folder.startswith("//") and not bpy.data.filepath):
             folder = _folder(settings.export.folder) / f"{_file_name(name)}-report"
@@ -49,16 +53,24 @@ class Report(Stage, bpy.types.Operator):
 
             progress(0.0, "Reading what was made")
             described, drawn = pages.of_taken(taken)
+            while not letters.done():  # and hear a stop meanwhile
+                progress(0.3, "Waiting for letters")
+                time.sleep(0.02)
             shown, drawing_it = {}, progress.part(0.3, 1.0)
             for k, (kind, drawing) in enumerate(drawn.items()):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
-                shown[kind] = raster.pixels(drawing, letters)
+                shown[kind] = raster.pixels(drawing, letters.result())
             if folder is not None:
                 with files.replacing_many(pages.stale(folder)) as new:
                     pages.write(described, drawn, folder, new)
             return name, shown, folder
 
         return work
+
+    def meanwhile(self) -> None:
+        from ..bridge import raster
+
+        self._letters.set_result(raster.glyphs())
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import report as pages

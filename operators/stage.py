@@ -41,6 +41,7 @@ class Stage:
 
     _job: job.Job | None = None
     _timer: Any = None
+    _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # the pieces that are still to be written
     _surface: Any = None  # bridge.surface.Surface; Blender evaluates annotations, so only names that are there
 
@@ -54,6 +55,9 @@ class Stage:
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
         """The engine work; the returned function must not touch Blender's data."""
         raise NotImplementedError
+
+    def meanwhile(self) -> None:
+        """Make what the work needs from Blender but takes a moment: called once, when the progress is seen already."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, result: Any) -> str:
         """Write the result, on the main thread; everything that can fail comes before the first write."""
@@ -75,6 +79,7 @@ class Stage:
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             work = self._read(context)
+            self.meanwhile()
             for _ in self._write(context, job.run_here(self.bl_label, work)):
                 pass
             return {"FINISHED"}
@@ -107,6 +112,9 @@ class Stage:
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
+        if not self._helped:
+            self._helped = True
+            self.meanwhile()
         if not self._job.finished:
             show_progress(context, self._job)
             return {"PASS_THROUGH"}

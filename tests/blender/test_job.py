@@ -359,3 +359,51 @@ def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pyte
     warm.wait()
     assert len(warm._begun) == 1 and not warm._begun[0].is_alive()
     assert {f"flexmaps.{name}" for name in warm.MODULES} <= set(sys.modules)
+
+
+# -- what is made for a job that goes on ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def report(dome: Any) -> Any:
+    """Report as a window runs it, on a dome with patches."""
+    from flexmaps.operators import report as module
+
+    assert bpy.ops.flexmaps.trace() == {"FINISHED"}
+    dome.flexmaps.export.folder = "//"
+    body = {k: v for base in (stage.Stage, module.Report) for k, v in vars(base).items()}
+    hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
+    operator = type("Report", (), {k: v for k, v in body.items() if k not in hidden} | {"files": False})()
+    operator.said = []
+    operator.report = lambda kind, text: operator.said.append((*kind, text))
+    yield operator
+    job.stop_current()
+
+
+def test_a_report_is_seen_before_its_letters_are_made(
+    report: Any, window: Window, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Making them draws every window anew."""
+    from flexmaps.bridge import raster
+
+    made, glyphs = [], raster.glyphs
+    monkeypatch.setattr(raster, "glyphs", lambda: made.append(1) or glyphs())
+    assert report.invoke(window, None) == {"RUNNING_MODAL"}
+    assert not made and "ESC" in (window.status[-1] or "")
+    assert drive(report, window) == {"FINISHED"} and len(made) == 1
+    assert "pictures" in report.said[0][1] and clean(window)
+
+
+def test_a_report_that_waits_for_letters_can_be_stopped(report: Any, window: Window) -> None:
+    report.invoke(window, None)
+    job.stop_current()  # as when another file is loaded: the letters never come
+    assert job.current() is None
+
+
+def test_while_a_job_runs_the_window_need_not_wait_long_for_python(move: Any, window: Window) -> None:
+    before = sys.getswitchinterval()
+    move.invoke(window, None)
+    assert sys.getswitchinterval() < before / 5
+    move.go.set()
+    drive(move, window)
+    assert sys.getswitchinterval() == before
