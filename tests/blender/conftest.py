@@ -54,6 +54,22 @@ def dome(add: Add) -> Any:
     return add(shapes.make("dome"))
 
 
+@pytest.fixture
+def spiralled(dome: Any) -> Any:
+    """The same in several panels, with their spirals but without connectors: so Spirals is quicker."""
+    dome.flexmaps.connect.connector = "none"
+    for stage in ("trace", "spirals"):
+        assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
+    return dome
+
+
+@pytest.fixture
+def simulated(spiralled: Any) -> Any:
+    """The same, simulated."""
+    assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
+    return spiralled
+
+
 def _content(obj: Any) -> dict[str, bytes]:
     """Everything that a mesh holds but the selection, as bytes, edit mode included."""
     obj.update_from_editmode()

@@ -17,15 +17,10 @@ def press(name: str, **properties: Any) -> None:
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
-    """A dome of several panels, simulated."""
-    obj = add(shapes.make("dome"))
-    obj.flexmaps.connect.connector = "none"  # Spirals is quicker then
-    for stage in ("trace", "spirals", "simulate"):
-        press(stage)
-    obj.flexmaps.preview.place = "ON"
-    obj.flexmaps.preview.detail = "COARSE"
-    return obj
+def piece(simulated: Any) -> Any:
+    simulated.flexmaps.preview.place = "ON"
+    simulated.flexmaps.preview.detail = "COARSE"
+    return simulated
 
 
 def seen(obj: Any, frame: int) -> np.ndarray:

@@ -16,13 +16,8 @@ def press(name: str, **properties: Any) -> None:
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
-    """A dome with its spirals, ready to be shown."""
-    obj = add(shapes.make("dome"))
-    obj.flexmaps.connect.connector = "none"  # Spirals is quicker then
-    for stage in ("trace", "spirals"):
-        press(stage)
-    return obj
+def piece(spiralled: Any) -> Any:
+    return spiralled
 
 
 def points_of(obj: Any) -> np.ndarray:

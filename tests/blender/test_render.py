@@ -11,7 +11,6 @@ import pytest
 from flexmaps.bridge import looks, picture, studio
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RenderParams
-from flexmaps.engine.surface import shapes
 
 SMALL = {"pixels_x": 192, "samples": 1}
 
@@ -21,13 +20,9 @@ def press(name: str, **properties: Any) -> None:
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
-    obj = add(shapes.make("dome"))
-    obj.flexmaps.connect.connector = "none"  # Spirals is quicker then
-    for stage in ("trace", "spirals", "simulate"):
-        press(stage)
-    obj.flexmaps.render.pixels_x, obj.flexmaps.render.samples = SMALL["pixels_x"], SMALL["samples"]
-    return obj
+def piece(simulated: Any) -> Any:
+    simulated.flexmaps.render.pixels_x, simulated.flexmaps.render.samples = SMALL["pixels_x"], SMALL["samples"]
+    return simulated
 
 
 def pixels(path: Path) -> np.ndarray:
