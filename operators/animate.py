@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge import notes
+from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -14,7 +15,7 @@ from .stage import Stage, Work
 
 
 class Animate(Stage, bpy.types.Operator):
-    """Animate the assembly: the panels fly from the table to their places and are joined seam by seam; what is joined rests in its simulated shape. Play it with the space bar"""
+    """Animate the assembly: the panels fly from the table to their places and are joined seam by seam, and what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
     bl_label = "Animate assembly"
@@ -34,7 +35,6 @@ class Animate(Stage, bpy.types.Operator):
             raise FlexMapsError("There is no simulated shape yet; press Simulate first")
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
-
         material = settings.material.chosen
 
         def work(progress: Progress) -> Any:
@@ -69,10 +69,14 @@ class Animate(Stage, bpy.types.Operator):
             obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
         )
         scene.frame_end = max(scene.frame_end, last)
-        text = f"{len(film.tracks)} panels in {last - scene.frame_start + 1} frames; play them with the space bar"
-        if film.stages.warnings:
-            self.level = "WARNING"
-        return ". ".join([text, *film.stages.warnings])
+        frames, skipped = last - scene.frame_start + 1, film.stages.skipped
+        text = told("{} panels in {} frames; play them with the space bar", len(film.tracks), frames)
+        if not skipped:
+            return text
+        self.level = "WARNING"
+        names = ", ".join(f"{panel}-{seam}" for panel, seam in skipped[:4]) + ", ..." * (len(skipped) > 4)
+        blended = told("{} half-finished pieces (panel-seam {}) find no rest; blends stand in", len(skipped), names)
+        return f"{text}. {blended}"
 
 
 CLASSES = (Animate,)

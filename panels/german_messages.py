@@ -17,6 +17,8 @@ MESSAGES: dict[str, str] = {
     "RMSE {:.3g} to {:.3g} mm in {} steps": "RMSE {:.3g} auf {:.3g} mm in {} Schritten",
     "{} in {}": "{} in {}",
     "{} spirals, {} triangles in {:.1f} s": "{} Spiralen, {} Dreiecke in {:.1f} s",
+    "{} panels in {} frames; play them with the space bar": "{} Teile in {} Bildern; mit der Leertaste abspielen",
+    "{} half-finished pieces (panel-seam {}) find no rest; blends stand in": "{} halbfertige Stücke (Teil-Naht {}) finden keine Ruhelage; an ihrer Stelle wird überblendet",
     "Not simulated yet: the hubs lie on the target": "Noch nicht simuliert: die Naben liegen auf dem Ziel",
     "The mesh or a setting was changed since; press Simulate again": "Das Netz oder eine Einstellung wurde seitdem verändert; nochmals Simulieren drücken",
     "{} frames in {}": "{} Bilder in {}",

@@ -65,20 +65,14 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """all : the stages in the order in which the piece is put together; skipped : names of those without an equilibrium"""
+    """All stages of a piece.
+
+    all : in the order in which it is put together; skipped : panels and seams, by their names, of those that found no
+        equilibrium
+    """
 
     all: tuple[Stage, ...]
-    skipped: tuple[str, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know."""
-        if not self.skipped:
-            return ()
-        names = ", ".join(self.skipped[:4]) + (", ..." if len(self.skipped) > 4 else "")
-        return (
-            f"{len(self.skipped)} half-finished pieces found no rest ({names}); blends between their neighbours stand in",
-        )
+    skipped: tuple[tuple[str, str], ...]
 
 
 def find_stages(
@@ -115,7 +109,7 @@ class _Search:
         self.closed = np.ones(len(model.pairs), dtype=bool)
         self.now = Pose(pose.centres.copy(), pose.rotations.copy())
         self.before = self.closed.copy()  # where ``now`` rests
-        self.skipped: list[str] = []
+        self.skipped: list[tuple[str, str]] = []
 
     def stage(self, number: int, k: int, progress: Progress) -> Stage | None:
         """The stage after the batches up to ``k`` of a step; then those of ``k`` are opened. None where it is left out."""
@@ -136,7 +130,7 @@ class _Search:
         else:
             made = self._solved(here, step.panel, progress)
             if made is None:
-                self.skipped.append(f"panel {panel_name(step.panel)} at seam {seam}")
+                self.skipped.append((panel_name(step.panel), seam))
                 # something has to be there before the panel comes
                 made = self._standing(replace(here, solved=False)) if last else None
         if made is not None:

@@ -88,7 +88,7 @@ def test_half_finished_pieces_that_find_no_rest_are_told_of(piece: Any, capsys: 
     piece.flexmaps.simulate.iterations = 1
     monkeypatch.setattr(stages, "WEAKER", ())
     press("animate")
-    assert "found no rest" in capsys.readouterr().out
+    assert "find no rest" in capsys.readouterr().out
     assert len(animation.existing(piece)) > 2
 
 
