@@ -18,7 +18,7 @@ WORDS: dict[str, str] = {
     "Scale to quad edge": "Auf Kantenlänge bringen",
     "Regularise": "Ebnen",
     "Trace": "Schnitte ziehen",
-    "Merge": "Verschmelzen",
+    "Merge": "Zusammenführen",
     "Flatten": "Abwickeln",
     "Flatten all": "Alles abwickeln",
     "Update from seams": "Nähte übernehmen",

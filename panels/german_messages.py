@@ -42,8 +42,8 @@ MESSAGES: dict[str, str] = {
     "Go to Object Mode: a new object is made": "In den Objektmodus wechseln: ein neues Objekt entsteht",
     "Remove the shape keys first: they fix the vertices": "Erst die Formschlüssel entfernen: sie halten die Punkte fest",
     "The object's scale is locked; unlock it first": "Die Skalierung des Objekts ist gesperrt; erst entsperren",
-    "Merge or flatten first": "Erst verschmelzen oder abwickeln",
-    "Trace, merge or flatten first": "Erst schneiden, verschmelzen oder abwickeln",
+    "Merge or flatten first": "Erst zusammenführen oder abwickeln",
+    "Trace, merge or flatten first": "Erst Schnitte ziehen, zusammenführen oder abwickeln",
     "Press Spirals first": "Erst Spiralen drücken",
     "Press Simulate or Optimise first": "Erst Simulieren oder Optimieren drücken",
 }
