@@ -67,7 +67,7 @@ class Taken:
     blocks : the notes of the stages that are not out of date
     supports : (k,) int, quads that are held; None where the user holds nothing
     shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
-    values : (F,) arrays of that simulation by the names of ``Measured``
+    values : (F,) arrays of that simulation, or None, by the names of ``Measured``
     """
 
     name: str
@@ -76,7 +76,7 @@ class Taken:
     blocks: dict[str, Any]
     supports: np.ndarray | None = None
     shape: np.ndarray | None = None
-    values: dict[str, np.ndarray | None] = field(default_factory=dict)
+    values: dict[str, Any] = field(default_factory=dict)
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
