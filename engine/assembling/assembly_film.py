@@ -122,7 +122,7 @@ class _Reel:
 
     def bend(self, before: float, time: float, shape: np.ndarray) -> None:
         """A new shape at a time; until ``before`` it kept the last one."""
-        if self.shapes and self.shape_times[-1] < before:
+        if self.shapes and self.shape_times[-1] < before - 1e-9:
             self.shape_times.append(before)
             self.which.append(self.which[-1])
         self.shape_times.append(time)

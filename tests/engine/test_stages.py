@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from flexmaps.engine.assembling import stages
@@ -201,3 +203,24 @@ def test_bodies_do_not_know_of_each_other():
         assert stage.pose.centres == pytest.approx(pose.centres[stage.hubs])
     for stage in found.all:
         assert sum(set(stage.hubs.tolist()) <= set(end.hubs.tolist()) for end in ends) == 1
+
+
+def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
+    """All joints of a step, seam by seam, along every seam; the second one goes on from a corner that is joined."""
+    layout = dome[0].flat.layout
+    mesh = layout.mesh
+    inner = np.flatnonzero(~mesh.border)
+    for step in steps(layout):
+        held: set[int] = set()
+        closed = []
+        for join in sorted(step.joins, key=lambda join: join.other == join.panel):
+            edges = inner[np.concatenate([j for name, j in stages.batches(layout, step) if name == join.name])]
+            assert sorted(edges.tolist()) == sorted(layout.seams[join.seam].tolist())
+            ends = [set(mesh.edges[edge].tolist()) for edge in edges]
+            assert all(one & two for one, two in pairwise(ends))
+            if held & (ends[0] | ends[-1]):
+                assert ends[0] & held
+            held |= set.union(*ends)
+            closed += edges.tolist()
+        made = [edge for _, joints in stages.batches(layout, step) for edge in inner[joints].tolist()]
+        assert made == closed
