@@ -219,7 +219,7 @@ class _Shooting:
             progress((k - 1) / count, "Bending the panels")
             share = k / count
             here = end if k == count else blend.at(share)
-            moments.append((begin + share * long, *_frames(here, self.patch)))
+            moments.append((begin + share * long, *self._frames(here)))
             some = bending[k * counts[bending] % count == 0]
             if len(some):
                 quads, bent = np.isin(self.patch, some), arms
@@ -249,7 +249,7 @@ class _Shooting:
         poses = (blend.start, blend.at(0.5), blend.end)
         bending = np.zeros(len(self.reels))
         np.maximum.at(bending, self.patch, _stray(*(self._points(pose) for pose in poses)).max(axis=1))
-        places = _stray(*(_frames(pose, self.patch)[1] for pose in poses))
+        places = _stray(*(self._frames(pose)[1] for pose in poses))
         shapes, ways = (
             2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (STRAIGHT * self.edge), 1.0))).astype(int)
             for stray in (bending, places)
@@ -293,9 +293,19 @@ class _Shooting:
         self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]
         self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
 
+    def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Turns (N, 3, 3) and places (N, 3) metres of the panels as wholes: such that what was last recorded of them fits.
+
+        Hubs are compared with their axes: a row of them has a direction, too.
+        """
+        places = means(pose.centres, self.patch)
+        spread = self.seen.centres[:, :, None] * (pose.centres - places[self.patch])[:, None]
+        spread += (0.5 * self.edge) ** 2 * self.seen.rotations @ np.swapaxes(pose.rotations, 1, 2)
+        return nearest_rotation(means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
+
     def _from_panels(self, pose: Pose) -> Pose:
-        """The pose as the panels see it: from the mean of their hubs."""
-        turns, places = _frames(pose, self.patch)
+        """The pose as the panels see it."""
+        turns, places = self._frames(pose)
         back = np.swapaxes(turns, 1, 2)[self.patch]
         return Pose(times(back, pose.centres - places[self.patch]), back @ pose.rotations)
 
@@ -309,9 +319,3 @@ class _Shooting:
 def _stray(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(...) metres: how far points (..., 3) are half way from the straight line's middle."""
     return np.linalg.norm(half - 0.5 * (start + end), axis=-1)
-
-
-def _frames(pose: Pose, patch: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turns (N, 3, 3) and places (N, 3) metres of the patches as a whole: the mean of their hubs."""
-    sums = means(np.swapaxes(pose.rotations, 1, 2).reshape(-1, 9), patch)
-    return nearest_rotation(sums.reshape(-1, 3, 3)), means(pose.centres, patch)

@@ -168,11 +168,10 @@ class _Search:
 
 
 def lying(design: SpiralDesign, hubs: np.ndarray, there: Pose) -> Pose:
-    """Hubs (n,) int of one panel, flat, laid over their places in a pose of all hubs: at their mean, turned as their mean."""
-    place, turn = there.centres[hubs].mean(axis=0), nearest_rotation(there.rotations[hubs].sum(axis=0).T)
-    flat = np.zeros((len(hubs), 3))
-    flat[:, :2] = design.arms.centre[hubs] - design.arms.centre[hubs].mean(axis=0)
-    return Pose(place + flat @ turn.T, np.broadcast_to(turn, (len(hubs), 3, 3)).copy())
+    """Hubs (n,) int of one panel, flat, laid over their places in a pose of all hubs."""
+    centres = np.c_[design.arms.centre[hubs], np.zeros(len(hubs))]
+    flat = Pose(centres, np.broadcast_to(np.eye(3), (len(hubs), 3, 3)))
+    return _laid(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
 
 
 def _laid(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
