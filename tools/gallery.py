@@ -17,6 +17,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 OUT, DOCS = ROOT / "out" / "gallery", ROOT / "docs"
 WIDTH = 1000  # pixels of the pictures in docs/
+FILM, RATE, SECONDS = (880, 550), 8, 8.0  # pixels, frames a second and length of the film in docs/
+ALIKE, BORDER = 40, 16  # what differs less from the ground's colour is ground; pixels of it that stay beside the pieces
 HEAD = """# Gallery
 
 Made by the program itself, with
@@ -43,6 +45,7 @@ class Item:
     settings: dict[str, Any] = field(default_factory=dict)
     azimuth: float = 25.0
     elevation: float = 32.0
+    film: bool = False
 
 
 def suzanne() -> Any:
@@ -61,6 +64,7 @@ ITEMS = {
         {"supports": "lowest"},
         azimuth=-25.0,
         elevation=42.0,
+        film=True,
     ),
     "dome": Item("Dome", "Half a ball, standing on its rim.", "shape:dome", {"supports": "lowest"}),
     "vault": Item("Vault", "A shell on four feet.", "shape:vault", {"supports": "lowest"}, elevation=28.0),
@@ -128,24 +132,59 @@ def make(name: str) -> None:
         picture.together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=16))
     assert isinstance(shown, RenderParams)
     api.report(piece, folder)
+    if item.film:
+        film(obj, folder, shown)
+
+
+def film(obj: Any, folder: Path, view: Any) -> None:
+    """The assembly of an object, which is there with its simulated shape, as frames and as one file that a page can show."""
+    import bpy
+    import numpy as np
+    from flexmaps.bridge import main_job, picture
+    from PIL import Image
+
+    bpy.context.scene.render.fps = RATE
+    obj.flexmaps.film.seconds = SECONDS
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.flexmaps.animate()
+    frames = folder / "film"
+    frames.mkdir()
+    with main_job.quiet_blender():
+        picture.film(obj, frames / "frame.png", replace(view, pixels_x=FILM[0], pixels_y=FILM[1], samples=8))
+    pictures = np.stack([np.array(Image.open(file).convert("RGB")) for file in sorted(frames.glob("*.png"))])
+    ground = np.median(pictures[0], axis=(0, 1))
+    seen = (np.abs(pictures - ground) > ALIKE).any(axis=(0, 3))
+    rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+    room = [slice(max(used[0] - BORDER, 0), used[-1] + BORDER) for used in (rows, columns)]
+    shown = [Image.fromarray(each[room[0], room[1]]) for each in pictures]
+    durations = [1000 // RATE] * (len(shown) - 1) + [2500]
+    shown[0].save(
+        folder / "assembly.webp", save_all=True, append_images=shown[1:], duration=durations, loop=0, quality=75
+    )
 
 
 def page() -> None:
-    """docs/gallery.md and its pictures, from all objects that were made."""
+    """docs/gallery.md and its pictures, from all objects that were made; of others the page keeps what it says."""
     from PIL import Image
 
     pictures = DOCS / "images" / "gallery"
     pictures.mkdir(parents=True, exist_ok=True)
+    for made in OUT.glob("*/assembly.webp"):
+        shutil.copyfile(made, DOCS / "images" / "assembly.webp")
+    there = DOCS / "gallery.md"
+    known = there.read_text(encoding="utf-8").split("\n## ") if there.is_file() else []
+    earlier = {section.splitlines()[0]: f"## {section}".rstrip() + "\n" for section in known[1:]}
     parts = [HEAD]
     for name, item in ITEMS.items():
         report = OUT / name / "report.json"
         if not report.is_file():
-            print(f"{name} was not made; the page goes without it")
+            print(f"{name} was not made; the page keeps what it says of it")
+            parts += [earlier[item.title]] if item.title in earlier else []
             continue
         Image.open(OUT / name / "picture.png").convert("RGB").save(pictures / f"{name}.jpg", quality=86, optimize=True)
         parts.append(_section(name, item, json.loads(report.read_text(encoding="utf-8"))))
-    (DOCS / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
-    print(f"{DOCS / 'gallery.md'}: {len(parts) - 1} objects")
+    there.write_text("\n".join(parts), encoding="utf-8")
+    print(f"{there}: {len(parts) - 1} objects")
 
 
 def _section(name: str, item: Item, report: dict[str, Any]) -> str:
