@@ -224,3 +224,21 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
             closed += edges.tolist()
         made = [edge for _, joints in stages.batches(layout, step) for edge in inner[joints].tolist()]
         assert made == closed
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_parts_of_a_model_are_its_joints(name):
+    """The energy of a part is that of its joints in the whole; weaker joints have their share of it."""
+    mesh = shapes.make("dome")
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams(), twist=3.0)
+    model, pose = build_model(of_design(made), POM, name), target_pose(mesh, flat.corners)
+    each = model.expand(model.start(pose)).per_joint
+    hubs = np.random.default_rng(0).permutation(len(mesh.quads))[:120]
+    joints = np.flatnonzero(np.isin(model.pairs, hubs).all(axis=1))[::2]
+    part = model.part(hubs, joints)
+    state = part.start(pose.part(hubs))
+    assert part.energy(state) == pytest.approx(each[joints].sum()) and len(joints) > 20
+    share = np.linspace(0.1, 1.0, len(joints))
+    weaker = part.weakened(share)
+    assert weaker.expand(weaker.start(pose.part(hubs))).per_joint == pytest.approx(share * each[joints])
