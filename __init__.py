@@ -6,6 +6,10 @@ The same folder is Blender's extension and a plain Python package: Blender is on
 
 def register() -> None:
     """Called by Blender when the extension is enabled; imports no numerics, so that enabling is quick."""
+    import atexit
+
+    import bpy
+
     from . import operators, panels
     from .bridge import command, settings
 
@@ -13,13 +17,18 @@ def register() -> None:
     operators.register()
     panels.register()
     command.register()
+    if bpy.app.module:  # a Python that imported Blender crashes or hangs at its exit where classes are still registered
+        atexit.register(unregister)
 
 
 def unregister() -> None:
     """Called by Blender when the extension is disabled; a running job is stopped first."""
+    import atexit
+
     from . import operators, panels
     from .bridge import command, settings
 
+    atexit.unregister(unregister)
     command.unregister()
     panels.unregister()
     operators.unregister()

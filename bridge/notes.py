@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..engine.surface.check import Finding
 
 NAME = "flexmaps_report"
+TRACED = "traced"  # in the layout's block: there are patches that nobody has tried to join yet
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
 # how late a stage comes: running it makes everything that comes later out of date
 ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "reach": 3, "optimise": 3, "sheets": 3}

@@ -258,6 +258,8 @@ def next_button(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[str, 
     if found["layout"].kind != DONE:
         edited = found["layout"].part == "seams" and "layout" in notes.read(mesh)
         return "flexmaps.update_from_seams" if edited else "flexmaps.merge"
+    if found["spirals"].kind == TODO and notes.read(mesh)["layout"].get(notes.TRACED):
+        return "flexmaps.merge"
     for stage, idname in (("spirals", "flexmaps.spirals"), ("sheets", "")):
         if found[stage].kind != DONE and idname:
             return idname

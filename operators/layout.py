@@ -43,7 +43,7 @@ class Trace(LayoutStage, bpy.types.Operator):
 
             layout = trace.trace(check.as_quad_mesh(surface.polygons), settings.layout, progress.part(0.0, 0.7))
             flat = flatten.flatten(layout, settings.layout, progress.part(0.7, 1.0))
-            return flat, flatten.layout_report(flat)
+            return flat, flatten.layout_report(flat) | {notes.TRACED: len(layout.patches) > 1}
 
         return work
 

@@ -72,6 +72,19 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.svg"))
 
 
+def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> None:
+    ball = add(scaled(shapes.cubesphere(3)))
+    press("check")
+    press("trace")
+    assert notes.read(ball.data)["layout"]["patches"] > 1
+    assert offered(ball) == "merge"
+    press("merge")
+    assert offered(ball) == "spirals"
+    press("trace")
+    press("spirals")  # whoever wants many patches is not asked again
+    assert offered(ball) == "simulate"
+
+
 def test_an_unsaved_file_is_to_be_saved_before_sheets_go_beside_it(made: Any, tmp_path: Path) -> None:
     made.flexmaps.sheet.margin = 7.0
     assert offered(made) == "wm.save_mainfile"
