@@ -55,7 +55,8 @@ class BentArms:
     def at(self, arm: np.ndarray, t: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x (N, 3) metres and D (N, 3, 3) of arms (N,) at t (N,), where the flat centre lines are at ``flat`` (N, 3)."""
         count = self.bend.shape[1]
-        way = np.clip(1.0 - t / self.hub[arm], 0.0, 1.0) * count
+        hub = np.maximum(self.hub[arm], 1e-9)  # spirals that are wound too far for their settings are hub to the tip
+        way = np.clip(1.0 - t / hub, 0.0, 1.0) * count
         piece = np.minimum(way.astype(int), count - 1)
         share = way - piece
         half = exponential(0.5 * share[:, None] * self.bend[arm, piece])
@@ -285,7 +286,10 @@ def _newton(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[n
     # the arms' stiffness spans decades: lengths in tips' own units keep the solution exact
     both = yielding[::2] + yielding[1::2]
     unit = np.sqrt(np.abs(np.einsum("mii->mi", both)))
-    step = np.linalg.solve(both / (unit[:, :, None] * unit[:, None]), (miss / unit)[..., None])[..., 0] / unit
+    rigid = unit == 0.0  # arms that are hub to the tip: no wrench moves them
+    unit = np.where(rigid, 1.0, unit)
+    both = both / (unit[:, :, None] * unit[:, None]) + rigid[:, None] * np.eye(6)
+    step = np.where(rigid, 0.0, np.linalg.solve(both, (miss / unit)[..., None])[..., 0] / unit)
     return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
 
 

@@ -223,6 +223,16 @@ def test_torn_poses_are_closed_all_the_same(dome):
     assert np.abs(place - place[quad, side])[inner].max() < 1e-12
 
 
+def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
+    """As they are after a setting was changed: arms that are hub to the tip keep to it."""
+    made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full(2, 0.0015), np.full(2, 6.2))
+    assert hub_ends(made).min() == 0.0
+    panels, pose = panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
+    points = panels.placed(bent(made, pose), pose)
+    apart = points[:, :2] - made.arms.centre[panels.vertex_quad]
+    assert np.abs(apart).max() < 0.02 and np.abs(points[:, 2]).max() < 0.002
+
+
 def test_rotation_matrices_agree_with_scipy():
     rng = np.random.default_rng(2)
     turns = rng.normal(0, 1.0, (200, 3)) * np.logspace(-12, 0.5, 200)[:, None]
