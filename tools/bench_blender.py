@@ -408,7 +408,7 @@ def _sources() -> str:
     found = hashlib.sha256(sys.version.encode())
     for folder in ("engine", "bridge", "operators", "panels", "tools/random_calls.py"):
         path = ROOT / folder
-        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
             found.update(file.read_bytes())
     return found.hexdigest()[:16]
 
