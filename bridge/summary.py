@@ -35,7 +35,8 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         for warning in sheets["warnings"]:
             print(f"  warning: {warning}")
     out = getattr(args, "out", None)
-    print(f"  {sum(described.get('seconds', {}).values()):.1f} s" + (f"; everything is in {out}" if out else ""))
+    seconds = sum(described.get("seconds", {}).values())
+    print(f"  computed in {seconds:.1f} s" + (f", files and pictures aside; everything is in {out}" if out else ""))
 
 
 def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
