@@ -17,9 +17,8 @@ def register() -> None:
     operators.register()
     panels.register()
     command.register()
-    if (
-        not bpy.app.binary_path
-    ):  # a Python that imported Blender crashes or hangs at its exit where classes are still registered
+    # a Python that imported Blender crashes or hangs at its exit where classes are still registered
+    if not bpy.app.binary_path:
         atexit.register(unregister)
 
 

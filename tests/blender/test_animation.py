@@ -33,12 +33,15 @@ def seen(obj: Any, frame: int) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def test_it_begins_flat_and_ends_assembled(piece: Any) -> None:
+def previewed(piece: Any) -> np.ndarray:
+    """(V, 3) where the vertices of its preview, which this makes, are seen."""
     press("preview")
-    made = preview.existing(piece)
     bpy.context.view_layer.update()
-    matrix = np.array(made.matrix_world)
-    points = np.array([tuple(v.co) for v in made.data.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    return seen(preview.existing(piece), bpy.context.scene.frame_current)
+
+
+def test_it_begins_flat_and_ends_assembled(piece: Any) -> None:
+    points = previewed(piece)
     press("animate")
     assert preview.existing(piece) is None
     root, *panels = animation.existing(piece)
@@ -72,11 +75,7 @@ def test_with_connectors(piece: Any) -> None:
 
 def _film_and_preview(piece: Any) -> np.ndarray:
     """(V, 3) the film's last frame, which is the preview."""
-    press("preview")
-    made = preview.existing(piece)
-    bpy.context.view_layer.update()
-    matrix = np.array(made.matrix_world)
-    points = np.array([tuple(v.co) for v in made.data.vertices]) @ matrix[:3, :3].T + matrix[:3, 3]
+    points = previewed(piece)
     press("animate")
     last = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.existing(piece)[1:]])
     assert len(last) == len(points)
