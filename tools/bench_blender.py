@@ -317,7 +317,7 @@ def frames(_: argparse.Namespace) -> Iterator[Row]:
 
             for old in ("display", "result.json"):
                 (work / old).unlink(missing_ok=True)
-            script = TOOLS / "blender_frames.py"
+            script = ROOT / "tests" / "window" / "frames.py"
             done = real_blender.run(script, work, window=True, timeout=500, variables=variables)
             if not (work / "result.json").is_file():
                 reason = f"no answer: {(done.stdout + done.stderr)[-200:]}"

@@ -5,9 +5,11 @@ screen is its place. So neither fonts, sizes nor the order of the panels matter.
 the seconds to wait, for Blender must go on drawing meanwhile.
 """
 
+import json
 import subprocess
 import sys
 import time
+import traceback
 from pathlib import Path
 
 import bpy
@@ -285,3 +287,30 @@ def type_in(identifier, value):
 def module(name):
     """A module of the installed extension."""
     return sys.modules[f"bl_ext.user_default.flexmaps.{name}"]
+
+
+# -- running it ----------------------------------------------------------------------------------------------------------
+
+
+def drive(steps, found):
+    """Take the steps, a generator that yields the seconds to wait, beside Blender's own work; then tell and end Blender.
+
+    ``found`` goes to result.json, with the seconds that it took and, in its list of errors, what went wrong.
+    """
+    start = time.perf_counter()
+
+    def tick():
+        try:
+            return next(steps)
+        except StopIteration:
+            pass
+        except Exception:
+            found["errors"].append(traceback.format_exc())
+            shot("error")
+        found.setdefault("seconds", {})["all"] = round(time.perf_counter() - start, 1)
+        (HERE / "result.json").write_text(json.dumps(found, indent=1))
+        bpy.ops.wm.quit_blender()
+        return None
+
+    bpy.context.preferences.view.show_splash = False
+    bpy.app.timers.register(tick, first_interval=1.0, persistent=True)

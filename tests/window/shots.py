@@ -3,9 +3,7 @@
 Driven by tools/guide_pictures.py, which cuts the pictures to size.
 """
 
-import json
 import sys
-import traceback
 from pathlib import Path
 
 import bpy
@@ -59,20 +57,4 @@ def walk():
     yield from shot("preview")
 
 
-STEPS = walk()
-
-
-def tick():
-    try:
-        return next(STEPS)
-    except StopIteration:
-        pass
-    except Exception:
-        FOUND["errors"].append(traceback.format_exc())
-    (HERE / "result.json").write_text(json.dumps(FOUND, indent=1))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
+hands.drive(walk(), FOUND)

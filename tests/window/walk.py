@@ -8,7 +8,6 @@ import importlib
 import json
 import sys
 import time
-import traceback
 import warnings
 from pathlib import Path
 
@@ -281,26 +280,4 @@ def settings_of(group):
     return values
 
 
-# -- running it ----------------------------------------------------------------------------------------------------------
-
-
-STEPS = walk()
-START = time.perf_counter()
-
-
-def tick():
-    try:
-        return next(STEPS)
-    except StopIteration:
-        pass
-    except Exception:
-        FOUND["errors"].append(traceback.format_exc())
-        hands.shot("error")
-    FOUND.setdefault("seconds", {})["all"] = round(time.perf_counter() - START, 1)
-    (HERE / "result.json").write_text(json.dumps(FOUND, indent=1))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
+hands.drive(walk(), FOUND)

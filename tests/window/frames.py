@@ -4,16 +4,17 @@ The first run makes the previews and keeps them in frames.blend beside this file
 graphics driver, draws the same. What was measured goes to result.json.
 """
 
-import json
 import sys
 import time
-import traceback
 from pathlib import Path
 
 import bpy
 from mathutils import Quaternion
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+import hands  # noqa: E402
+
 FILE = HERE / "frames.blend"
 DETAILS = ("LINES", "COARSE", "MEDIUM")
 FRAMES = 8
@@ -67,23 +68,22 @@ def walk():
     for name in (None, *DETAILS):
         for kind, obj in found.items():
             obj.hide_set(kind != name)
-        window = bpy.context.window_manager.windows[0]
-        area = max((a for a in window.screen.areas if a.type == "VIEW_3D"), key=lambda a: a.width * a.height)
-        region = next(r for r in area.regions if r.type == "WINDOW")
-        with bpy.context.temp_override(window=window, area=area, region=region):
+        area = hands.view()[1]
+        with hands.in_view():
             if name is not None:
                 bpy.ops.object.select_all(action="DESELECT")
                 found[name].select_set(True)
                 bpy.ops.view3d.view_selected()
                 found[name].select_set(False)
-            yield 1.5
-        with bpy.context.temp_override(window=window, area=area, region=region):
+        yield 1.5
+        with hands.in_view():
             for _ in range(2):  # what is made for the first frame is no part of the others
                 frame(area)
             wall, own = time.perf_counter(), time.thread_time()
             for _ in range(FRAMES):
                 frame(area)
             wall, own = time.perf_counter() - wall, time.thread_time() - own
+        region = next(r for r in area.regions if r.type == "WINDOW")
         row = {"frame_ms": 1e3 * wall / FRAMES, "own_ms": 1e3 * own / FRAMES, "pixels": [region.width, region.height]}
         if name is not None:
             row["triangles"] = triangles(found[name])
@@ -107,20 +107,4 @@ def frame(area):
     bpy.ops.wm.redraw_timer(type="DRAW_SWAP", iterations=1)
 
 
-STEPS = walk()
-
-
-def tick():
-    try:
-        return next(STEPS)
-    except StopIteration:
-        pass
-    except Exception:
-        FOUND["errors"].append(traceback.format_exc())
-    (HERE / "result.json").write_text(json.dumps(FOUND, indent=1))
-    bpy.ops.wm.quit_blender()
-    return None
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
+hands.drive(walk(), FOUND)
