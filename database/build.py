@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..engine.errors import FlexMapsError
 from ..engine.progress import SILENT, Progress
-from . import chunks
+from . import chunks, packs
 from .chunks import Task
 from .sampling import Subject
 
@@ -26,7 +26,7 @@ def pending(folder: Path, wanted: list[Task], pack: Path | None = None) -> list[
 
     Files of another version have other names.
     """
-    packed = chunks.packed_names(pack) if pack else set()
+    packed = {name for series in packs.known(pack) for name in series.names} if pack else set()
     return [t for t in wanted if t.name not in packed and not chunks.is_done(folder, t)]
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..engine.errors import FlexMapsError
 from . import linear, rods
 from .sampling import LAWS, VERSION, Sampler, Samples, Subject, key, subjects
 
@@ -50,14 +51,26 @@ class Chunk:
     normal : per model, the (p, p) sum of a a^T and the (p,) sum of a, with a = features / energy, so that eq. 5 of
         FlexMaps 6.2 is |normal matrix p - right side|^2 up to a constant
     fitted : number of samples in the sums
-    counts : converged, failed, needing load steps, seconds of computing
+    counts : how many converged, failed, needed load steps; Newton iterations of all
+    compliance : (6, 6) of one tip in the linear limit, dimensionless
     kept : the held-out samples, and every failed one
     """
 
     normal: dict[str, tuple[np.ndarray, np.ndarray]]
     fitted: dict[str, int]
-    counts: dict[str, float]
+    counts: dict[str, int]
+    compliance: np.ndarray
     kept: Samples
+
+    def joined(self, other: Chunk) -> Chunk:
+        """Both as one; the compliance is the same in every chunk of a spiral."""
+        return Chunk(
+            {m: tuple(a + b for a, b in zip(self.normal[m], other.normal[m])) for m in MODELS},
+            {m: self.fitted[m] + other.fitted[m] for m in MODELS},
+            {k: v + other.counts[k] for k, v in self.counts.items()},
+            self.compliance,
+            Samples.joined([self.kept, other.kept]),
+        )
 
 
 def tasks(per_law: dict[str, int] | None = None) -> list[Task]:
@@ -88,7 +101,7 @@ def compute(task: Task, keep: Path | None = None) -> bytes:
     samples = sampler.samples(range(task.first, task.first + task.count))
     if keep is not None:
         keep.mkdir(parents=True, exist_ok=True)
-        write(keep / task.name, _packed(samples))
+        write(keep / task.name, archive(columns(samples)))
     ok = samples.converged
     held = samples.number % HELD_OUT == 0
     fit = samples.chosen(ok & ~held)
@@ -103,23 +116,14 @@ def compute(task: Task, keep: Path | None = None) -> bytes:
         relative = values / energy[:, None]
         arrays[f"{name}_matrix"], arrays[f"{name}_side"] = relative.T @ relative, relative.sum(0)
         arrays[f"{name}_fitted"] = np.array(len(energy))
-    arrays.update({f"kept_{n}": v for n, v in _columns(samples.chosen(held | ~ok)).items()})
+    arrays.update({f"kept_{n}": v for n, v in columns(samples.chosen(held | ~ok)).items()})
     counts = {"converged": int(ok.sum()), "failed": int((~ok).sum()), "stepped": int((samples.steps > 1).sum())}
     header = {"version": VERSION, "task": asdict(task), "counts": counts, "iterations": int(samples.iterations.sum())}
     arrays["compliance"] = compliance
     return archive({**arrays, "header": np.array(json.dumps(header, sort_keys=True))})
 
 
-def joint_wrenches(samples: Samples, rest_tips: np.ndarray) -> np.ndarray:
-    """(3 n, 6) the loads of tips 1-3 in their arms' axes, which turn with the hub."""
-    frames = rods._arm_frames(rest_tips)[1:]
-    turned = np.einsum(
-        "nji,nkjl->nkil", samples.rotations[:, rods.HUB], samples.wrenches.reshape(-1, 3, 2, 3).swapaxes(2, 3)
-    )
-    return np.einsum("kij,nkil->nklj", frames, turned).reshape(-1, 6)
-
-
-def _columns(samples: Samples) -> dict[str, np.ndarray]:
+def columns(samples: Samples) -> dict[str, np.ndarray]:
     """Compact columns: energies stay double, the rest goes to single precision."""
     out = {}
     for name, value in vars(samples).items():
@@ -128,8 +132,9 @@ def _columns(samples: Samples) -> dict[str, np.ndarray]:
     return out
 
 
-def _packed(samples: Samples) -> bytes:
-    return archive(_columns(samples))
+def samples_from(arrays: dict[str, np.ndarray]) -> Samples:
+    """The samples that ``columns`` made compact."""
+    return Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in arrays.items()})
 
 
 def archive(arrays: dict[str, np.ndarray]) -> bytes:
@@ -154,105 +159,36 @@ def write(path: Path, data: bytes) -> None:
     part.replace(path)
 
 
+def contents(source: Path | bytes) -> tuple[dict, dict[str, np.ndarray]]:
+    """Header and arrays of a file of this version; raises FlexMapsError where it is broken or of another one."""
+    name = source.name if isinstance(source, Path) else "The chunk"
+    try:
+        with np.load(io.BytesIO(source) if isinstance(source, bytes) else source, allow_pickle=False) as stored:
+            arrays = {n: stored[n] for n in stored.files}
+        header = json.loads(str(arrays.pop("header")))
+        version = header["version"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise FlexMapsError(f"{name} cannot be read ({error}); build the database again") from None
+    if version != VERSION:
+        raise FlexMapsError(f"{name} is of version {version}, not {VERSION}; build the database again")
+    return header, arrays
+
+
 def read(source: Path | bytes) -> Chunk | None:
     """A chunk, or None where the file is broken or of another version."""
     try:
-        with np.load(io.BytesIO(source) if isinstance(source, bytes) else source, allow_pickle=False) as stored:
-            header = json.loads(str(stored["header"]))
-            if header["version"] != VERSION:
-                return None
-            kept = {n: stored[f"kept_{n}"] for n in Samples.__dataclass_fields__}
-            normal = {m: (stored[f"{m}_matrix"], stored[f"{m}_side"]) for m in MODELS}
-            fitted = {m: int(stored[f"{m}_fitted"]) for m in MODELS}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
+        header, arrays = contents(source)
+        kept = samples_from({n: arrays[f"kept_{n}"] for n in Samples.__dataclass_fields__})
+        normal = {m: (arrays[f"{m}_matrix"], arrays[f"{m}_side"]) for m in MODELS}
+        fitted = {m: int(arrays[f"{m}_fitted"]) for m in MODELS}
+        return Chunk(
+            normal, fitted, {**header["counts"], "iterations": header["iterations"]}, arrays["compliance"], kept
+        )
+    except (FlexMapsError, KeyError):
         return None
-    counts = {**header["counts"], "iterations": header["iterations"]}
-    return Chunk(
-        normal, fitted, counts, Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in kept.items()})
-    )
 
 
 def is_done(folder: Path, task: Task) -> bool:
     """Whether the chunk's file is there and whole."""
     path = folder / task.name
     return path.is_file() and read(path) is not None
-
-
-# -- many chunks in one small file, which travels with the repository ------------------------------------------------
-
-
-def packed_names(pack_file: Path) -> set[str]:
-    """File names of the chunks whose sums are in a packed file; none where it is missing or of another version."""
-    return {name for entry in _packed_series(pack_file).values() for name in entry["chunks"]}
-
-
-def _packed_series(pack_file: Path) -> dict[str, dict]:
-    """Per key of spiral and law what a packed file holds: its header's entry, the kept samples and the sums."""
-    if not pack_file.is_file():
-        return {}
-    try:
-        with np.load(pack_file, allow_pickle=False) as stored:
-            header = json.loads(str(stored["header"]))
-            arrays = {n: stored[n] for n in stored.files if n != "header"}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
-        return {}
-    if header["version"] != VERSION:
-        return {}
-    out = {}
-    for number, entry in enumerate(header["series"]):
-        mine = arrays["kept_series"] == number
-        columns = {n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}
-        sums = {n: arrays[n][number] for n in SUMS}
-        out[entry["key"]] = {**entry, "kept": Samples(**columns), "sums": sums}
-    return out
-
-
-SUMS = (*(f"{m}_{part}" for m in MODELS for part in ("matrix", "side")), "compliance")
-
-
-def pack(folder: Path, target: Path, per_law: dict[str, int] | None = None) -> int:
-    """Add the finished chunks of a folder to what a packed file holds already; how many chunks it holds then.
-
-    Spirals whose key has changed since (geometry, mesh or law) are dropped from the file.
-    """
-    known = _packed_series(target)
-    by_series: dict[tuple[Subject, str], list[Task]] = {}
-    for task in tasks(per_law):
-        by_series.setdefault((task.subject, task.law), []).append(task)
-    entries = []
-    for (subject, law), members in by_series.items():
-        name = key(subject, law)
-        entry = known.get(name) or {"key": name, "law": law, "subject": asdict(subject), "chunks": []}
-        for task in members:
-            if task.name not in entry["chunks"] and (folder / task.name).is_file():
-                entry = _with_chunk(entry, task.name, folder / task.name)
-        if entry["chunks"]:
-            entries.append(entry)
-    if not entries:
-        return 0
-    columns = [_columns(e["kept"]) for e in entries]
-    packed = {f"kept_{n}": np.concatenate([c[n] for c in columns]) for n in Samples.__dataclass_fields__}
-    packed["kept_series"] = np.repeat(np.arange(len(entries), dtype=np.int32), [len(c["number"]) for c in columns])
-    packed.update({n: np.array([e["sums"][n] for e in entries]) for n in SUMS})
-    series = [{k: v for k, v in e.items() if k not in ("kept", "sums")} for e in entries]
-    packed["header"] = np.array(json.dumps({"version": VERSION, "series": series}, sort_keys=True))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write(target, archive(packed))
-    return sum(len(e["chunks"]) for e in entries)
-
-
-def _with_chunk(entry: dict, name: str, path: Path) -> dict:
-    """A series' entry with one more chunk; as it was where the file is broken."""
-    chunk = read(path)
-    if chunk is None:
-        return entry
-    with np.load(path, allow_pickle=False) as stored:
-        sums = {n: stored[n] for n in SUMS}
-    counts, fitted, kept = chunk.counts, chunk.fitted, chunk.kept
-    if entry["chunks"]:
-        old = entry["sums"]
-        sums = {n: old[n] if n == "compliance" else old[n] + sums[n] for n in SUMS}
-        counts = {k: entry["counts"][k] + v for k, v in counts.items()}
-        fitted = {m: entry["fitted"][m] + v for m, v in fitted.items()}
-        kept = Samples.joined([entry["kept"], kept])
-    return {**entry, "chunks": [*entry["chunks"], name], "counts": counts, "fitted": fitted, "kept": kept, "sums": sums}

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.progress import Progress
-from . import build, chunks
+from . import build, chunks, packs
 
 ROOT = build.ROOT
 FOLDER = ROOT / "build" / "database"
@@ -117,7 +117,7 @@ def run_work(options: argparse.Namespace) -> int:
 def run_fit(options: argparse.Namespace) -> int:
     from . import fits, table_file
 
-    done = chunks.pack(options.dir, PACK, {"strain": options.samples, "newton": options.newton_samples})
+    done = packs.gather(options.dir, PACK, _tasks(options))
     say(
         f"{done} chunks gathered into {PACK.name}"
         if done

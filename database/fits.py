@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,9 @@ from scipy.optimize import lsq_linear
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics import stiffness_rods
 from ..engine.mechanics.stiffness_rods import PARAMETERS
-from . import chunks, rods
-from .chunks import joint_wrenches
-from .sampling import SEED, VERSION, Samples, Subject
+from . import chunks, packs, rods
+from .packs import Series
+from .sampling import SEED, VERSION
 
 FLOOR = 1e-3
 """Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
@@ -29,52 +28,6 @@ FEWEST = 10
 FEWEST_CHORD = 400
 """Samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then."""
 MODELS = ("chord", "pair", "arm")
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """What is kept of one spiral under one load law; see ``chunks.Chunk``."""
-
-    subject: Subject
-    law: str
-    normal: dict[str, tuple[np.ndarray, np.ndarray]]
-    fitted: dict[str, int]
-    counts: dict[str, float]
-    compliance: np.ndarray
-    kept: Samples
-
-    @property
-    def rest_tips(self) -> np.ndarray:
-        """(4, 3) rest positions of the tips against the hub, in arm widths."""
-        z = self.subject.spiral.radius * 1j ** np.arange(4)
-        return np.column_stack([z.real, z.imag, np.zeros(4)])
-
-
-def load(pack: Path) -> list[Series]:
-    """All series of a packed file; raises FlexMapsError where it is missing, broken or of another version."""
-    if not pack.is_file():
-        raise FlexMapsError(f"{pack} is not there; run: tools/dev.py database build")
-    try:
-        with np.load(pack, allow_pickle=False) as stored:
-            header = json.loads(str(stored["header"]))
-            if header["version"] != VERSION:
-                raise FlexMapsError(
-                    f"{pack.name} is of version {header['version']}, not {VERSION}; build the database again"
-                )
-            arrays = {n: stored[n] for n in stored.files if n != "header"}
-    except (OSError, ValueError, KeyError) as error:
-        raise FlexMapsError(f"{pack.name} cannot be read ({error}); build the database again") from None
-    out = []
-    for number, entry in enumerate(header["series"]):
-        mine = arrays["kept_series"] == number
-        columns = {n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}
-        kept = Samples(**{n: v.astype(float) if v.dtype.kind == "f" else v for n, v in columns.items()})
-        normal = {m: (arrays[f"{m}_matrix"][number], arrays[f"{m}_side"][number]) for m in chunks.MODELS}
-        subject = Subject(**entry["subject"])
-        out.append(
-            Series(subject, entry["law"], normal, entry["fitted"], entry["counts"], arrays["compliance"][number], kept)
-        )
-    return out
 
 
 def solve(matrix: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
@@ -117,7 +70,8 @@ def held_out(series: Series, model: str) -> tuple[np.ndarray, np.ndarray]:
     """Of the held-out samples: (n, p) energy per unit of the model's parameters, and true energies (n,)."""
     s = series.kept.chosen(series.kept.converged & (series.kept.number % chunks.HELD_OUT == 0))
     if model == "pair":
-        return rods.pair_features(joint_wrenches(s, series.rest_tips), series.compliance, series.subject.spiral.scale)
+        loads = rods.joint_wrenches(s.wrenches, s.rotations, series.rest_tips)
+        return rods.pair_features(loads, series.compliance, series.subject.spiral.scale)
     if model == "arm":
         return rods.stiffness_features(rods.arm_motions(s.centres, s.rotations, series.rest_tips)), s.energy
     return rods.chord_features(s.centres, s.rotations, series.rest_tips), s.energy
@@ -157,7 +111,7 @@ def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARA
     """Fit the four parameters of every spiral, train the networks, and write what the engine reads."""
     from . import network
 
-    all_series = [s for s in load(pack) if s.law == "strain" and min(s.fitted.values()) >= FEWEST]
+    all_series = [s for s in packs.read(pack) if s.law == "strain" and min(s.fitted.values()) >= FEWEST]
     if len(all_series) < FEWEST:
         raise FlexMapsError(f"{len(all_series)} spirals have samples; the networks need {FEWEST} or more: build first")
     points = np.array([stiffness_rods.coordinates(s.subject.spiral) for s in all_series])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import fits
-from .fits import Series
+from . import fits, packs
+from .packs import Series
 
 TITLES = {
     "chord": "four parameters, hub to free tip",
@@ -61,7 +61,7 @@ def _quantiles(e: np.ndarray) -> dict[str, float | int]:
 
 def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
     """Write fit_report.json and one scatter plot a model into ``folder``; the summary is returned."""
-    all_series = fits.load(pack)
+    all_series = packs.read(pack)
     found = summary(all_series)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "fit_report.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

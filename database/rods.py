@@ -71,6 +71,16 @@ def arm_motions(centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarra
     return np.concatenate([np.einsum("kij,nki->nkj", frames, shift), np.einsum("kij,nki->nkj", frames, vector)], axis=2)
 
 
+def joint_wrenches(wrenches: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray) -> np.ndarray:
+    """(3 n, 6) the loads of tips 1-3 in their arms' axes, which turn with the hub.
+
+    wrenches : (n, 3, 6) in fixed axes; rotations : (n, 5, 3, 3) of tips 0-3 and the hub; rest_tips : (4, 3)
+    """
+    parts = wrenches.reshape(-1, 3, 2, 3)
+    turned = np.einsum("nji,nkpj->nkpi", rotations[:, HUB], parts)
+    return np.einsum("kij,nkpi->nkpj", _arm_frames(rest_tips)[1:], turned).reshape(-1, 6)
+
+
 def stiffness_features(motions: np.ndarray) -> np.ndarray:
     """(n, 12) energy per unit of the twelve entries of the tip stiffness, summed over the arms of (n, 4, 6) motions."""
     out = []

@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 from dataclasses import asdict, dataclass
+from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -60,6 +61,7 @@ def fineness_of(spiral: Spiral) -> Fineness:
     return Fineness(across=2 if spiral.scale < 9.0 and spiral.tip_gap < 0.6 else 1)
 
 
+@cache
 def key(subject: Subject, law: str) -> str:
     """Name of a spiral under a load law: changes whenever geometry, discretisation, law or version changes."""
     if law not in LAWS:

@@ -166,9 +166,9 @@ def scaling() -> list[dict]:
 
 
 def fitted() -> list[dict]:
-    from flexmaps.database import cli, fits, report
+    from flexmaps.database import cli, packs, report
 
-    found = report.summary(fits.load(cli.PACK))
+    found = report.summary(packs.read(cli.PACK))
     law = found["laws"]["strain"]
     out = [
         row(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.database import cli, fits, report, table
+from flexmaps.database import cli, fits, packs, report, table
 from flexmaps.engine.mechanics import stiffness, stiffness_rods
 
 
 @pytest.fixture(scope="module")
 def series():
-    return [s for s in fits.load(cli.PACK) if s.law == "strain"]
+    return [s for s in packs.read(cli.PACK) if s.law == "strain"]
 
 
 def test_statistics_give_the_committed_parameters_again(series, tmp_path):

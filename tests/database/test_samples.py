@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from flexmaps.database import build, chunks, cli, fits, linear, network, rods, sampling
+from flexmaps.database import build, chunks, cli, fits, linear, network, packs, rods, sampling
 from flexmaps.database.chunks import Task
 from flexmaps.database.sampling import Sampler, Subject
 from flexmaps.database.solid import make_solid
@@ -142,18 +142,20 @@ def test_statistics_alone_give_the_fit(tmp_path, chunk_bytes):
     second = Task(STRAIGHT, "strain", 25, 25)
     chunks.write(tmp_path / Task(STRAIGHT, "strain", 0, 25).name, chunk_bytes)
     chunks.write(tmp_path / second.name, chunks.compute(second))
-    assert chunks.pack(tmp_path, tmp_path / "pack.npz") == 2
-    (series,) = fits.load(tmp_path / "pack.npz")
+    assert packs.gather(tmp_path, tmp_path / "pack.npz", chunks.tasks({"strain": 50})) == 2
+    (series,) = packs.read(tmp_path / "pack.npz")
     assert series.subject == STRAIGHT and series.fitted["chord"] == 45
     # on another machine: only the packed file is there, and what it holds is neither made again nor lost
     assert build.pending(tmp_path / "empty", [second], tmp_path / "pack.npz") == []
     (tmp_path / "next").mkdir()
     third = Task(STRAIGHT, "newton", 0, 25)
     chunks.write(tmp_path / "next" / third.name, chunks.compute(third))
-    assert chunks.pack(tmp_path / "next", tmp_path / "pack.npz") == 3
-    again = next(s for s in fits.load(tmp_path / "pack.npz") if s.law == "strain")
+    assert packs.gather(tmp_path / "next", tmp_path / "pack.npz", chunks.tasks({"strain": 50, "newton": 25})) == 3
+    again = next(s for s in packs.read(tmp_path / "pack.npz") if s.law == "strain")
     assert np.array_equal(again.normal["chord"][0], series.normal["chord"][0]) and again.fitted == series.fitted
     assert np.array_equal(again.kept.energy, series.kept.energy)
+    # fewer samples asked for than there are: nothing goes
+    assert packs.gather(tmp_path / "empty", tmp_path / "pack.npz", chunks.tasks({"strain": 25})) == 3
     samples = Sampler(STRAIGHT, "strain").samples(range(50))
     fit = samples.chosen(samples.number % chunks.HELD_OUT != 0)
     a = rods.chord_features(fit.centres, fit.rotations, series.rest_tips) / fit.energy[:, None]
@@ -162,6 +164,23 @@ def test_statistics_alone_give_the_fit(tmp_path, chunk_bytes):
         assert np.allclose(fits.parameters(series, "chord"), best, rtol=1e-5)
     loss = ((a @ fits.parameters(series, "chord") - 1) ** 2).sum()
     assert loss <= 1.000001 * ((a @ np.maximum(best, 0) - 1) ** 2).sum()
+
+
+def test_pack_that_is_broken_or_of_another_version_is_refused_and_built_again(tmp_path, chunk_bytes, monkeypatch):
+    task, pack = Task(STRAIGHT, "strain", 0, 25), tmp_path / "pack.npz"
+    with pytest.raises(FlexMapsError, match="is not there"):
+        packs.read(pack)
+    chunks.write(tmp_path / task.name, chunk_bytes)
+    assert packs.gather(tmp_path, pack, [task]) == 1
+    whole = pack.read_bytes()
+    pack.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FlexMapsError, match=r"pack\.npz cannot be read"):
+        packs.read(pack)
+    assert packs.gather(tmp_path, pack, [task]) == 1 and pack.read_bytes() == whole
+    monkeypatch.setattr(chunks, "VERSION", chunks.VERSION + 1)
+    with pytest.raises(FlexMapsError, match="of version"):
+        packs.read(pack)
+    assert build.pending(tmp_path, [task], pack) == [task]
 
 
 def test_bounded_fit_recovers_known_parameters():
