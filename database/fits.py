@@ -1,7 +1,7 @@
 """Three fits of one spiral's energies, all bounded linear least squares on the sums that the chunks keep.
 
 "chord": the paper's four parameters, eq. 5 on edges from the hub to the free tips; "pair": the same four fitted on
-edges from hub to hub, where the assembly uses them, to the linear limit under one set of random joint loads; "arm": the
+edges from hub to hub, where the assembly uses them, to the linear limit under random joint loads of the same law; "arm": the
 twelve numbers of the tip stiffness from the linear limit, which need no fitting.
 """
 
@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics import stiffness_rods
 from ..engine.mechanics.stiffness_rods import PARAMETERS
-from . import chunks, packs, rods
+from . import packs, rods
 from .packs import Series
 from .sampling import SEED, VERSION
 
@@ -47,15 +47,16 @@ def parameters(series: Series, model: str) -> np.ndarray:
         return rods.stiffness_parameters(series.compliance)
     if model == "pair":
         features, energy = rods.pair_features(
-            joint_loads(series.subject.spiral.scale), series.compliance, series.subject.spiral.scale
+            joint_loads(series.subject.spiral.scale, series.law), series.compliance, series.subject.spiral.scale
         )
         relative = features / energy[:, None]
         return solve(relative.T @ relative, relative.sum(0), len(energy))
     return solve(*series.normal[model], series.fitted[model])
 
 
-def joint_loads(scale: float, count: int = 4000) -> np.ndarray:
-    """(count, 6) forces and moments at a joint, distributed like the strain-targeted law's and alike for all spirals."""
+def joint_loads(scale: float, law: str, count: int = 4000) -> np.ndarray:
+    """(count, 6) loads at a joint, distributed like those of a law and alike for all spirals: forces, and moments under
+    the strain-targeted one."""
     rng = np.random.Generator(np.random.Philox(SEED))
 
     def directions() -> np.ndarray:
@@ -63,12 +64,13 @@ def joint_loads(scale: float, count: int = 4000) -> np.ndarray:
         return v / np.linalg.norm(v, axis=1, keepdims=True)
 
     force = directions() * rng.uniform(0.1, 1.0, (count, 1))
-    return np.hstack([force, directions() * rng.uniform(0.0, 0.3, (count, 1)) * scale])
+    moment = directions() * rng.uniform(0.0, 0.3, (count, 1)) * scale
+    return np.hstack([force, moment if law == "strain" else np.zeros_like(moment)])
 
 
 def held_out(series: Series, model: str) -> tuple[np.ndarray, np.ndarray]:
     """Of the held-out samples: (n, p) energy per unit of the model's parameters, and true energies (n,)."""
-    s = series.kept.chosen(series.kept.converged & (series.kept.number % chunks.HELD_OUT == 0))
+    s = series.held_out
     if model == "pair":
         loads = rods.joint_wrenches(s.wrenches, s.rotations, series.rest_tips)
         return rods.pair_features(loads, series.compliance, series.subject.spiral.scale)

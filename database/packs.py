@@ -27,6 +27,11 @@ class Series(Chunk):
         return key(self.subject, self.law)
 
     @property
+    def held_out(self) -> Samples:
+        """The converged samples that no fit has seen."""
+        return self.kept.chosen(self.kept.converged & (self.kept.number % chunks.HELD_OUT == 0))
+
+    @property
     def rest_tips(self) -> np.ndarray:
         """(4, 3) rest positions of the tips against the hub, in arm widths."""
         z = self.subject.spiral.radius * 1j ** np.arange(4)

@@ -1,4 +1,5 @@
-"""How well the three models predict held-out energies: numbers as JSON, scatter plots as PNG (like Fig. 7 of FlexMaps)."""
+"""How well the three models predict held-out energies: numbers as JSON, scatter plots as PNG (like Fig. 7 of FlexMaps),
+and a page that tells what they mean."""
 
 from __future__ import annotations
 
@@ -16,7 +17,30 @@ TITLES = {
     "pair": "four parameters, hub to hub",
     "arm": "twelve numbers, linear limit",
 }
-FLOOR_TITLE = f"{TITLES['pair']}, fitted to these samples"
+FLOOR = "fitted to these samples"
+FLOOR_TITLE = f"{TITLES['pair']}, {FLOOR}"
+LAWS = {"strain": "strain-targeted loads", "newton": "forces of 1 to 5 N"}
+PAGE = """# What the coarse models keep of a spiral
+
+Written by `tools/dev.py database report`. Spirals of the region that can be cut were solved as volumes under random loads at
+their tips; every tenth sample is held out, the others fit the models. A strain is the one that 99 % of the spiral's volume stays
+below, an error the relative one of the elastic energy.
+
+{solved}
+
+{errors}
+
+- *{chord}*: the paper's four stiffnesses, fitted where they are measured most easily.
+- *{pair}*: the same four, fitted where an assembly uses them, through two arms and the joint between them. They can follow
+  forces; moments as well, as in the strain-targeted loads, they cannot: *{floor}* is what four numbers leave at least, whatever
+  loads they are fitted to.
+- *{arm}*: the stiffness of a tip against its hub, from one linear solve. This is what the simulation of assembled panels uses.
+  Under forces of 1 to 5 N slender arms bend far beyond its range, and beyond what their material bears (see the strains).
+
+Numbers of every spiral: `fit_report.json`. Predicted against true energies of nine spirals:
+
+{pictures}
+"""
 
 
 def summary(all_series: list[Series]) -> dict:
@@ -31,6 +55,8 @@ def summary(all_series: list[Series]) -> dict:
         solved: dict[str, float] = {"spirals": len(mine), "converged": converged, "failed": failed}
         solved["iterations_mean"] = float(sum(s.counts["iterations"] for s in mine) / max(converged + failed, 1))
         solved["in_one_step"] = 1.0 - float(sum(s.counts["stepped"] for s in mine)) / max(converged + failed, 1)
+        held = np.concatenate([s.held_out.strain for s in mine])
+        solved["strain_median"], solved["strain_95"] = (round(float(np.quantile(held, q)), 6) for q in (0.5, 0.95))
         out["laws"][law] = solved
         for model in fits.MODELS:
             e = fits.errors(all_series, model, law)
@@ -65,17 +91,44 @@ def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
     found = summary(all_series)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "fit_report.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    (folder / "README.md").write_text(page(found), encoding="utf-8")
     for law, solved in found["laws"].items():
         say(f"{law}: {solved['spirals']} spirals, {solved['converged']} converged, {solved['failed']} failed")
-    named = [(TITLES[model], by_law) for model, by_law in found["models"].items()]
-    for title, by_law in [*named, (FLOOR_TITLE, found["floor"])]:
-        for law, e in by_law.items():
-            median, high = 100 * e["median"], 100 * e["p95"]
-            say(f"{title:48s} {law:7s} median {median:6.2f} %   95 % {high:6.2f} %   ({e['count']} held out)")
+    for title, law, e in _rows(found):
+        median, high = 100 * e["median"], 100 * e["p95"]
+        say(f"{title:53s} {law:7s} median {median:6.2f} %   95 % {high:6.2f} %   ({e['count']} held out)")
     for model in found["models"]:
         plot(all_series, model, folder / f"energies_{model}.png")
     say(f"written to {folder}")
     return found
+
+
+def _rows(found: dict) -> list[tuple[str, str, dict]]:
+    """Model's title, law and errors of every row of a summary."""
+    named = [(TITLES[model], by_law) for model, by_law in found["models"].items()]
+    return [(title, law, e) for title, by_law in [*named, (FLOOR_TITLE, found["floor"])] for law, e in by_law.items()]
+
+
+def page(found: dict) -> str:
+    """The summary as a page of Markdown, beside the plots."""
+    solved = [
+        "| loads | spirals | samples | failed | mean Newton iterations | in one step | strain, median | 95 % |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for law, s in found["laws"].items():
+        count = s["converged"] + s["failed"]
+        share, steps = 100 * s["failed"] / count, s["iterations_mean"]
+        solved.append(
+            f"| {LAWS[law]} | {s['spirals']} | {count} | {s['failed']} ({share:.3f} %) | {steps:.1f} "
+            f"| {100 * s['in_one_step']:.1f} % | {100 * s['strain_median']:.2f} % | {100 * s['strain_95']:.2f} % |"
+        )
+    errors = ["| model | loads | median | 95 % | held out |", "|---|---|---|---|---|"]
+    for title, law, e in _rows(found):
+        errors.append(f"| {title} | {LAWS[law]} | {100 * e['median']:.2f} % | {100 * e['p95']:.1f} % | {e['count']} |")
+    pictures = [f"![{TITLES[model]}](energies_{model}.png)" for model in found["models"]]
+    return PAGE.format(
+        solved="\n".join(solved), errors="\n".join(errors), pictures="\n\n".join(pictures), floor=FLOOR, **TITLES
+    )
 
 
 def plot(all_series: list[Series], model: str, path: Path) -> None:
