@@ -43,7 +43,7 @@ def work(folder: Path, todo: list[Task], keep: Path | None = None, progress: Pro
 def run_processes(
     folder: Path, todo: list[Task], processes: int, options: list[str], say: Callable[[str], None]
 ) -> None:
-    """Compute chunks by ``processes`` workers of this machine, each with a stripe of them and one BLAS thread.
+    """Compute chunks by ``processes`` workers of this machine, each beginning with a stripe of them; one BLAS thread each.
 
     A worker is this program's own ``database work``; it may be killed at any time. Raises FlexMapsError if one fails.
     """

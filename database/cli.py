@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
             p.add_argument("--scheduler", default=None, metavar="ADDRESS", help="Dask scheduler to run on instead")
             p.add_argument("--root-on-workers", default=str(ROOT), help="the checkout's path on the Dask workers")
         else:
-            p.add_argument("--stripe", default="0/1", help="which share of the chunks, e.g. 0/4")
+            p.add_argument("--stripe", default="0/1", help="which share of the chunks to begin with, e.g. 0/4")
     p = common("fit", "Fit the models from the samples and write the stiffness table.")
     p.add_argument("--table", action="store_true", help="also compute the nodes of the stiffness table (long)")
     p = common("report", "Held-out errors of the fits, as JSON and as scatter plots.")
@@ -103,7 +103,10 @@ def run_work(options: argparse.Namespace) -> int:
     except ValueError:
         raise FlexMapsError(f"--stripe is '{options.stripe}'; it reads like 0/4") from None
     # stripes of all chunks, not of those still missing: every worker sees another moment of those
-    mine = build.pending(options.dir, _tasks(options)[k::n], PACK)
+    every = _tasks(options)
+    others = [task for number, task in enumerate(every) if number % n != k]
+    # whoever is done early helps the others, from the far end
+    mine = build.pending(options.dir, [*every[k::n], *reversed(others)], PACK)
     parent = os.getppid()
     # a worker whose starter was killed ends after its chunk; the next build goes on
     progress = Progress(stopped=lambda: os.getppid() != parent)

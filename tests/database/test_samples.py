@@ -114,6 +114,18 @@ def test_work_goes_on_where_it_was_stopped(tmp_path):
     assert sorted(p.name for p in (tmp_path / "raw").iterdir()) == sorted(t.name for t in todo[1:])
 
 
+def test_worker_begins_with_its_stripe_and_then_helps_the_others(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(cli, "PACK", tmp_path / "none.npz")
+    monkeypatch.setattr(build, "work", lambda folder, todo, keep, progress: seen.update({len(seen): todo}))
+    for stripe in ("0/2", "1/2"):
+        line = ["work", "--dir", str(tmp_path), "--samples", "25", "--newton-samples", "0", "--stripe", stripe]
+        assert cli.main(line) == 0
+    first, second = seen[0], seen[1]
+    assert first[:63] == second[:61:-1] and second[:62] == first[:62:-1]
+    assert len(set(first)) == len(first) == 125
+
+
 def test_strain_of_a_stretched_block():
     """Green strain of a uniform stretch by one hundredth: 0.01 + 0.01^2 / 2, in all of the volume and in any part."""
     elements = Sampler(STRAIGHT, "strain").model.elements
