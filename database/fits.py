@@ -22,22 +22,26 @@ from . import packs, rods
 from .packs import Series
 from .sampling import SEED, VERSION
 
-FLOOR = 1e-3
-"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
+FLOOR = {"pair": 1e-3, "chord": 0.1}
+"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive. Smaller ones
+on chords, where the model is least true, hardly change the energies, but scatter over powers of ten with the samples."""
 FEWEST = 10
 FEWEST_CHORD = 400
 """Samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then."""
 MODELS = ("chord", "pair", "arm")
 
 
-def solve(matrix: np.ndarray, side: np.ndarray, count: int) -> np.ndarray:
-    """Positive parameters that minimise the sum of (a . p - 1)^2 over ``count`` samples (FlexMaps 6.2, eq. 5)."""
+def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = FLOOR["pair"]) -> np.ndarray:
+    """Positive parameters that minimise the sum of (a . p - 1)^2 over ``count`` samples (FlexMaps 6.2, eq. 5).
+
+    ``least`` is the smallest, as a share of the one that would explain all alone.
+    """
     scale = 1.0 / np.sqrt(np.diag(matrix) / count)
     scaled, right = matrix * np.outer(scale, scale), side * scale
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, 1e-12 * values[-1])
     root = np.sqrt(values)[:, None] * vectors.T
-    found = lsq_linear(root, (vectors.T @ right) / np.sqrt(values), bounds=(FLOOR, np.inf), tol=1e-14)
+    found = lsq_linear(root, (vectors.T @ right) / np.sqrt(values), bounds=(least, np.inf), tol=1e-14)
     return found.x * scale
 
 
@@ -51,7 +55,7 @@ def parameters(series: Series, model: str) -> np.ndarray:
         )
         relative = features / energy[:, None]
         return solve(relative.T @ relative, relative.sum(0), len(energy))
-    return solve(*series.normal[model], series.fitted[model])
+    return solve(*series.normal[model], series.fitted[model], FLOOR[model])
 
 
 def joint_loads(scale: float, law: str, count: int = 4000) -> np.ndarray:
@@ -124,11 +128,11 @@ def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARA
             say(f"chord: left out, a spiral has {fewest} samples and its network needs {FEWEST_CHORD}")
             continue
         logs = np.log([parameters(s, model) for s in all_series])
-        made = network.train(points, logs)
-        left_out = network.leave_one_out(points, logs, made)
+        made, goal, left_out = network.best(points, logs)
         arrays.update({f"{model}_{n}": v for n, v in made.arrays().items()})
         notes[model] = {
             "spread": made.spread,
+            "goal": goal,
             "neurons": len(made.centres),
             "rms": made.rms,
             "leave_one_out_median": float(np.median(left_out)),
