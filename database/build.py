@@ -35,7 +35,7 @@ def work(folder: Path, todo: list[Task], keep: Path | None = None, progress: Pro
     folder.mkdir(parents=True, exist_ok=True)
     for done, task in enumerate(todo):
         progress(done / max(len(todo), 1), f"chunk {done + 1} of {len(todo)}")
-        if not (folder / task.name).is_file() or not chunks.is_done(folder, task):
+        if not chunks.is_done(folder, task):
             chunks.write(folder / task.name, chunks.compute(task, keep))
     progress(1.0, "all chunks are there")
 

@@ -100,6 +100,8 @@ def run_build(options: argparse.Namespace) -> int:
 def run_work(options: argparse.Namespace) -> int:
     try:
         k, n = (int(x) for x in options.stripe.split("/"))
+        if not 0 <= k < n:
+            raise ValueError
     except ValueError:
         raise FlexMapsError(f"--stripe is '{options.stripe}'; it reads like 0/4") from None
     # stripes of all chunks, not of those still missing: every worker sees another moment of those

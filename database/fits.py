@@ -22,16 +22,18 @@ from . import packs, rods
 from .packs import Series
 from .sampling import SEED, VERSION
 
-FLOOR = {"pair": 1e-3, "chord": 0.1}
-"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive. Smaller ones
-on chords, where the model is least true, hardly change the energies, but scatter over powers of ten with the samples."""
+SMALLEST = 1e-3
+"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
+SMALLEST_MAPPED = {"pair": SMALLEST, "chord": 0.1}
+"""The same for what the networks learn, which are logarithms: smaller ones on chords, where the model is least true, hardly
+change the energies, but scatter over powers of ten with the samples."""
 FEWEST = 10
 FEWEST_CHORD = 400
 """Samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then."""
 MODELS = ("chord", "pair", "arm")
 
 
-def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = FLOOR["pair"]) -> np.ndarray:
+def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = SMALLEST) -> np.ndarray:
     """Positive parameters that minimise the sum of (a . p - 1)^2 over ``count`` samples (FlexMaps 6.2, eq. 5).
 
     ``least`` is the smallest, as a share of the one that would explain all alone.
@@ -45,8 +47,8 @@ def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = FLOOR
     return found.x * scale
 
 
-def parameters(series: Series, model: str) -> np.ndarray:
-    """The parameters of one model for one spiral, dimensionless: (4,), or (12,) for "arm"."""
+def parameters(series: Series, model: str, least: float = SMALLEST) -> np.ndarray:
+    """The parameters of one model for one spiral, dimensionless: (4,), or (12,) for "arm". ``least`` as in ``solve``."""
     if model == "arm":
         return rods.stiffness_parameters(series.compliance)
     if model == "pair":
@@ -54,8 +56,8 @@ def parameters(series: Series, model: str) -> np.ndarray:
             joint_loads(series.subject.spiral.scale, series.law), series.compliance, series.subject.spiral.scale
         )
         relative = features / energy[:, None]
-        return solve(relative.T @ relative, relative.sum(0), len(energy))
-    return solve(*series.normal[model], series.fitted[model], FLOOR[model])
+        return solve(relative.T @ relative, relative.sum(0), len(energy), least)
+    return solve(*series.normal[model], series.fitted[model], least)
 
 
 def joint_loads(scale: float, law: str, count: int = 4000) -> np.ndarray:
@@ -127,8 +129,8 @@ def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARA
         if model == "chord" and fewest < FEWEST_CHORD:
             say(f"chord: left out, a spiral has {fewest} samples and its network needs {FEWEST_CHORD}")
             continue
-        logs = np.log([parameters(s, model) for s in all_series])
-        made, goal, left_out = network.best(points, logs)
+        logs = np.log([parameters(s, model, SMALLEST_MAPPED[model]) for s in all_series])
+        made, goal, left_out = network.choose(points, logs)
         arrays.update({f"{model}_{n}": v for n, v in made.arrays().items()})
         notes[model] = {
             "spread": made.spread,

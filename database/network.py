@@ -109,7 +109,7 @@ def _solved(
     )
 
 
-def best(points: np.ndarray, outputs: np.ndarray) -> tuple[Network, float, np.ndarray]:
+def choose(points: np.ndarray, outputs: np.ndarray) -> tuple[Network, float, np.ndarray]:
     """The network of the goal whose parameters are nearest at points left out, on average; that goal, and those errors (n, 4)."""
     tried = []
     for goal in GOALS:

@@ -16,15 +16,16 @@ from .sampling import VERSION, Samples, Subject, key
 
 @dataclass(frozen=True, eq=False)
 class Series(Chunk):
-    """All chunks of one spiral under one load law, joined; ``names`` are those of their files."""
+    """All chunks of one spiral under one load law, joined.
+
+    key : that of spiral and law, see ``sampling.key``, when the chunks were made
+    names : those of the chunks' files
+    """
 
     subject: Subject
     law: str
+    key: str
     names: tuple[str, ...]
-
-    @property
-    def key(self) -> str:
-        return key(self.subject, self.law)
 
     @property
     def held_out(self) -> Samples:
@@ -55,6 +56,7 @@ def read(path: Path) -> list[Series]:
                 kept=chunks.samples_from({n: arrays[f"kept_{n}"][mine] for n in Samples.__dataclass_fields__}),
                 subject=Subject(**entry["subject"]),
                 law=entry["law"],
+                key=entry["key"],
                 names=tuple(entry["chunks"]),
             )
         )
@@ -99,7 +101,7 @@ def gather(folder: Path, path: Path, wanted: list[Task]) -> int:
 
     Series of spirals whose geometry, mesh or law has changed since are dropped from it.
     """
-    held: dict[str, Series] = {s.key: s for s in known(path) if s.names[0].startswith(s.key)}
+    held: dict[str, Series] = {s.key: s for s in known(path) if s.key == key(s.subject, s.law)}
     for task in wanted:
         name = key(task.subject, task.law)
         before = held.get(name)
@@ -109,7 +111,7 @@ def gather(folder: Path, path: Path, wanted: list[Task]) -> int:
         if chunk is not None:
             whole = before.joined(chunk) if before else chunk
             names = (*(before.names if before else ()), task.name)
-            held[name] = Series(**vars(whole), subject=task.subject, law=task.law, names=names)
+            held[name] = Series(**vars(whole), subject=task.subject, law=task.law, key=name, names=names)
     if held:
         write(path, list(held.values()))
     return sum(len(s.names) for s in held.values())

@@ -17,9 +17,9 @@ TITLES = {
     "pair": "four parameters, hub to hub",
     "arm": "twelve numbers, linear limit",
 }
-FLOOR = "fitted to these samples"
-FLOOR_TITLE = f"{TITLES['pair']}, {FLOOR}"
-LAWS = {"strain": "strain-targeted loads", "newton": "forces of 1 to 5 N"}
+LEAST = "fitted to these samples"
+LEAST_TITLE = f"{TITLES['pair']}, {LEAST}"
+LAW_TITLES = {"strain": "strain-targeted loads", "newton": "forces of 1 to 5 N"}
 PAGE = """# What the coarse models keep of a spiral
 
 Written by `tools/dev.py database report`. Spirals of the region that can be cut were solved as volumes under random loads at
@@ -32,7 +32,7 @@ below, an error the relative one of the elastic energy.
 
 - *{chord}*: the paper's four stiffnesses, fitted where they are measured most easily.
 - *{pair}*: the same four, fitted where an assembly uses them, through two arms and the joint between them. They can follow
-  forces; moments as well, as in the strain-targeted loads, they cannot: *{floor}* is what four numbers leave at least, whatever
+  forces; moments as well, as in the strain-targeted loads, they cannot: *{least}* is what four numbers leave at least, whatever
   loads they are fitted to.
 - *{arm}*: the stiffness of a tip against its hub, from one linear solve. This is what the simulation of assembled panels uses.
   Under forces of 1 to 5 N slender arms bend far beyond its range, and beyond what their material bears (see the strains).
@@ -49,6 +49,7 @@ def summary(all_series: list[Series]) -> dict:
     "floor" is what four parameters from hub to hub leave at least, see ``fits.floor``.
     """
     out: dict = {"models": {}, "floor": {}, "spirals": [], "laws": {}}
+    errors = {(s.key, model): fits.errors([s], model, s.law) for s in all_series for model in fits.MODELS}
     for law in sorted({s.law for s in all_series}):
         mine = [s for s in all_series if s.law == law]
         converged, failed = (int(sum(s.counts[k] for s in mine)) for k in ("converged", "failed"))
@@ -59,7 +60,7 @@ def summary(all_series: list[Series]) -> dict:
         solved["strain_median"], solved["strain_95"] = (round(float(np.quantile(held, q)), 6) for q in (0.5, 0.95))
         out["laws"][law] = solved
         for model in fits.MODELS:
-            e = fits.errors(all_series, model, law)
+            e = np.concatenate([errors[s.key, model] for s in mine])
             if len(e):
                 out["models"].setdefault(model, {})[law] = _quantiles(e)
         floor = fits.floor(all_series, "pair", law)
@@ -73,10 +74,8 @@ def summary(all_series: list[Series]) -> dict:
         }
         row.update({"law": s.law, "samples": s.fitted["chord"]})
         for model in fits.MODELS:
-            if s.fitted["chord"] >= fits.FEWEST:
-                made, true = fits.predicted(s, model, fits.parameters(s, model))
-                if len(true):
-                    row[model] = _quantiles(np.abs(made / true - 1.0))
+            if len(errors[s.key, model]):
+                row[model] = _quantiles(errors[s.key, model])
         out["spirals"].append(row)
     return out
 
@@ -106,7 +105,7 @@ def write(pack: Path, folder: Path, say: Callable[[str], None]) -> dict:
 def _rows(found: dict) -> list[tuple[str, str, dict]]:
     """Model's title, law and errors of every row of a summary."""
     named = [(TITLES[model], by_law) for model, by_law in found["models"].items()]
-    return [(title, law, e) for title, by_law in [*named, (FLOOR_TITLE, found["floor"])] for law, e in by_law.items()]
+    return [(title, law, e) for title, by_law in [*named, (LEAST_TITLE, found["floor"])] for law, e in by_law.items()]
 
 
 def page(found: dict) -> str:
@@ -119,15 +118,17 @@ def page(found: dict) -> str:
         count = s["converged"] + s["failed"]
         share, steps = 100 * s["failed"] / count, s["iterations_mean"]
         solved.append(
-            f"| {LAWS[law]} | {s['spirals']} | {count} | {s['failed']} ({share:.3f} %) | {steps:.1f} "
+            f"| {LAW_TITLES[law]} | {s['spirals']} | {count} | {s['failed']} ({share:.3f} %) | {steps:.1f} "
             f"| {100 * s['in_one_step']:.1f} % | {100 * s['strain_median']:.2f} % | {100 * s['strain_95']:.2f} % |"
         )
     errors = ["| model | loads | median | 95 % | held out |", "|---|---|---|---|---|"]
     for title, law, e in _rows(found):
-        errors.append(f"| {title} | {LAWS[law]} | {100 * e['median']:.2f} % | {100 * e['p95']:.1f} % | {e['count']} |")
+        errors.append(
+            f"| {title} | {LAW_TITLES[law]} | {100 * e['median']:.2f} % | {100 * e['p95']:.1f} % | {e['count']} |"
+        )
     pictures = [f"![{TITLES[model]}](energies_{model}.png)" for model in found["models"]]
     return PAGE.format(
-        solved="\n".join(solved), errors="\n".join(errors), pictures="\n\n".join(pictures), floor=FLOOR, **TITLES
+        solved="\n".join(solved), errors="\n".join(errors), pictures="\n\n".join(pictures), least=LEAST, **TITLES
     )
 
 

@@ -220,10 +220,14 @@ class Model:
     @cached_property
     def rest(self) -> SparseCholesky:
         """The factor of the unloaded spiral's tangent: the linear limit, and the first step of every equilibrium."""
-        f = np.broadcast_to(np.eye(3), (*self.elements.weight.shape, 3, 3))
         factor = SparseCholesky(self.pattern, self.cholesky.backend)
-        factor.factor(self.stiffness(f, np.zeros_like(f)))
+        factor.factor(self.rest_stiffness())
         return factor
+
+    def rest_stiffness(self) -> np.ndarray:
+        """Lower-triangle values of the unloaded spiral's tangent on ``pattern``."""
+        f = np.broadcast_to(np.eye(3), (*self.elements.weight.shape, 3, 3))
+        return self.stiffness(f, np.zeros_like(f))
 
     def solve(self, nodal_forces: np.ndarray) -> Solution:
         """Equilibrium under (N, 3) dead nodal forces, in one step where possible, else in 3 or 12 load steps."""

@@ -114,8 +114,7 @@ def speed() -> list[Row]:
     seconds, superlu, chosen = [], [], subjects()
     for s in chosen[::6]:
         sampler = Sampler(s, "strain")
-        at_rest = np.broadcast_to(np.eye(3), (*sampler.model.elements.weight.shape, 3, 3))
-        tangent = sampler.model.stiffness(at_rest, np.zeros_like(at_rest))
+        tangent = sampler.model.rest_stiffness()
         peer = SparseCholesky(sampler.model.pattern, "superlu")
         superlu.append(cpu(lambda peer=peer, tangent=tangent: peer.factor(tangent)))
         loads = [sampler.model.loads(sampler.wrenches(k)) for k in range(3)]
@@ -176,8 +175,8 @@ def fitted() -> list[Row]:
         (report.TITLES["arm"], found["models"]["arm"]["strain"], (1.2, 5.5)),
     ]
     for law in ("newton", "strain"):
-        judged.append((f"{report.TITLES['pair']}, {report.LAWS[law]}", found["models"]["pair"][law], (5.0, 20.0)))
-        judged.append((f"  the same, {report.FLOOR}", found["floor"][law], None))
+        judged.append((f"{report.TITLES['pair']}, {report.LAW_TITLES[law]}", found["models"]["pair"][law], (5.0, 20.0)))
+        judged.append((f"  the same, {report.LEAST}", found["floor"][law], None))
     for title, e, limits in judged:
         for name, key, limit in zip(("median", "95 %"), ("median", "p95"), limits or (None, None)):
             out.append(most(f"{title}: {name}, %", limit, 100 * e[key]))

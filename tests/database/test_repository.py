@@ -13,13 +13,18 @@ REPORT = cli.ROOT / "database" / "report"
 
 
 @pytest.fixture(scope="module")
-def series():
-    return [s for s in packs.read(cli.PACK) if s.law == "strain"]
+def every_series():
+    return packs.read(cli.PACK)
 
 
 @pytest.fixture(scope="module")
-def newton_series():
-    return [s for s in packs.read(cli.PACK) if s.law == "newton"]
+def series(every_series):
+    return [s for s in every_series if s.law == "strain"]
+
+
+@pytest.fixture(scope="module")
+def newton_series(every_series):
+    return [s for s in every_series if s.law == "newton"]
 
 
 def test_statistics_give_the_committed_parameters_again(series, tmp_path):
@@ -29,6 +34,12 @@ def test_statistics_give_the_committed_parameters_again(series, tmp_path):
         for model in stiffness_rods.MODELS:
             assert np.allclose(again[f"{model}_offset"], committed[f"{model}_offset"], rtol=1e-9)
             assert again[f"{model}_weights"].shape == committed[f"{model}_weights"].shape
+    subjects = [s for s in series if s.subject.twist > 0.1][::7]
+    at = [np.array([getattr(s.subject, n) for s in subjects]) for n in ("scale", "width", "twist")]
+    found = stiffness_rods.rod_parameters(*at, thickness=0.002, youngs=2.6e9).values
+    unit = 2.6e9 * at[1][:, None] ** [2, 4, 4, 4]
+    own = np.array([fits.parameters(s, "pair") for s in subjects]) * unit
+    assert np.median(np.abs(found / own - 1.0)) < 0.01
 
 
 @pytest.mark.parametrize("model", stiffness_rods.MODELS)

@@ -172,10 +172,9 @@ def test_statistics_alone_give_the_fit(tmp_path, chunk_bytes):
     fit = samples.chosen(samples.number % chunks.HELD_OUT != 0)
     a = rods.chord_features(fit.centres, fit.rotations, series.rest_tips) / fit.energy[:, None]
     best = np.linalg.lstsq(a, np.ones(len(a)), rcond=None)[0]
-    found = fits.solve(*series.normal["chord"], series.fitted["chord"])
     if (best > 0).all():
-        assert np.allclose(found, best, rtol=1e-5)
-    loss = ((a @ found - 1) ** 2).sum()
+        assert np.allclose(fits.parameters(series, "chord"), best, rtol=1e-5)
+    loss = ((a @ fits.parameters(series, "chord") - 1) ** 2).sum()
     assert loss <= 1.000001 * ((a @ np.maximum(best, 0) - 1) ** 2).sum()
 
 
@@ -212,7 +211,7 @@ def test_network_learns_a_smooth_function():
 
     made = network.train(grid, function(grid))
     assert made.rms <= 1e-3 and 0.2 <= made.spread <= 0.8 and len(made.centres) < 125
-    assert network.best(grid, function(grid))[1] == network.GOALS[0]
+    assert network.choose(grid, function(grid))[1] == network.GOALS[0]
     inside = np.random.default_rng(1).uniform(0.1, 0.9, (50, 3))
     assert np.abs(made(inside) - function(inside)).max() < 0.03
 
@@ -222,7 +221,7 @@ def test_network_does_not_follow_noise():
     rng = np.random.default_rng(2)
     points = rng.uniform(0, 1, (80, 3))
     line = np.repeat(points.sum(1, keepdims=True), 4, axis=1)
-    made, goal, _ = network.best(points, line + 0.05 * rng.normal(size=line.shape))
+    made, goal, _ = network.choose(points, line + 0.05 * rng.normal(size=line.shape))
     inside = rng.uniform(0.2, 0.8, (50, 3))
     assert goal > network.GOALS[0] and len(made.centres) < 60
     assert np.abs(made(inside) - inside.sum(1, keepdims=True)).mean() < 0.05
@@ -235,6 +234,7 @@ def test_network_does_not_follow_noise():
         ["build", "--samples", "40"],
         ["build", "--processes", "0"],
         ["work", "--stripe", "x"],
+        ["work", "--stripe", "4/4"],
     ],
 )
 def test_command_line_refuses_nonsense_in_one_line(line, capsys, tmp_path):
