@@ -24,6 +24,7 @@ from . import attributes, notes, pose, states
 from .words import told
 
 if TYPE_CHECKING:
+    from ..engine.mechanics.assembly import Pose
     from ..engine.mechanics.simulate import Simulation
     from ..engine.optimisation.reach import Reach
     from .surface import Surface
@@ -171,6 +172,14 @@ def sentences(block: dict[str, Any]) -> tuple[str, bool]:
         broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
         text += f" {told(broken, 100 * strain)}"
     return text, strain > 1.0 or not sound(block)
+
+
+def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:
+    """The pose that a simulation found, where it is one to believe in and nothing has changed since; else ``None``."""
+    block = notes.read(obj.data).get("equilibrium")
+    if block is None or not sound(block) or out_of_date(obj, scene):
+        return None
+    return pose.read(obj, surface.to_metres)
 
 
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ class Export(Stage, bpy.types.Operator):
         return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import mesh
+        from ..bridge import equilibrium, mesh, supports
         from ..bridge.objects import find
 
         formats = _formats(settings.export)
@@ -37,31 +38,51 @@ class Export(Stage, bpy.types.Operator):
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get("flexmaps_look", look) != look for o in shown(obj))
         base = _folder(settings.export.folder) / _file_name(name)
+        # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
+        resting = equilibrium.resting(obj, bpy.context.scene, surface)
+        held = supports.supported(obj, surface, settings.loads)
+        force = supports.force(obj, surface, settings.loads)
 
         def work(progress: Progress) -> Any:
             from ..engine import files
             from ..engine.assembling import assembly_check, assembly_sheet
             from ..engine.fabrication import estimates, export, sheets
+            from ..engine.mechanics import simulate
             from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
-            flat = mesh.current_flat(surface, check.as_quad_mesh(surface.polygons))
+            quads = check.as_quad_mesh(surface.polygons)
+            flat = mesh.current_flat(surface, quads)
             design = mesh.design_of(surface, flat, settings.spiral)
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8), settings.connect, settings.cut)
             figures = estimates.estimate(made, design, settings.material.chosen)
-            progress(0.8, "Writing files")
+            found = None
+            if resting is not None and settings.export.guide:
+                progress(0.8, "Forces in the joints")
+                once, quiet = replace(settings.simulate, restarts=0), progress.quiet()
+                found = simulate.simulate(
+                    design,
+                    quads,
+                    settings.material.chosen,
+                    once,
+                    supports=held,
+                    force=force,
+                    start=resting,
+                    progress=quiet,
+                )
+            checked = assembly_check.check_assembly(design, made.connections, found)
+            progress(0.85, "Writing files")
             with files.replacing_many(export.stale(base, made.count)) as new:
                 written = export.write(made, base, formats, new)
                 if settings.export.guide:
                     progress(0.9, "Drawing the assembly sheet")
                     guide = base.with_name(f"{base.name}-assembly.pdf")
-                    checked = assembly_check.check_assembly(design, made.connections)
                     written.append(assembly_sheet.write(design, made, figures, guide, name, new, checked))
             block = sheets.sheets_report(made) | estimates.estimates_report(figures)
             drawn = Drawn.made_of(design, made.connections, settings) if stale else None
-            return block | {"files": [file.name for file in written]}, base.parent, drawn
+            return block | {"files": [file.name for file in written]}, base.parent, drawn, checked.warnings
 
         return work
 
@@ -69,9 +90,13 @@ class Export(Stage, bpy.types.Operator):
         return iter(()) if result[2] is None else result[2].show(context, surface)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        block, folder, _ = result
+        block, folder, _, warnings = result
         notes.write(obj.data, "sheets", block)
-        return told("{} in {}", ", ".join(block["files"]), folder)
+        text = told("{} in {}", ", ".join(block["files"]), folder)
+        if not warnings:
+            return text
+        self.level = "WARNING"
+        return f"{text}. {'. '.join(warnings)}"
 
 
 def _folder(text: str) -> Path:

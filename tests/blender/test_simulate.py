@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge import command, equilibrium, job, live, mesh, notes, scene, settings
+from flexmaps.engine.assembling import assembly_check, assembly_sheet
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.mechanics import simulate as engine
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings
@@ -559,3 +560,28 @@ def test_default_shapes_simulate_without_a_warning(add: Any) -> None:
     for button in ("merge", "spirals", "simulate"):
         press(button)
     assert equilibrium.sound(notes.read(bpy.context.object.data)["equilibrium"])
+
+
+def test_the_assembly_sheet_tells_the_forces_at_rest(
+    spiralled: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only where the piece was simulated and nothing has changed since."""
+    told: list[Any] = []
+
+    def write(*args: Any) -> Path:
+        told.append(args[-1])
+        args[5](args[3]).write_bytes(b"")
+        return args[3]
+
+    monkeypatch.setattr(assembly_sheet, "write", write)
+    spiralled.flexmaps.export.folder, spiralled.flexmaps.export.dxf = str(tmp_path), "NONE"
+
+    assert bpy.ops.flexmaps.export() == {"FINISHED"}
+    assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
+    monkeypatch.setattr(assembly_check, "HAND", 0.0)  # newtons, so that every joint pulls too hard
+    assert bpy.ops.flexmaps.export() == {"FINISHED"}
+    spiralled.flexmaps.material.material = "custom"
+    assert bpy.ops.flexmaps.export() == {"FINISHED"}
+
+    assert [any(seam.force is not None for seam in checked.seams) for checked in told] == [False, True, False]
+    assert "pulls with more than" in told[1].warnings[-1]
