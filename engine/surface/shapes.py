@@ -36,7 +36,7 @@ def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return u.ravel(), v.ravel(), quads.reshape(-1, 4)
 
 
-def _welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
+def welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
     """One mesh from pieces: vertices at the same place become one, unused ones go."""
     size = np.ptp(vertices, axis=0).max()
     _, first, same = np.unique(np.round(vertices / (size * 1e-7)), axis=0, return_index=True, return_inverse=True)
@@ -86,13 +86,13 @@ def cubesphere(n: int = 5) -> QuadMesh:
     vertices = np.concatenate(sides)
     vertices /= np.linalg.norm(vertices, axis=1)[:, None]
     all_quads = [quads + k * len(u) if k < 3 else quads[:, ::-1] + k * len(u) for k in range(6)]
-    return _welded(vertices, np.concatenate(all_quads))
+    return welded(vertices, np.concatenate(all_quads))
 
 
 def dome(n: int = 8) -> QuadMesh:
     """The upper half of a sphere; ``n`` even."""
     sphere = cubesphere(n)
-    return _welded(sphere.vertices, sphere.quads[sphere.centroids[:, 2] > 0])
+    return welded(sphere.vertices, sphere.quads[sphere.centroids[:, 2] > 0])
 
 
 def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
@@ -100,7 +100,7 @@ def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
     u, v, quads = _grid(around, across)
     radius = 1 + ratio * np.cos(np.pi * v)
     vertices = np.stack([radius * np.cos(np.pi * u), radius * np.sin(np.pi * u), ratio * np.sin(np.pi * v)], axis=1)
-    return _welded(vertices, quads)
+    return welded(vertices, quads)
 
 
 def vault(n: int = 18) -> QuadMesh:
@@ -126,13 +126,13 @@ def three_holes(steps: int = 2) -> QuadMesh:
     """A smooth solid with three holes: a slab of cubes, subdivided."""
     filled = np.ones((7, 3, 1), dtype=bool)
     filled[1::2, 1] = False
-    mesh = _voxels(filled)
+    mesh = voxels(filled)
     for _ in range(steps):
         mesh = subdivided(mesh)
     return mesh
 
 
-def _voxels(filled: np.ndarray) -> QuadMesh:
+def voxels(filled: np.ndarray) -> QuadMesh:
     """The outside of some unit cubes, normals outwards."""
     padded = np.pad(filled, 1)
     vertices: list[np.ndarray] = []
@@ -148,7 +148,7 @@ def _voxels(filled: np.ndarray) -> QuadMesh:
             corner[:, :, second] += [0, 0, 1, 1] if step > 0 else [0, 1, 1, 0]
             quads.append(np.arange(4 * len(bare)).reshape(-1, 4) + 4 * sum(len(q) for q in quads))
             vertices.append(corner.reshape(-1, 3))
-    return _welded(np.concatenate(vertices), np.concatenate(quads))
+    return welded(np.concatenate(vertices), np.concatenate(quads))
 
 
 def two_bodies() -> QuadMesh:
@@ -167,7 +167,7 @@ def demo(n: int = 12) -> QuadMesh:
     u, v, quads = _grid(n, n)
     face = np.stack([np.tan((1 - u) * np.pi / 8), np.tan((1 - v) * np.pi / 8), np.ones_like(u)], axis=1)
     points = np.concatenate([np.roll(face, k, axis=1) for k in range(3)])
-    mesh = _welded(
+    mesh = welded(
         points / np.linalg.norm(points, axis=1)[:, None],
         np.concatenate([quads + k * len(u) for k in range(3)]),
     )

@@ -127,7 +127,7 @@ def test_free_border():
 
 
 def test_creases_of_a_box_stay():
-    mesh = shapes._voxels(np.ones((8, 6, 4), dtype=bool))
+    mesh = shapes.voxels(np.ones((8, 6, 4), dtype=bool))
     mesh = mesh.moved(mesh.vertices - mesh.vertices.min(axis=0))
     inside = ((mesh.vertices > 0) & (mesh.vertices < [8, 6, 4])).sum(axis=1)
     step = np.random.default_rng(0).uniform(-0.25, 0.25, mesh.vertices.shape)
@@ -178,7 +178,7 @@ def test_warped_quads_are_pressed_flat():
 
 
 def test_lines_of_a_box():
-    cube = shapes._voxels(np.ones((8, 6, 4), dtype=bool))
+    cube = shapes.voxels(np.ones((8, 6, 4), dtype=bool))
     guide = Guide.of(cube, True)
     assert guide.fixed.sum() == 8
     assert len(guide.sliding) == 4 * (7 + 5 + 3)

@@ -69,7 +69,7 @@ def test_demo_is_a_canopy_on_three_feet():
 
 def test_subdivision_of_a_cube():
     """Catmull and Clark's own first step: a cube's corners move to 5/9 of the way out."""
-    cube = shapes._voxels(np.ones((1, 1, 1), dtype=bool))
+    cube = shapes.voxels(np.ones((1, 1, 1), dtype=bool))
     cube = QuadMesh(2 * cube.vertices - cube.vertices.max(axis=0) - cube.vertices.min(axis=0), cube.quads)
     finer = shapes.subdivided(cube)
     assert len(finer.quads) == 24

@@ -1,0 +1,246 @@
+"""Runs the whole main job on a zoo of surfaces, each in a process of its own, and tells what became of each.
+
+python3 tools/dev.py bench zoo [--only PATTERN] [--jobs N] [--limit SECONDS] [--fresh] [--meshes DIR] [--remesh N] [--json FILE]
+
+What is done is kept in out/zoo and not done again while surface, settings and program stay the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zoo
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface import meshio
+from flexmaps.engine.surface.mesh import PolygonMesh
+from zoo import trial
+
+ROOT = Path(__file__).resolve().parent.parent
+OUT = ROOT / "out" / "zoo"
+SHARED = ROOT.parent / "shared" / "meshes"
+REMESHED = 1200  # quads that are asked for where a file holds triangles
+KINDS = (".obj", ".off", ".ply", ".stl")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One surface to run: its name, what makes it, and the key of all that its record depends on."""
+
+    name: str
+    surface: zoo.Surface
+    key: str
+    size: int
+
+    @property
+    def path(self) -> Path:
+        return OUT / "records" / f"{self.name.replace('/', '--')}.json"
+
+    def earlier(self) -> dict[str, Any] | None:
+        """The record of an earlier run, if nothing has changed since."""
+        try:
+            record: dict[str, Any] = json.loads(self.path.read_text())
+        except (OSError, ValueError):
+            return None
+        return record if record.get("key") == self.key else None
+
+
+def main(arguments: list[str]) -> int:
+    """Run what has not been run, print a line a surface and the summary; 0 whatever was measured."""
+    options = _options(arguments)
+    if options.one:
+        return _one(options)
+    started = time.monotonic()
+    tasks = [task for task in _tasks(options) if task.size <= options.most]
+    (OUT / "records").mkdir(parents=True, exist_ok=True)
+    records: dict[str, dict[str, Any]] = {}
+    print(HEAD)
+    if not options.fresh:
+        for task in tasks:
+            found = task.earlier()
+            if found is not None:
+                records[task.name] = found
+                print(line(task.name, found), flush=True)
+    left = sorted((t for t in tasks if t.name not in records), key=lambda t: t.size)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        running = {pool.submit(_in_process, task, options.limit): task for task in left}
+        for done in as_completed(running):
+            task = running[done]
+            records[task.name] = done.result()
+            print(line(task.name, records[task.name]), flush=True)
+    print(f"{len(records)} surfaces, {len(left)} of them run now, {time.monotonic() - started:.0f} s")
+    if options.json:
+        options.json.write_text(json.dumps(records, indent=1) + "\n")
+    return 0
+
+
+def _options(arguments: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="dev.py bench zoo")
+    parser.add_argument("--only", default="*", metavar="PATTERN", help="only surfaces whose names match, as genus*")
+    parser.add_argument("--most", type=int, default=10**9, metavar="QUADS", help="leave larger surfaces out")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="surfaces at a time")
+    parser.add_argument("--limit", type=float, default=900.0, help="seconds after which a surface is given up")
+    parser.add_argument("--fresh", action="store_true", help="run again what is known")
+    parser.add_argument("--meshes", type=Path, action="append", default=[], help="a folder of meshes, besides the zoo")
+    parser.add_argument("--remesh", type=int, help=f"quads for files of triangles; {REMESHED} if not given")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    parser.add_argument("--key", help=argparse.SUPPRESS)
+    return parser.parse_args(arguments)
+
+
+# -- which surfaces ----------------------------------------------------------------------------------------------------
+
+
+def _surfaces(options: argparse.Namespace) -> dict[str, zoo.Surface]:
+    """The zoo, the meshes beside the checkout, and those of the folders that were named; by name."""
+    found = dict(zoo.SURFACES)
+    folders = [SHARED, SHARED / "foreign", *options.meshes]
+    for folder in folders:
+        if not folder.is_dir():
+            continue
+        for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in KINDS):
+            found[f"{folder.name}/{path.stem}"] = _of_file(path, options.remesh or REMESHED)
+    return {name: surface for name, surface in found.items() if fnmatch.fnmatch(name, options.only)}
+
+
+def _of_file(path: Path, count: int) -> zoo.Surface:
+    """A mesh of a file; where it holds anything but quads, it is to be remeshed."""
+    try:
+        quads = bool((meshio.read(path).sizes == 4).all())
+    except FlexMapsError:
+        quads = True  # the trial tells what the reader says
+    return zoo.Surface(lambda: meshio.read(path), remesh=None if quads else count)
+
+
+def _tasks(options: argparse.Namespace) -> list[Task]:
+    program = _program()
+    tasks = []
+    for name, surface in _surfaces(options).items():
+        try:
+            polygons = surface.polygons()
+        except FlexMapsError as error:
+            polygons = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
+            program += str(error)
+        parts = [polygons.vertices, polygons.corners, polygons.sizes]
+        given = f"{surface.supports} {surface.remesh} {program}".encode()
+        key = hashlib.sha256(b"".join([np.ascontiguousarray(p).tobytes() for p in parts]) + given).hexdigest()[:16]
+        tasks.append(Task(name, surface, key, surface.remesh or len(polygons.sizes)))
+    return tasks
+
+
+def _program() -> str:
+    """A hash of everything that the results depend on besides the surface."""
+    made = hashlib.sha256()
+    for path in [*sorted((ROOT / "engine").rglob("*.py")), *sorted((ROOT / "data").iterdir()), Path(trial.__file__)]:
+        if path.is_file():
+            made.update(path.read_bytes())
+    return made.hexdigest()
+
+
+# -- running -----------------------------------------------------------------------------------------------------------
+
+
+def _one(options: argparse.Namespace) -> int:
+    """In the process of one surface: run it and leave its record."""
+    import flexmaps
+
+    options.only = options.one
+    task = Task(options.one, _surfaces(options)[options.one], options.key, 0)
+    if task.surface.remesh is not None:
+        flexmaps.register()
+    try:
+        polygons = task.surface.polygons()
+    except FlexMapsError as error:
+        trial.write(task.path, {"key": task.key, "refused": str(error), "ended_in": "read"})
+        return 0
+    record, _ = trial.run(polygons, task.surface.supports, task.surface.remesh, task.path.with_suffix(".part"))
+    trial.write(task.path, {"key": task.key, **record})
+    return 0
+
+
+def _in_process(task: Task, limit: float) -> dict[str, Any]:
+    """Run a surface in a process of its own; where it crashes or takes too long, its record says in which stage."""
+    task.path.unlink(missing_ok=True)
+    part = task.path.with_suffix(".part")
+    part.unlink(missing_ok=True)
+    command = [sys.executable, str(ROOT / "tools" / "dev.py"), "bench", "zoo", "--one", task.name, "--key", task.key]
+    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+    log = task.path.with_suffix(".log")
+    with log.open("w") as stream:
+        process = subprocess.Popen(command, env=environment, stdout=stream, stderr=stream, start_new_session=True)
+        try:
+            process.wait(limit)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    record = task.earlier()
+    if record is None:
+        reached = json.loads(part.read_text()) if part.is_file() else {"stage": "check", "wall": {}, "busy": {}}
+        late = process.returncode == -signal.SIGKILL
+        why = f"given up after {limit:g} s" if late else f"ended with status {process.returncode}"
+        record = {"key": task.key, "crashed": why, "ended_in": reached.pop("stage"), **reached}
+        record["quads"] = task.size
+        if not late:
+            record["traceback"] = log.read_text()[-4000:]
+        trial.write(task.path, record)
+    for path in (part, log):
+        path.unlink(missing_ok=True)
+    return record
+
+
+# -- what is printed ---------------------------------------------------------------------------------------------------
+
+HEAD = (
+    f"{'surface':<22}{'quads':>6}{'patches':>8}{'least':>6}{'median':>7}{'alone':>6}{'E max':>8}"
+    f"{'RMSE mm':>14}{'RMS %':>7}{'max %':>7}{'strain':>7}{'s':>7}{'MB':>6}  what else"
+)
+
+
+def line(name: str, record: dict[str, Any]) -> str:
+    """One row of the table."""
+    seconds = sum(record.get("busy", {}).values())
+    if "patches" not in record:
+        return f"{name:<22}{record.get('quads', 0):>6}{'':>76}{seconds:>7.1f}{'':>6}  {said(record)}"
+    rmse = f"{_figure(record.get('rmse_mm_before'), 3)}>{_figure(record.get('rmse_mm'), 3)}"
+    return (
+        f"{name:<22}{record['quads']:>6}{record['patches']:>8}{record['smallest']:>6}{record['median']:>7g}"
+        f"{record['alone']:>6}{record['e_max']:>8.3f}{rmse:>14}{_figure(record.get('rms_percent'), 2):>7}"
+        f"{_figure(record.get('max_percent'), 1):>7}{_figure(record.get('strain'), 2):>7}{seconds:>7.1f}"
+        f"{record['memory_mb']:>6.0f}  {said(record)}"
+    )
+
+
+def said(record: dict[str, Any]) -> str:
+    """What went wrong with a surface, in one line; empty where nothing did."""
+    words = []
+    if "crashed" in record:
+        words.append(f"{record['crashed']} in {record['ended_in']}")
+    if "traceback" in record:
+        words.append(f"traceback in {record['ended_in']}: {record['traceback'].strip().splitlines()[-1][:120]}")
+    if "refused" in record:
+        words.append(f"refused in {record['ended_in']}: {record['refused'][:120]}")
+    words += [text[:120] for text in record.get("left_out", [])]
+    if record.get("worse"):
+        words.append("worse than it began")
+    if record.get("farther"):
+        words.append(f"farther than it began (RMS {record['rms_percent_before']:.2f} %)")
+    if record.get("not_finite"):
+        words.append("not finite: " + ", ".join(record["not_finite"]))
+    return "; ".join(words)
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,173 @@
+"""One surface through the whole main job, in a process of its own: what came out, how good it is, what it cost."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import Settings
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job, report
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+EDGE = 0.02  # metres, the median quad edge of every surface
+WORSE = 1.005  # the same figure of two simulations differs by less than this from rounding
+PHYSICS = ("not-optimised", "not-simulated")
+
+
+class Clock:
+    """Notes from the progress what every stage takes, and how long none was told.
+
+    wall, busy : seconds of every stage, of the clock and of all processor cores, child processes included
+    silence : longest time of processor between two calls of the progress, with the stage; part : what is written at
+    every stage's start, so that a killed process leaves word
+    """
+
+    def __init__(self, part: Path | None):
+        self.wall: dict[str, float] = {}
+        self.busy: dict[str, float] = {}
+        self.silence: dict[str, float] = {}
+        self.stage = ""
+        self._part = part
+        self._start = self._told = (time.monotonic(), busy_time())
+
+    def __call__(self, fraction: float, text: str) -> None:
+        now = (time.monotonic(), busy_time())
+        if self.stage:
+            quiet = now[1] - self._told[1]
+            self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
+            self.wall[self.stage] = round(now[0] - self._start[0], 3)
+            self.busy[self.stage] = round(now[1] - self._start[1], 3)
+        if text in job.STAGES and text != self.stage:
+            self.stage, self._start = text, now
+            self._write()
+        self._told = now
+
+    def _write(self) -> None:
+        if self._part is not None:
+            self._part.write_text(json.dumps({"stage": self.stage, "wall": self.wall, "busy": self.busy}))
+
+
+def busy_time() -> float:
+    """Seconds of processor that this process and its ended children have used."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def run(
+    polygons: PolygonMesh, supports: str | None = None, remesh: int | None = None, part: Path | None = None
+) -> tuple[dict[str, Any], job.Result | None]:
+    """The record of a surface, plain JSON types, and what the job made, ``None`` where it ended early.
+
+    ``remesh`` is the number of quads that Blender's remesh makes of triangles before.
+    """
+    clock = Clock(part)
+    record: dict[str, Any] = {"quads": len(polygons.sizes)}
+    result = None
+    try:
+        if remesh is not None:
+            polygons = remeshed(polygons, remesh)
+        settings = Settings()
+        result = job.run(
+            polygons, settings, edge=EDGE, optimised=True, supports=supports, progress=Progress(report=clock)
+        )
+        record |= described(result, settings)
+    except FlexMapsError as error:
+        record["refused"] = str(error)
+    except Exception:
+        record["traceback"] = traceback.format_exc()
+    return record | {"ended_in": clock.stage, "wall": clock.wall, "busy": clock.busy, "silence": clock.silence}, result
+
+
+def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
+    """Quads by Blender's tools, as ``run --remesh`` makes them."""
+    from flexmaps.bridge import main_job, remesh
+
+    with main_job.quiet_blender():
+        return remesh.polygons_from(polygons, count, smooth=False)
+
+
+def described(result: job.Result, settings: Settings) -> dict[str, Any]:
+    """The figures of a job that came to its end."""
+    full = report.build(result, source="")
+    assert result.flat is not None
+    layout, block = result.flat.layout, full["layout"]
+    sizes = np.array([len(quads) for quads in layout.patches])
+    alone = np.array([quads[0] for quads in layout.patches if len(quads) == 1], dtype=int)
+    bad = result.flat.energy[alone] > settings.layout.distortion_limit
+    record = {
+        "quads": full["input"]["quads"],
+        "genus": full["input"]["genus"],
+        "open": full["input"]["open"],
+        "patches": len(sizes),
+        "smallest": int(sizes.min()),
+        "median": float(np.median(sizes)),
+        "alone": len(alone),
+        "alone_for_its_own_e": int(bad.sum()),
+        "e_max": block["energy_max"],
+        "symmetry": block.get("symmetry", f"{block.get('symmetries_kept', 1)} of {block.get('symmetries', 1)}"),
+        "forced": block.get("forced", []),
+        "findings": [finding.code for finding in result.findings],
+        "left_out": [f.message for f in result.findings if f.code in PHYSICS],
+        "sheets": full.get("sheets", {}).get("sheets", 0),
+        "memory_mb": memory(),
+    }
+    if result.optimisation is not None:
+        record |= _optimised(result, full["optimise"])
+    if result.simulation is not None:
+        made = full["equilibrium"]
+        record |= {
+            "rms_percent": made["rms_percent"],
+            "max_percent": made["max_percent"],
+            "rmse_mm": made["laplacian_rmse_mm"],
+            "strain": made.get("strain_share_max"),
+            "converged": made["converged"],
+        }
+    record["not_finite"] = not_finite(full)
+    return record
+
+
+def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
+    assert result.optimisation is not None
+    before, after = result.optimisation.before.report(), result.optimisation.after.report()
+    strained = before.get("strain_share_max", 0.0) > 1.0 and after["strain_share_max"] < before["strain_share_max"]
+    worse = after["laplacian_rmse_mm"] > WORSE * before["laplacian_rmse_mm"] and not strained
+    return {
+        "rmse_mm_before": before["laplacian_rmse_mm"],
+        "rms_percent_before": before["rms_percent"],
+        "strain_before": before.get("strain_share_max"),
+        "worse": bool(worse),
+        "farther": bool(after["rms_percent"] > 1.1 * before["rms_percent"] + 0.1),
+        "steps": block["iterations"],
+        "ended_by": block.get("ended", "finished" if block["finished"] else "stopped"),
+    }
+
+
+def not_finite(value: Any, path: str = "") -> list[str]:
+    """Where in a report a number is NaN or infinite."""
+    if isinstance(value, dict):
+        return [found for key, each in value.items() for found in not_finite(each, f"{path}.{key}".lstrip("."))]
+    if isinstance(value, list):
+        return [found for each in value for found in not_finite(each, path)][:1]
+    return [path] if isinstance(value, float) and not math.isfinite(value) else []
+
+
+def memory() -> float:
+    """Peak memory in MB, of this process and of the largest of its children."""
+    peak = report.peak_memory() or 0.0
+    return round((peak + resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * 1024) / 1e6, 1)
+
+
+def write(path: Path, record: dict[str, Any]) -> None:
+    """Write a record whole or not at all."""
+    fresh = path.with_suffix(".new")
+    fresh.write_text(json.dumps(record, indent=1, default=float) + "\n")
+    os.replace(fresh, path)
