@@ -2,7 +2,8 @@
 
 python3 tools/dev.py bench zoo [--only PATTERN] [--jobs N] [--limit SECONDS] [--fresh] [--meshes DIR] [--remesh N] [--json FILE]
 
-What is done is kept in out/zoo and not done again while surface, settings and program stay the same.
+What is done is kept in out/zoo and not done again while surface, settings and program stay the same. A page with pictures of
+all of them, out/zoo/index.html, shows first those with which something is wrong.
 """
 
 from __future__ import annotations
@@ -24,9 +25,11 @@ from typing import Any
 import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import Settings
 from flexmaps.engine.surface import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from zoo import trial
+from rows import Row, Table, row
+from zoo import summary, trial
 
 ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "zoo"
@@ -75,14 +78,17 @@ def main(arguments: list[str]) -> int:
                 print(line(task.name, found), flush=True)
     left = sorted((t for t in tasks if t.name not in records), key=lambda t: t.size)
     with ThreadPoolExecutor(options.jobs) as pool:
-        running = {pool.submit(_in_process, task, options.limit): task for task in left}
+        running = {pool.submit(_in_process, task, options.limit, options.plain): task for task in left}
         for done in as_completed(running):
             task = running[done]
             records[task.name] = done.result()
             print(line(task.name, records[task.name]), flush=True)
-    print(f"{len(records)} surfaces, {len(left)} of them run now, {time.monotonic() - started:.0f} s")
-    if options.json:
-        options.json.write_text(json.dumps(records, indent=1) + "\n")
+    print(f"{len(records)} surfaces, {len(left)} of them run now, {time.monotonic() - started:.0f} s\n")
+    table = Table(48)
+    table.rows += [_row(task.name, records[task.name]) for task in tasks]
+    table.add(*summary.rows(records))
+    table.finish(options.json)
+    _page(tasks, records, table.rows[len(tasks) :])
     return 0
 
 
@@ -96,9 +102,30 @@ def _options(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--meshes", type=Path, action="append", default=[], help="a folder of meshes, besides the zoo")
     parser.add_argument("--remesh", type=int, help=f"quads for files of triangles; {REMESHED} if not given")
     parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--plain", action="store_true", help="leave the optimiser out: ten times faster")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     parser.add_argument("--key", help=argparse.SUPPRESS)
     return parser.parse_args(arguments)
+
+
+def _row(name: str, record: dict[str, Any]) -> Row:
+    """The row of one surface: all that is known of it; wrong where there is something to say."""
+    return row(name, "surface", "", record, not said(record))
+
+
+def _page(tasks: list[Task], records: dict[str, dict[str, Any]], whole: list[Row]) -> None:
+    """Write the pictures of all surfaces and the summary as one page."""
+    from zoo import pictures
+
+    cards = []
+    for task in tasks:
+        record, picture = records[task.name], task.path.with_suffix(".png")
+        shown = picture.read_bytes() if picture.is_file() and "patches" in record else None
+        cards.append((task.name, figures(record), said(record), shown))
+    OUT.joinpath("index.html").write_text(
+        pictures.page(whole, cards, time.strftime("%Y-%m-%d %H:%M")), encoding="utf-8"
+    )
+    print(f"pictures: {OUT / 'index.html'}")
 
 
 # -- which surfaces ----------------------------------------------------------------------------------------------------
@@ -135,7 +162,7 @@ def _tasks(options: argparse.Namespace) -> list[Task]:
             polygons = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
             program += str(error)
         parts = [polygons.vertices, polygons.corners, polygons.sizes]
-        given = f"{surface.supports} {surface.remesh} {program}".encode()
+        given = f"{surface.supports} {surface.remesh} {options.plain} {program}".encode()
         key = hashlib.sha256(b"".join([np.ascontiguousarray(p).tobytes() for p in parts]) + given).hexdigest()[:16]
         tasks.append(Task(name, surface, key, surface.remesh or len(polygons.sizes)))
     return tasks
@@ -166,17 +193,28 @@ def _one(options: argparse.Namespace) -> int:
     except FlexMapsError as error:
         trial.write(task.path, {"key": task.key, "refused": str(error), "ended_in": "read"})
         return 0
-    record, _ = trial.run(polygons, task.surface.supports, task.surface.remesh, task.path.with_suffix(".part"))
-    trial.write(task.path, {"key": task.key, **record})
+    record, result = trial.run(
+        polygons,
+        supports=task.surface.supports,
+        remesh=task.surface.remesh,
+        optimised=not options.plain,
+        part=task.path.with_suffix(".part"),
+    )
+    if result is not None:
+        from zoo import pictures
+
+        task.path.with_suffix(".png").write_bytes(pictures.strip(result, Settings().layout.distortion_limit))
+    trial.write(task.path, {"key": task.key, "to_be_refused": task.surface.refused, **record})
     return 0
 
 
-def _in_process(task: Task, limit: float) -> dict[str, Any]:
+def _in_process(task: Task, limit: float, plain: bool) -> dict[str, Any]:
     """Run a surface in a process of its own; where it crashes or takes too long, its record says in which stage."""
     task.path.unlink(missing_ok=True)
     part = task.path.with_suffix(".part")
     part.unlink(missing_ok=True)
     command = [sys.executable, str(ROOT / "tools" / "dev.py"), "bench", "zoo", "--one", task.name, "--key", task.key]
+    command += ["--plain"] if plain else []
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
     log = task.path.with_suffix(".log")
     with log.open("w") as stream:
@@ -204,7 +242,7 @@ def _in_process(task: Task, limit: float) -> dict[str, Any]:
 # -- what is printed ---------------------------------------------------------------------------------------------------
 
 HEAD = (
-    f"{'surface':<22}{'quads':>6}{'patches':>8}{'least':>6}{'median':>7}{'alone':>6}{'E max':>8}"
+    f"{'surface':<30}{'quads':>6}{'patches':>8}{'least':>6}{'median':>7}{'alone':>6}{'E max':>8}"
     f"{'RMSE mm':>14}{'RMS %':>7}{'max %':>7}{'strain':>7}{'s':>7}{'MB':>6}  what else"
 )
 
@@ -213,26 +251,48 @@ def line(name: str, record: dict[str, Any]) -> str:
     """One row of the table."""
     seconds = sum(record.get("busy", {}).values())
     if "patches" not in record:
-        return f"{name:<22}{record.get('quads', 0):>6}{'':>76}{seconds:>7.1f}{'':>6}  {said(record)}"
+        return f"{name:<30}{record.get('quads', 0):>6}{'':>76}{seconds:>7.1f}{'':>6}  {said(record)}"
     rmse = f"{_figure(record.get('rmse_mm_before'), 3)}>{_figure(record.get('rmse_mm'), 3)}"
     return (
-        f"{name:<22}{record['quads']:>6}{record['patches']:>8}{record['smallest']:>6}{record['median']:>7g}"
+        f"{name:<30}{record['quads']:>6}{record['patches']:>8}{record['smallest']:>6}{record['median']:>7g}"
         f"{record['alone']:>6}{record['e_max']:>8.3f}{rmse:>14}{_figure(record.get('rms_percent'), 2):>7}"
         f"{_figure(record.get('max_percent'), 1):>7}{_figure(record.get('strain'), 2):>7}{seconds:>7.1f}"
         f"{record['memory_mb']:>6.0f}  {said(record)}"
     )
 
 
+def figures(record: dict[str, Any]) -> str:
+    """The figures of a surface in a few words."""
+    if "patches" not in record:
+        return f"{record.get('quads', 0)} quads"
+    words = [
+        f"{record['quads']} quads in {record['patches']} panels of {record['smallest']} or more",
+        f"E {record['e_max']:.3f}",
+        f"RMSE {_figure(record.get('rmse_mm_before'), 3)} > {_figure(record.get('rmse_mm'), 3)} mm",
+        f"RMS {_figure(record.get('rms_percent'), 2)} %",
+        f"strain {_figure(record.get('strain'), 2)}",
+        f"{sum(record['busy'].values()):.0f} s",
+    ]
+    return ", ".join(words)
+
+
 def said(record: dict[str, Any]) -> str:
-    """What went wrong with a surface, in one line; empty where nothing did."""
+    """What went wrong with a surface, in one line; empty where nothing did, or where it was to be refused."""
     words = []
+    wanted = record.get("to_be_refused")
+    if wanted and wanted in record.get("findings", []) and summary.refused(record):
+        return ""
     if "crashed" in record:
         words.append(f"{record['crashed']} in {record['ended_in']}")
     if "traceback" in record:
         words.append(f"traceback in {record['ended_in']}: {record['traceback'].strip().splitlines()[-1][:120]}")
+    if wanted:
+        words.append(f"not refused as {wanted}")
     if "refused" in record:
         words.append(f"refused in {record['ended_in']}: {record['refused'][:120]}")
     words += [text[:120] for text in record.get("left_out", [])]
+    if record.get("alone", 0) > record.get("alone_own_e", 0):
+        words.append(f"{record['alone']} patches of one quad")
     if record.get("worse"):
         words.append("worse than it began")
     if record.get("farther"):

@@ -16,6 +16,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
+from flexmaps.engine.surface import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 EDGE = 0.02  # metres, the median quad edge of every surface
@@ -63,11 +64,16 @@ def busy_time() -> float:
 
 
 def run(
-    polygons: PolygonMesh, supports: str | None = None, remesh: int | None = None, part: Path | None = None
+    polygons: PolygonMesh,
+    *,
+    supports: str | None = None,
+    remesh: int | None = None,
+    optimised: bool = True,
+    part: Path | None = None,
 ) -> tuple[dict[str, Any], job.Result | None]:
     """The record of a surface, plain JSON types, and what the job made, ``None`` where it ended early.
 
-    ``remesh`` is the number of quads that Blender's remesh makes of triangles before.
+    ``remesh`` is the number of quads that Blender's remesh makes of triangles before; ``part`` as in ``Clock``.
     """
     clock = Clock(part)
     record: dict[str, Any] = {"quads": len(polygons.sizes)}
@@ -77,11 +83,12 @@ def run(
             polygons = remeshed(polygons, remesh)
         settings = Settings()
         result = job.run(
-            polygons, settings, edge=EDGE, optimised=True, supports=supports, progress=Progress(report=clock)
+            polygons, settings, edge=EDGE, optimised=optimised, supports=supports, progress=Progress(report=clock)
         )
         record |= described(result, settings)
     except FlexMapsError as error:
         record["refused"] = str(error)
+        record["findings"] = [finding.code for finding in check.findings(check.scaled(polygons, edge=EDGE))]
     except Exception:
         record["traceback"] = traceback.format_exc()
     return record | {"ended_in": clock.stage, "wall": clock.wall, "busy": clock.busy, "silence": clock.silence}, result
@@ -110,8 +117,9 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
         "patches": len(sizes),
         "smallest": int(sizes.min()),
         "median": float(np.median(sizes)),
+        "sizes": sizes.tolist(),
         "alone": len(alone),
-        "alone_for_its_own_e": int(bad.sum()),
+        "alone_own_e": int(bad.sum()),
         "e_max": block["energy_max"],
         "symmetry": block.get("symmetry", f"{block.get('symmetries_kept', 1)} of {block.get('symmetries', 1)}"),
         "forced": block.get("forced", []),

@@ -1,0 +1,127 @@
+"""What is asked of the zoo as a whole, beside what was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from rows import Row, at_least, at_most, row
+
+Record = Mapping[str, Any]
+Records = Mapping[str, Record]
+
+BEFORE = ("", "read", "check")  # what is refused there is no surface that can be made
+LAYOUT = ("trace", "merge", "split")
+# most seconds of processor of a stage, or of several together, on surfaces of at most so many quads
+SECONDS = {
+    "layout": (LAYOUT, 4000, 20.0),
+    "spirals": (("spirals",), 4000, 10.0),
+    "sheets": (("sheets",), 4000, 10.0),
+    "optimise": (("optimise",), 1500, 20.0),
+    "optimise, large": (("optimise",), 6100, 60.0),
+}
+NAMED: dict[str, dict[str, float]] = {
+    "sphere2": {"patches": 40, "layout": 20.0},
+    "cmc1": {"patches": 12},
+    "polycastle": {"patches": 25},
+    "eight-smoothed-quads": {"patches": 12},
+    "octtoruscc2": {"rms_percent": 3.0, "optimise": 20.0},
+}
+SMALLEST = 150  # quads: below, what a stage costs whatever the size hides how it grows
+GROWTH = 1.2  # n log n between 500 and 6,000 quads
+
+
+def rows(records: Records) -> list[Row]:
+    """The rows of the whole zoo, of the surfaces that figures are asked of by name, and of how the cost grows."""
+    whole = {name: r for name, r in records.items() if not refused(r)}
+    made = {name: r for name, r in whole.items() if r.get("sheets", 0)}
+    known = {name: r for name, r in made.items() if "rmse_mm_before" in r and "rmse_mm" in r}
+    sizes = np.concatenate([r["sizes"] for r in made.values()]) if made else np.zeros(1)
+
+    def named(name: str, wrong: Callable[[Record], object], among: Records = records) -> Row:
+        found = sorted(n for n, r in among.items() if wrong(r))
+        return row("zoo", name, "0", f"{len(found)}" + (f": {', '.join(found)}" if found else ""), not found)
+
+    count = max(len(whole), 1)
+    return [
+        row("zoo", "surfaces", "", f"{len(records)}, {len(records) - len(whole)} refused", None),
+        named("wrongly refused or wrongly taken", lambda r: bool(refused(r)) != bool(r.get("to_be_refused"))),
+        at_least("zoo", "with sheets, %", 100.0, 100.0 * len(made) / count),
+        named("without sheets", lambda r: not r.get("sheets", 0), whole),
+        at_least("zoo", "optimised and simulated, %", 98.0, 100.0 * len(known) / count),
+        named("not optimised or not simulated", lambda r: "rmse_mm_before" not in r or "rmse_mm" not in r, made),
+        named("tracebacks", lambda r: "traceback" in r),
+        named("given up or crashed", lambda r: "crashed" in r),
+        named("worse than they began", lambda r: r.get("worse")),
+        named("farther than they began (RMS)", lambda r: r.get("farther")) | {"asked": "", "ok": None},
+        named("patches of one quad for no reason of its own", lambda r: r.get("alone", 0) > r.get("alone_own_e", 0)),
+        at_least("zoo", "median quads a patch", 40.0, float(np.median(sizes))),
+        at_least("zoo", "median over surfaces of that", 40.0, _median(made, "median")),
+        named("figures that are not finite", lambda r: r.get("not_finite")),
+        *_by_name(records),
+        *_times(whole),
+        *_growth(made),
+    ]
+
+
+def refused(record: Record) -> bool:
+    """Whether a surface did not pass the checks."""
+    return "refused" in record and record["ended_in"] in BEFORE
+
+
+def busy(record: Record, stages: tuple[str, ...]) -> float:
+    """Seconds of processor of some stages."""
+    return float(sum(record.get("busy", {}).get(stage, 0.0) for stage in stages))
+
+
+def _median(records: Records, key: str) -> float:
+    return float(np.median([r[key] for r in records.values()])) if records else 0.0
+
+
+def _by_name(records: Records) -> list[Row]:
+    """The figures that are asked of single meshes, those that are there."""
+    found = []
+    for name, asked in NAMED.items():
+        record = next((r for n, r in records.items() if n.endswith(f"/{name}")), None)
+        if record is None:
+            continue
+        for key, limit in asked.items():
+            if key in SECONDS:
+                found.append(at_most(name, f"{key}, seconds", limit, busy(record, SECONDS[key][0])))
+            else:
+                found.append(at_most(name, key, limit, record.get(key, float("nan"))))
+    return found
+
+
+def _times(records: Records) -> list[Row]:
+    """The slowest of every stage among those of a size for which a time is asked, and the longest silence."""
+    found = []
+    for name, (stages, most, limit) in SECONDS.items():
+        times = {n: busy(r, stages) for n, r in records.items() if r.get("quads", 0) <= most}
+        if times:
+            slowest = max(times, key=lambda n: times[n])
+            late = sum(t > limit for t in times.values())
+            one = at_most("zoo", f"{name}, seconds, slowest", limit, times[slowest])
+            found.append(one | {"peer": {"slowest": slowest, "beyond": late}})
+    quiet = {(n, s): t for n, r in records.items() for s, t in r.get("silence", {}).items()}
+    if quiet:
+        name, stage = max(quiet, key=lambda k: quiet[k])
+        late = sum(t > 0.5 for t in quiet.values())
+        one = at_most("zoo", "longest without progress, seconds", 0.5, quiet[name, stage])
+        found.append(one | {"peer": {"longest": f"{name} in {stage}", "beyond": late}})
+    return found
+
+
+def _growth(records: Records) -> list[Row]:
+    """How the cost of every stage grows with the quads: the exponent, by Siegel's repeated medians, which outliers do not bend."""
+    from scipy.stats import siegelslopes
+
+    found = []
+    for stage in ("check", "regularise", "trace", "merge", "split", "spirals", "optimise", "simulate", "sheets"):
+        pairs = [(r["quads"], busy(r, (stage,))) for r in records.values() if r["quads"] >= SMALLEST]
+        pairs = [(n, t) for n, t in pairs if t > 0.01]
+        if len(pairs) >= 8:
+            slope = siegelslopes(*np.log(np.array(pairs, dtype=float)).T[::-1])[0]
+            found.append(at_most("zoo", f"cost of {stage} by quads, exponent", GROWTH, float(slope)))
+    return found
