@@ -255,7 +255,7 @@ def export(
     ready = piece if piece.result.sheets is not None else sheets(piece, progress=progress)
     assert ready.result.sheets is not None
     base = Path(folder) / name
-    with files.replacing_many(exporting.stale(base, ready.result.sheets.count)) as new:
+    with files.replacing_many(exporting.stale(base, ready.result.sheets.count), base.parent) as new:
         return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new)
 
 

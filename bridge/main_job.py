@@ -13,7 +13,7 @@ from typing import Any
 
 from ..engine import files
 from ..engine.assembling import assembly_sheet
-from ..engine.fabrication import export
+from ..engine.fabrication import export, series
 from ..engine.params import Settings
 from ..engine.progress import Progress
 from ..engine.runs import job, report
@@ -29,9 +29,12 @@ TITLE = "together.png"  # of the report
 
 
 @contextmanager
-def folder(out: Path) -> Iterator[export.NewFile]:
-    """Gives the function that ``write`` takes: the folder's files appear together, or the earlier ones stay as they were."""
-    with files.replacing_many(_stale(out)) as new:
+def folder(out: Path) -> Iterator[files.NewFile]:
+    """Gives the function that ``write`` takes: the folder's files appear together, or the earlier ones stay as they were.
+
+    Raises ``FlexMapsError`` where another run is writing into the folder.
+    """
+    with files.replacing_many(_stale(out), out) as new:
         new(out / REPORT)  # a folder that cannot be written to says so before the work, not after
         yield new
 
@@ -41,7 +44,7 @@ def write(
     settings: Settings,
     name: str,
     out: Path,
-    new: export.NewFile,
+    new: files.NewFile,
     formats: tuple[str, ...],
     pictures: bool,
     progress: Progress,
@@ -81,7 +84,7 @@ def write_sheets(
     name: str,
     base: Path,
     formats: tuple[str, ...],
-    new: export.NewFile,
+    new: files.NewFile,
     guide: Path | None = None,
 ) -> list[Path]:
     """Write the sheets as base-01.svg, ..., and the assembly sheet as base-assembly.pdf or ``guide``; returns the files."""
@@ -104,7 +107,7 @@ def _stale(out: Path) -> list[Path]:
         sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
     except (OSError, ValueError, AttributeError, TypeError):
         return []
-    return [*sheets, *(out / name for name in PICTURES), *pages.stale(out)]
+    return [*filter(series.ours, sheets), *(out / name for name in PICTURES), *pages.stale(out)]
 
 
 @contextmanager

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import errno
 import os
+import sys
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from .errors import FlexMapsError
+
+NewFile = Callable[[str | os.PathLike[str]], Path]
+LOCK = ".flexmaps-lock"  # name of the file by which a run holds its folder
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; make room and try again",
@@ -23,8 +28,11 @@ _REASONS = {
     errno.EISDIR: "a folder of that name is in the way; choose another name",
     errno.EEXIST: "a file of that name is in the way of the folder; choose another folder",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
+    errno.EIO: "the disk or its connection fails; choose another one",
     errno.EINVAL: "the name is not allowed there; choose another one",
 }
+
+_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of a write, which names no file
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -43,49 +51,133 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 @contextmanager
-def replacing_many(stale: Iterable[str | os.PathLike[str]] = ()) -> Iterator[Callable[[str | os.PathLike[str]], Path]]:
+def replacing_many(
+    stale: Iterable[str | os.PathLike[str]] = (), alone_in: str | os.PathLike[str] | None = None
+) -> Iterator[NewFile]:
     """Write several files so that all of them appear, or none and the earlier ones stay as they were.
 
     Gives a function that takes the path of a wanted file and returns a temporary path beside it, of the same suffix, to
-    write to. ``stale`` are old files that vanish when the new ones appear. Raises ``FlexMapsError`` where the folder cannot
-    be written to or the disk is full; whatever is raised inside, no temporary file is left.
+    write to. ``stale`` are old files that vanish when the new ones appear. ``alone_in`` is a folder that no other run may
+    write to meanwhile. Raises ``FlexMapsError`` where the folder cannot be written to or is held by another run, or the disk
+    is full; other errors that are raised inside, as by reading a missing file, stay what they are.
+    Whatever is raised, no temporary file is left.
     """
     wanted: dict[Path, Path] = {}
     made: list[Path] = []
-    try:
+    held: BinaryIO | None = None
 
-        def new(path: str | os.PathLike[str]) -> Path:
-            target = Path(path)
+    def new(path: str | os.PathLike[str]) -> Path:
+        target = Path(path)
+        with _writing(wanted):
             made.extend(_make_folder(target.parent))
             if target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
             if target not in wanted:
                 wanted[target] = _beside(target)
                 wanted[target].touch()  # a folder that cannot be written to says so before the work is done
-            return wanted[target]
+        return wanted[target]
 
-        yield new
-        _swap(wanted, [p for p in map(Path, stale) if p not in wanted and p.is_file()])
+    try:
+        if alone_in is not None:
+            with _writing(wanted):
+                made.extend(_make_folder(Path(alone_in)))
+                held = _locked(Path(alone_in))
+        try:
+            yield new
+        except OSError as error:
+            if not _by_writing(error, wanted):
+                raise
+            raise _refused(error, wanted) from error
+        with _writing(wanted):
+            _swap(wanted, [p for p in map(Path, stale) if p not in wanted and p.is_file()])
         made.clear()
-    except (OSError, ValueError) as error:
-        if isinstance(error, ValueError) and "null" not in str(error):
-            raise
-        name = getattr(error, "filename", None)
-        target = next((t for t, temporary in wanted.items() if str(temporary) == str(name)), None)
-        place = target or name or next(iter(wanted), "the file")
-        raise FlexMapsError(f"Cannot write {place}: {reason(error)}") from error
     finally:
         for temporary in wanted.values():
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
+        if held is not None:
+            _unlock(held)
         for folder in reversed(made):
             with suppress(OSError):
                 folder.rmdir()
 
 
+@contextmanager
+def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
+    """For steps that do nothing but write: their errors say so. A name with a zero byte is a ``ValueError`` of Python's."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        raise _refused(error, wanted) from error
+
+
+def _by_writing(error: OSError, wanted: dict[Path, Path]) -> bool:
+    """Whether an error comes from writing one of the ``wanted`` files: it names one, or none and is that of a full disk."""
+    if error.filename is None:
+        return error.errno in _FULL
+    return str(error.filename) in {str(temporary) for temporary in wanted.values()}
+
+
+def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsError:
+    name = getattr(error, "filename", None)
+    target = next((t for t, temporary in wanted.items() if str(temporary) == str(name)), None)
+    place = target or name or next(iter(wanted), "the file")
+    return FlexMapsError(f"Cannot write {place}: {reason(error)}")
+
+
 def _beside(target: Path) -> Path:
     """A free name in the same folder and of the same suffix, so that writers that look at suffixes are content."""
     return target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
+
+
+def _locked(folder: Path) -> BinaryIO:
+    """Hold a folder until ``_unlock``; the system lets go of it when the process ends, however that happens.
+
+    Raises ``FlexMapsError`` where another run holds it.
+    """
+    while True:
+        stream = open(folder / LOCK, "ab")  # noqa: SIM115  # it stays open as long as the folder is held
+        if not _lock(stream):
+            stream.close()
+            raise FlexMapsError(
+                f"Another run is writing into {folder}; wait until it has ended, or choose another folder"
+            )
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.stat(stream.name), os.fstat(stream.fileno())):
+                return stream
+        stream.close()  # the run before has just removed the file
+
+
+def _lock(stream: BinaryIO) -> bool:
+    """Whether this program may have the file for itself; where a file system knows no locks everybody may."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        try:
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+    import fcntl
+
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EAGAIN, errno.EACCES)
+    return True
+
+
+def _unlock(stream: BinaryIO) -> None:
+    # elsewhere the file goes while it is still held, so that nobody comes to hold one that goes; Windows removes no open
+    # file, and none that somebody else has opened meanwhile
+    windows = sys.platform == "win32"
+    with suppress(OSError):
+        if not windows:
+            os.unlink(stream.name)
+    stream.close()
+    with suppress(OSError):
+        if windows:
+            os.unlink(stream.name)
 
 
 def _make_folder(folder: Path) -> list[Path]:

@@ -48,6 +48,7 @@ class Export(Stage, bpy.types.Operator):
             from ..engine.assembling import assembly_check, assembly_sheet
             from ..engine.fabrication import estimates, export, sheets
             from ..engine.mechanics import simulate
+            from ..engine.patches import split
             from ..engine.surface import check
 
             progress(0.0, "Reading the spirals")
@@ -56,6 +57,7 @@ class Export(Stage, bpy.types.Operator):
             design = mesh.design_of(surface, flat, settings.spiral)
             if design is None:
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
+            split.check_size(flat, settings.layout, settings.sheet)
             made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8), settings.connect, settings.cut)
             figures = estimates.estimate(made, design, settings.material.chosen)
             found = None
@@ -74,7 +76,7 @@ class Export(Stage, bpy.types.Operator):
                 )
             checked = assembly_check.check_assembly(design, made.connections, found)
             progress(0.85, "Writing files")
-            with files.replacing_many(export.stale(base, made.count)) as new:
+            with files.replacing_many(export.stale(base, made.count), base.parent) as new:
                 written = export.write(made, base, formats, new)
                 if settings.export.guide:
                     progress(0.9, "Drawing the assembly sheet")

@@ -14,8 +14,7 @@ from ..fabrication.estimates import Estimates
 from ..fabrication.labels import panel_name, seam_name
 from ..fabrication.pdf import Page, document, text_width
 from ..fabrication.sheets import CutSheets
-from ..fabrication.svg import NewFile
-from ..files import replacing
+from ..files import NewFile, replacing
 from ..patches.flatten import FlatPatches
 from ..spirals.arcs import Curve
 from ..spirals.design import SpiralDesign

@@ -13,10 +13,11 @@ import numpy as np
 
 from .. import PROGRAM
 from ..errors import FlexMapsError
-from ..files import replacing_many
+from ..files import NewFile, replacing_many
 from ..spirals.arcs import Curve
+from .series import numbered, numbered_before
 from .sheets import CutSheets
-from .svg import NewFile, numbered, numbered_before, operations
+from .svg import operations
 
 # name and AutoCAD colour index, in the order of the work; 7 is black on white
 LAYERS = (("ENGRAVE", 7), ("CUT_INNER", 5), ("CUT_OUTER", 1))
@@ -93,7 +94,7 @@ def _r12(sheets: CutSheets, index: int) -> str:
     _document(sheets, index, "R12", filled=False).write(frame)
     before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
     assert mark, "a DXF document has a section of entities"
-    parts = [before, mark]
+    parts = [f"999\n{PROGRAM}\n", before, mark]  # a comment: R12 has no place for the program's name
     for name, curve in _entities(sheets, index):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import FlexMapsError
-from ..files import replacing_many
-from . import dxf, pdf, solid_files, svg
+from ..files import NewFile, replacing_many
+from . import dxf, pdf, series, solid_files, svg
 from .sheets import CutSheets
 
 # R12 is the DXF that every program reads, R2010 the one that knows its units; the solids are large
 FLAT = ("svg", "dxf", "dxf-r12", "pdf")
 SOLID = ("stl", "3mf")
 FORMATS = FLAT + SOLID
-NewFile = Callable[[str | os.PathLike[str]], Path]
 
 
 def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: NewFile | None = None) -> list[Path]:
@@ -29,7 +26,7 @@ def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: N
         wrong = f"There is no format '{min(unknown)}'" if unknown else "No format is chosen"
         raise FlexMapsError(f"{wrong}; choose among {', '.join(FORMATS)}")
     if new is None:
-        with replacing_many(stale(base, sheets.count)) as new:
+        with replacing_many(stale(base, sheets.count), base.parent) as new:
             return write(sheets, base, formats, new)
     written: list[Path] = []
     if "svg" in formats:
@@ -47,7 +44,7 @@ def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: N
 
 def stale(base: Path, count: int) -> list[Path]:
     """The files of an earlier run that had more sheets than ``count``."""
-    return [path for key in FORMATS for path in svg.numbered_before(_named(base, key), count)]
+    return [path for key in FORMATS for path in series.numbered_before(_named(base, key), count)]
 
 
 def _named(base: Path, key: str) -> Path:

@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from .. import PROGRAM
-from ..files import replacing_many
+from ..files import NewFile, replacing_many
 from ..spirals.arcs import Curve
+from .series import numbered, numbered_before
 from .sheets import CutSheets
-from .svg import HAIRLINE, LAYERS, NewFile, numbered, numbered_before, operations
+from .svg import HAIRLINE, LAYERS, operations
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need another unit
@@ -158,7 +159,7 @@ def _assembled(bodies: list[bytes]) -> bytes:
     offsets = []
     for number, body in enumerate(bodies, start=1):
         offsets.append(len(data))
-        data += b"%d 0 obj" % number + body + b"endobj\n"
+        data += b"%d 0 obj\n" % number + body + b"\nendobj\n"
     start = len(data)
     data += b"xref\n0 %d\n0000000000 65535 f \n" % (len(bodies) + 1)
     data += b"".join(b"%010d 00000 n \n" % offset for offset in offsets)

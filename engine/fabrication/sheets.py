@@ -171,20 +171,23 @@ def _path(panel: Panel, cut: CutParams) -> Panel:
 
 
 def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
-    """The loose keys in rows on a last sheet, no larger than they need: they can be cut from a remnant."""
+    """The loose keys in rows on last sheets, no larger than they need: they can be cut from a remnant."""
     if not keys:
         return packing
     size = max(np.ptp(k.outer.sampled(1e-5), axis=0).max() for k in keys)
     pitch = size + params.spacing
-    columns = max(int((params.sheet_width - 2.0 * params.margin + params.spacing) // pitch), 1)
-    row, column = np.divmod(np.arange(len(keys)), columns)
+    free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin + params.spacing
+    columns, rows = np.maximum((free // pitch).astype(int), 1).tolist()
+    sheet, place = np.divmod(np.arange(len(keys)), columns * rows)
+    row, column = np.divmod(place, columns)
     shift = params.margin + 0.5 * size + pitch * np.column_stack([column, row])
-    used = 2.0 * params.margin + pitch * np.array([min(columns, len(keys)), row[-1] + 1]) - params.spacing
+    on = np.bincount(sheet)
+    taken = np.column_stack([np.minimum(on, columns), -(-on // columns)])
     return Packing(
-        np.append(packing.sheet, np.full(len(keys), len(packing.sizes))),
+        np.append(packing.sheet, len(packing.sizes) + sheet),
         np.append(packing.rotation, np.zeros(len(keys))),
         np.concatenate([packing.shift, shift]),
-        np.concatenate([packing.sizes, used[None]]),
+        np.concatenate([packing.sizes, 2.0 * params.margin + pitch * taken - params.spacing]),
     )
 
 

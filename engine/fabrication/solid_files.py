@@ -12,10 +12,10 @@ import numpy as np
 
 from .. import PROGRAM
 from ..errors import FlexMapsError
-from ..files import replacing_many
+from ..files import NewFile, replacing_many
 from .panel import Panel
+from .series import numbered, numbered_before
 from .sheets import CutSheets
-from .svg import NewFile, numbered, numbered_before
 
 TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
 

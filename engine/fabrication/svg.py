@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from .. import PROGRAM
-from ..files import replacing_many
+from ..files import NewFile, replacing_many
 from ..spirals.arcs import Curve
+from .series import numbered, numbered_before
 from .sheets import CutSheets
 
 # in the order of the work: nothing moves before it is engraved, and a panel comes loose last
 LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff0000"))
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
-
-NewFile = Callable[[str | os.PathLike[str]], Path]
 
 
 def write(sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None = None) -> list[Path]:
@@ -34,21 +32,6 @@ def write(sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None =
     for index, target in enumerate(paths):
         new(target).write_text(text(sheets, index), encoding="utf-8")
     return paths
-
-
-def numbered(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """out/sheet.svg -> out/sheet-01.svg, out/sheet-02.svg, ..."""
-    path = Path(path)
-    return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]
-
-
-def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """Files of an earlier run with more sheets than ``count``: without gaps, so that no other file is touched."""
-    path = Path(path)
-    stale: list[Path] = []
-    while (old := path.with_name(f"{path.stem}-{count + len(stale) + 1:02d}{path.suffix}")).is_file():
-        stale.append(old)
-    return stale
 
 
 def operations(sheets: CutSheets, index: int) -> list[tuple[Curve, ...]]:

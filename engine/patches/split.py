@@ -27,6 +27,7 @@ BEND = 3.0  # what a quarter turn of a run costs, in mean edges
 CHECKED = 40  # runs that are looked at closely, best first
 NEEDED, UNEVEN = 2.0, 0.5  # what one more piece costs, and pieces as unequal as can be, against a run across the patch
 CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew
+ROUNDING = 1e-4  # by how much, as a share, a patch that was stored and read again may have grown
 SLACK = 0.005  # share of the sheet's longer side that is left for connectors and for the packing
 
 
@@ -76,6 +77,26 @@ def split(
             text += "; the cuts to the sheet's size broke the others"
         flat.layout.notes.update(said | {"symmetry": text})
     return flat
+
+
+def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> None:
+    """Raise ``FlexMapsError`` where ``split`` would still cut: the layout was made for a larger sheet, or by hand.
+
+    Patches that no run can divide are let through, as ``split`` does.
+    """
+    if sheet.oversize != "split":
+        return
+    room = usable(sheet)
+    _refuse_large_quads(flat, room, sheet)
+    large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0 + ROUNDING]
+    able = [p for p in large if _best_run(flat, p, params, (1.0 - CHANGE) * room, sheet) is not None]
+    if able:
+        raise FlexMapsError(
+            f"{len(able)} of {len(flat.layout.patches)} panels are larger than the sheet of {sheet.sheet_width * 1e3:g} x "
+            f"{sheet.sheet_height * 1e3:g} mm less its margins: they were not cut for it; make the layout again, cut them "
+            "by hand, or let too large panels have larger sheets",
+            faces=np.concatenate([flat.layout.patches[p] for p in able]),
+        )
 
 
 def _refuse_large_quads(flat: FlatPatches, room: np.ndarray, sheet: SheetParams) -> None:

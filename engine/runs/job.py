@@ -256,6 +256,7 @@ def _judged(result: Result, found: Simulation) -> Result:
 
 def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
+    split.check_size(result.design.flat, settings.layout, settings.sheet)
     made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut)
     figures = estimates.estimate(made, result.design, settings.material.chosen)
     assembly = assembly_check.check_assembly(result.design, made.connections, result.simulation)

@@ -2,6 +2,9 @@
 
 import errno
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from flexmaps.engine.errors import FlexMapsError
@@ -127,3 +130,65 @@ def test_odd_names(tmp_path, name):
     with replacing(tmp_path / name) as temporary:
         temporary.write_text("x")
     assert _names(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError, ConnectionError, IsADirectoryError])
+def test_errors_that_have_nothing_to_do_with_writing_stay_what_they_are(tmp_path, error):
+    with pytest.raises(error), replacing_many(alone_in=tmp_path / "out") as new:
+        new(tmp_path / "out" / "a.svg").write_text("half")
+        if error is FileNotFoundError:
+            (tmp_path / "no input.obj").read_text()
+        raise error(errno.ENOENT, "elsewhere", "another file")
+    assert _names(tmp_path) == []
+
+
+# -- one run in a folder -------------------------------------------------------------------------------------------------
+
+
+def test_a_second_run_in_the_same_folder_is_refused(tmp_path):
+    out = tmp_path / "out"
+    with replacing_many(alone_in=out) as new:
+        new(out / "a.svg").write_text("first")
+        with pytest.raises(FlexMapsError, match=r"Another run is writing into .*out"), replacing_many(alone_in=out):
+            pytest.fail("two runs in one folder")
+        with replacing_many(alone_in=tmp_path / "elsewhere") as other:
+            other(tmp_path / "elsewhere" / "a.svg").write_text("third")
+    assert _names(out) == ["a.svg"]
+    with replacing_many(alone_in=out) as new:
+        new(out / "a.svg").write_text("later")
+    assert (out / "a.svg").read_text() == "later"
+    assert _names(out) == ["a.svg"]
+
+
+def test_a_run_that_fails_lets_go_of_its_folder(tmp_path):
+    for _ in range(2):
+        with pytest.raises(RuntimeError), replacing_many(alone_in=tmp_path / "out"):
+            raise RuntimeError
+    assert _names(tmp_path) == []
+
+
+_HOLDS = """
+import importlib.util, sys
+spec = importlib.util.spec_from_file_location("flexmaps", sys.argv[1], submodule_search_locations=[sys.argv[2]])
+sys.modules["flexmaps"] = importlib.util.module_from_spec(spec)
+from flexmaps.engine.files import replacing_many
+with replacing_many(alone_in=sys.argv[3]) as new:
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_another_process_holds_its_folder_until_it_is_killed(tmp_path):
+    root = Path(__file__).resolve().parents[2]
+    command = [sys.executable, "-c", _HOLDS, str(root / "__init__.py"), str(root), str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        try:
+            assert other.stdout.readline() == "held\n"
+            with pytest.raises(FlexMapsError, match="Another run"), replacing_many(alone_in=tmp_path):
+                pytest.fail("two runs in one folder")
+        finally:
+            other.kill()
+    # its lock lies there still, and is nobody's
+    with replacing_many(alone_in=tmp_path) as new:
+        new(tmp_path / "a.svg").write_text("mine")
+    assert _names(tmp_path) == ["a.svg"]

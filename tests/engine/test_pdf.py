@@ -1,5 +1,7 @@
 """PDF: true size and true places, judged by PDFium, which draws the pages."""
 
+import re
+
 import numpy as np
 import pytest
 from flexmaps.engine.fabrication import pdf, sheets
@@ -75,3 +77,26 @@ def test_areas_and_layers():
     data = pdf.document([page], "areas")
     assert (_drawn(data) < 128).sum() == pytest.approx(400 * 400, rel=0.01)
     assert b"/Type/OCG/Name(cut inner)" in data
+
+
+def test_the_file_is_built_as_the_standard_says():
+    """ISO 32000-1, 7.3.10 and 7.5: every object by itself between its own lines, where the table of contents says it is."""
+    pages = []
+    for k in range(3):
+        pages.append(pdf.Page(0.1, 0.1))
+        pages[-1].begin_layer(f"layer {k}")
+        pages[-1].text("(a) \\ b", (0.02, 0.02), 0.005)
+        pages[-1].end_layer()
+    data = pdf.document(pages, "a (title) \\")
+    start = int(re.search(rb"\nstartxref\n(\d+)\n%%EOF\n$", data)[1])
+    table = re.match(rb"xref\n0 (\d+)\n0000000000 65535 f \n((?:\d{10} 00000 n \n)*)trailer\n?<<", data[start:])
+    offsets = [int(line[:10]) for line in table[2].splitlines()]
+    assert len(offsets) == int(table[1]) - 1
+    for number, (begin, end) in enumerate(zip(offsets, [*offsets[1:], start], strict=True), start=1):
+        body = data[begin:end]
+        assert re.match(rb"%d 0 obj\s" % number, body)
+        assert body.endswith(b"\nendobj\n")
+        stream = re.search(rb"/Length (\d+)>>\s*stream\r?\n", body)
+        assert (b"endstream" in body) == (stream is not None)
+        if stream:
+            assert body[stream.end() + int(stream[1]) :] == b"\nendstream\nendobj\n"

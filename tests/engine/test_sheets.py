@@ -10,11 +10,17 @@ import pytest
 import shapely
 import svgelements
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.fabrication import dxf, lettering, sheets, svg
+from flexmaps.engine.fabrication import dxf, export, lettering, packing, sheets, svg
 from flexmaps.engine.fabrication.labels import panel_name, seam_name
-from flexmaps.engine.params import ConnectorParams, SheetParams, SpiralParams
+from flexmaps.engine.params import ConnectorParams, LayoutParams, Settings, SheetParams, SpiralParams
+from flexmaps.engine.patches import split
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.contours import Outline
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer"}
 
@@ -164,10 +170,25 @@ def test_unknown_dxf_version(made, tmp_path):
 
 
 def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
+    earlier = svg.text(made, 0)
     for name in ("sheet-02.svg", "sheet-03.svg", "sheet-05.svg"):
-        (tmp_path / name).write_text("earlier")
+        (tmp_path / name).write_text(earlier)
     svg.write(made, tmp_path / "sheet.svg")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sheet-01.svg", "sheet-05.svg"]
+
+
+def test_every_kind_of_file_is_known_again_as_the_programs_own(made, tmp_path):
+    base = tmp_path / "sheet"
+    written = export.write(made, base, export.FORMATS)
+    assert len(written) == len(export.FORMATS)
+    for path in written:
+        second = path.with_name(path.name.replace("-01", "-02"))
+        path.rename(second)
+        # what another program wrote, or nobody can read, is left alone
+        second.with_name(second.name.replace("-02", "-03")).write_bytes(b"solid of another program")
+    left = {p.name for p in tmp_path.iterdir()} - {p.name.replace("-01", "-02") for p in written}
+    export.write(made, base, export.FORMATS)
+    assert {p.name for p in tmp_path.iterdir()} == left | {p.name for p in written}
 
 
 def test_oversize_panels(flat_grid):
@@ -248,3 +269,39 @@ def test_keys_carry_the_names_of_their_joints(flat_grid):
     small = SheetParams(nesting="FAST", label_min=0.005)
     made = sheets.make_sheets(spirals, small, connectors=ConnectorParams(connector="key"))
     assert not any(p.labels for p in made.panels if p.patch < 0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 7, 300])
+def test_loose_keys_stay_on_sheets_of_the_size_that_is_there(count):
+    square = Curve(0.004 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]), np.zeros(4))
+    params = SheetParams(sheet_width=0.2, sheet_height=0.1)
+    none = packing.Packing(np.zeros(0, int), np.zeros(0), np.zeros((0, 2)), np.zeros((0, 2)))
+    found = sheets.with_keys(none, (Outline(square, ()),) * count, params)
+    assert len(found.sheet) == count
+    assert (found.sizes <= [0.2, 0.1]).all()
+    assert sorted(set(found.sheet.tolist())) == list(range(len(found.sizes)))
+    for k, size in enumerate(found.sizes):
+        boxes = [shapely.box(*(s - 0.004), *(s + 0.004)) for s in found.shift[found.sheet == k]]
+        frame = shapely.box(0, 0, *size).buffer(1e-9 - params.margin, join_style="mitre")
+        assert all(frame.contains(b) for b in boxes)
+        assert shapely.unary_union([b.buffer(0.4999 * params.spacing) for b in boxes]).area == pytest.approx(
+            sum(b.buffer(0.4999 * params.spacing).area for b in boxes)
+        )
+
+
+def test_a_smaller_sheet_after_the_layout_is_refused_where_the_panels_could_be_cut(flat_grid):
+    small, fits = SheetParams(sheet_width=0.1, sheet_height=0.08), SheetParams()
+    flat = flat_grid(10, 3, cut=lambda x, _: x == 9)
+    split.check_size(flat, LayoutParams(), fits)
+    with pytest.raises(FlexMapsError, match=r"1 of 2 panels are larger than the sheet of 100 x 80 mm") as caught:
+        split.check_size(flat, LayoutParams(), small)
+    assert caught.value.faces == list(range(27))
+    split.check_size(flat, LayoutParams(), SheetParams(sheet_width=0.1, sheet_height=0.08, oversize="enlarge"))
+    split.check_size(split.split(flat, LayoutParams(), small), LayoutParams(), small)
+
+
+def test_the_job_refuses_sheets_smaller_than_its_layout():
+    result = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after="spirals")
+    smaller = Settings(sheet=SheetParams(sheet_width=0.07, sheet_height=0.06))
+    with pytest.raises(FlexMapsError, match="make the layout again"):
+        job.go_on(result, smaller, ["sheets"])
