@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import os
 import sys
@@ -18,8 +19,10 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 
 def load_tool(name: str) -> ModuleType:
-    """A module of tools/, which is no package."""
-    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", ROOT / "tools" / f"{name}.py")
+    """A module or a package of tools/, which is no package itself."""
+    folder = ROOT / "tools" / name
+    file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", file)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -49,6 +52,14 @@ def build_zip() -> ModuleType:
 def random_calls() -> ModuleType:
     """The tool that presses buttons at random."""
     return load_tool("random_calls")
+
+
+@pytest.fixture(scope="session")
+def zoo() -> ModuleType:
+    """The surfaces that the project makes itself, with ``trial``, which runs the whole job on one."""
+    package = load_tool("zoo")
+    importlib.import_module(f"{package.__name__}.trial")
+    return package
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import os
 import resource
 import time
 import traceback
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from flexmaps.engine.surface import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 EDGE = 0.02  # metres, the median quad edge of every surface
+NESTING = 1.0  # seconds
 WORSE = 1.005  # the same figure of two simulations differs by less than this from rounding
 PHYSICS = ("not-optimised", "not-simulated")
 
@@ -28,7 +30,7 @@ class Clock:
     """Notes from the progress what every stage takes, and how long none was told.
 
     wall, busy : seconds of every stage, of the clock and of all processor cores, child processes included
-    silence : longest time of processor between two calls of the progress, with the stage; part : what is written at
+    silence : longest time of this process between two calls of the progress, with the stage; part : what is written at
     every stage's start, so that a killed process leaves word
     """
 
@@ -38,19 +40,19 @@ class Clock:
         self.silence: dict[str, float] = {}
         self.stage = ""
         self._part = part
-        self._start = self._told = (time.monotonic(), busy_time())
+        self._start, self._told = (time.monotonic(), busy_time()), time.process_time()
 
     def __call__(self, fraction: float, text: str) -> None:
-        now = (time.monotonic(), busy_time())
+        now, told = (time.monotonic(), busy_time()), time.process_time()
         if self.stage:
-            quiet = now[1] - self._told[1]
+            quiet = told - self._told
             self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
             self.wall[self.stage] = round(now[0] - self._start[0], 3)
             self.busy[self.stage] = round(now[1] - self._start[1], 3)
         if text in job.STAGES and text != self.stage:
             self.stage, self._start = text, now
             self._write()
-        self._told = now
+        self._told = told
 
     def _write(self) -> None:
         if self._part is not None:
@@ -69,6 +71,7 @@ def run(
     supports: str | None = None,
     remesh: int | None = None,
     optimised: bool = True,
+    settings: Settings | None = None,
     part: Path | None = None,
 ) -> tuple[dict[str, Any], job.Result | None]:
     """The record of a surface, plain JSON types, and what the job made, ``None`` where it ended early.
@@ -76,12 +79,12 @@ def run(
     ``remesh`` is the number of quads that Blender's remesh makes of triangles before; ``part`` as in ``Clock``.
     """
     clock = Clock(part)
+    settings = settings or settings_used()
     record: dict[str, Any] = {"quads": len(polygons.sizes)}
     result = None
     try:
         if remesh is not None:
             polygons = remeshed(polygons, remesh)
-        settings = Settings()
         result = job.run(
             polygons, settings, edge=EDGE, optimised=optimised, supports=supports, progress=Progress(report=clock)
         )
@@ -92,6 +95,16 @@ def run(
     except Exception:
         record["traceback"] = traceback.format_exc()
     return record | {"ended_in": clock.stage, "wall": clock.wall, "busy": clock.busy, "silence": clock.silence}, result
+
+
+def settings_used(**optimise: Any) -> Settings:
+    """The usual settings, but for the time that nesting may take: that is a limit and no cost, and the same for all."""
+    usual = Settings()
+    return replace(
+        usual,
+        sheet=replace(usual.sheet, nesting_seconds=NESTING),
+        optimise=replace(usual.optimise, **optimise),
+    )
 
 
 def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
