@@ -23,17 +23,18 @@ Codes of the findings:
     inside-out                warning         closed bodies whose normals point inwards
     several-bodies            warning         each is laid out by itself
     loose-vertices            warning         vertices that belong to no face; left out
+    left-out                  warning         what the file holds beside its mesh
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import FlexMapsError
-from .check_topology import Sides, bodies, inconsistent, sides_of, split_vertices
+from .check_topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 from .mesh import PolygonMesh, QuadMesh
 
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # 99th to 1st percentile of the faces' mean edge lengths
@@ -115,7 +116,7 @@ def scaled(polygons: PolygonMesh, *, edge: float | None = None, height: float | 
             raise FlexMapsError("The mesh is flat along z, so it has no height; give the edge length instead")
     if not np.isfinite(size) or size <= 0:
         return polygons
-    return PolygonMesh(np.asarray(polygons.vertices, float) * (wanted / size), polygons.corners, polygons.sizes)
+    return replace(polygons, vertices=np.asarray(polygons.vertices, float) * (wanted / size))
 
 
 def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -> QuadMesh:
@@ -171,6 +172,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     if loose:
         text = f"{_count(loose, 'vertex belongs', 'vertices belong')} to no face and {'is' if loose == 1 else 'are'} left out"
         found.append(_finding("loose-vertices", text, severity="warning"))
+    found += [_finding("left-out", text, severity="warning") for text in polygons.left_out]
     return found
 
 
@@ -224,24 +226,11 @@ def _shape_of_faces(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> li
     if len(twice):
         text = f"{_faces(twice)} with the same vertex at two corners: use Merge by Distance and Delete Loose"
         found.append(_finding("repeated-vertex", text, twice))
-    same = _duplicates(polygons.sizes, corner)
+    same = repeated_faces(polygons)
     if len(same):
         text = f"{_faces(same)} on the vertices of another face: delete the doubles"
         found.append(_finding("duplicate-faces", text, same))
     return found
-
-
-def _duplicates(sizes: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Faces with the same vertices as an earlier one; ``corners`` sorted within every face."""
-    starts = np.cumsum(sizes) - sizes
-    found = []
-    for size in np.unique(sizes):
-        own = np.flatnonzero(sizes == size)
-        rows = corners[starts[own][:, None] + np.arange(size)]
-        order = np.lexsort(rows.T[::-1])
-        equal = (rows[order][1:] == rows[order][:-1]).all(axis=1)
-        found.append(own[order[1:][equal]])
-    return np.sort(np.concatenate(found))
 
 
 def _topology(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:

@@ -96,3 +96,19 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     turned ^= (share > 0.5)[body]
     turned &= ~np.isin(body, one_sided)
     return np.flatnonzero(turned), one_sided, np.unique(sides.edge[one[~agree]])
+
+
+def repeated_faces(polygons: PolygonMesh) -> np.ndarray:
+    """(K,) int, ascending: faces with the same vertices as an earlier one, in whatever order."""
+    sizes = polygons.sizes
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face
+    starts = np.cumsum(sizes) - sizes
+    found = [np.zeros(0, np.int64)]
+    for size in np.unique(sizes):
+        own = np.flatnonzero(sizes == size)
+        rows = corners[starts[own][:, None] + np.arange(size)]
+        order = np.lexsort(rows.T[::-1])
+        equal = (rows[order][1:] == rows[order][:-1]).all(axis=1)
+        found.append(own[order[1:][equal]])
+    return np.sort(np.concatenate(found))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,11 +19,19 @@ class PolygonMesh:
     vertices : (V, 3) float, metres (or unit-less, before scaling)
     corners : (C,) int, vertex index of every face corner, face after face
     sizes : (F,) int, number of corners of every face
+    left_out : sentences about what its file holds beside, for ``check`` to pass on
     """
 
     vertices: np.ndarray
     corners: np.ndarray
     sizes: np.ndarray
+    left_out: tuple[str, ...] = ()
+
+    def kept(self, faces: np.ndarray) -> PolygonMesh:
+        """The same vertices with some of the faces, (F,) bool."""
+        if faces.all():
+            return self
+        return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
     @classmethod
     def of(cls, mesh: QuadMesh) -> PolygonMesh:

@@ -95,7 +95,7 @@ def test_off_heads(tmp_path, head):
 @pytest.mark.parametrize("extra", [False, True])
 def test_ply_mixed_faces(tmp_path, order, extra):
     vertices = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.25], [2, 0, 0]]
-    faces = [[0, 1, 2, 3], [1, 4, 2], [0, 1, 4, 2, 3], [1, 4, 2]]
+    faces = [[0, 1, 2, 3], [1, 4, 2], [0, 1, 4, 2, 3], [1, 4, 3]]
     mesh = read(tmp_path, "m.ply", ply(order, vertices, faces, extra))
     np.testing.assert_array_equal(mesh.vertices, vertices)
     assert mesh.sizes.tolist() == [4, 3, 5, 3]
@@ -227,7 +227,6 @@ def test_empty(tmp_path, suffix):
         (BASIC_OBJ + "f 1 2 5\n", "line 6.*not among the 4"),
         (BASIC_OBJ + "f 1 2 -5\n", "line 6.*not among the 4"),
         (BASIC_OBJ + "f 0 1 2\n", "line 6.*counts vertices from 1"),
-        (BASIC_OBJ + "f 1 2\n", "line 6.*2 corners"),
         (BASIC_OBJ + "f 1 2 x/1\n", "line 6.*'x'"),
         (BASIC_OBJ + "f 1 2 999999999999999999999999\n", "line 6.*vertex index"),
         ("v 0 0 0\nv 1 0 0\n", "no faces"),
@@ -244,6 +243,10 @@ def test_bad_obj(tmp_path, content, told):
     [
         ("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "cut short.*2 faces"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 2 1\n", "line 7.*more lines"),
+        ("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3\n0 1 2\n3\n0 1\n", "cut short"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2_0\n", "line 6.*'2_0'"),
+        ("\ufeffOFF\n3 1 0\n0 0 0\n1 0 0\n0 1,5 0\n3 0 1 2\n", "line 5.*'0 1,5 0'"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n".encode("utf-16"), "UTF-16"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "line 6.*promises 4"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "line 6.*not among the 3"),
         ("OFF\n3 1 0\n0 0 0\n1 NaN 0\n0 1 0\n3 0 1 2\n", "line 4.*not a finite"),
@@ -271,8 +274,7 @@ def test_bad_ply(tmp_path, order):
     assert "not a finite" in refusal(
         tmp_path, "b.ply", ply(order, [[0, 0, float("nan")], *TRIANGLE[0][1:]], TRIANGLE[1])
     )
-    assert "fewer than 3" in refusal(tmp_path, "b.ply", ply(order, TRIANGLE[0], [[0, 1]]))
-    assert "promises" in refusal(tmp_path, "b.ply", good + (b"abcdef" if order else b"3 0 1 2\n"))
+    assert "points or curves" in refusal(tmp_path, "b.ply", ply(order, TRIANGLE[0], [[0, 1]]))
     assert "no faces" in refusal(tmp_path, "b.ply", ply(order, TRIANGLE[0], []))
     assert "cut short" in refusal(tmp_path, "b.ply", good.replace(b"element vertex 3", b"element vertex 3000000000"))
 
@@ -280,7 +282,7 @@ def test_bad_ply(tmp_path, order):
 def test_bad_ply_heads(tmp_path):
     good = ply("", *TRIANGLE)
     assert "no PLY" in refusal(tmp_path, "b.ply", b"solid")
-    assert "no end" in refusal(tmp_path, "b.ply", good[:40])
+    assert "end_header" in refusal(tmp_path, "b.ply", good[:40])
     assert "line 2" in refusal(tmp_path, "b.ply", good.replace(b"ascii", b"morse"))
     assert "text or binary" in refusal(tmp_path, "b.ply", good.replace(b"format ascii 1.0\n", b""))
     assert "x, y and z" in refusal(tmp_path, "b.ply", good.replace(b"float z", b"float w"))
@@ -292,11 +294,11 @@ def test_bad_stl(tmp_path):
     good = b"x" * 80 + struct.pack("<I", 1) + struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
     assert read(tmp_path, "g.stl", good).sizes.tolist() == [3]
     assert "cut short" in refusal(tmp_path, "b.stl", good[:-1])
-    assert "neither" in refusal(tmp_path, "b.stl", good + b"1")
+    assert "neither" in refusal(tmp_path, "b.stl", good[:50])
     assert "no faces" in refusal(tmp_path, "b.stl", b"x" * 80 + struct.pack("<I", 0))
     nan = good[:96] + struct.pack("<f", float("nan")) + good[100:]
     assert "triangle 0" in refusal(tmp_path, "b.stl", nan)
-    assert "end is missing" in refusal(tmp_path, "b.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 0 0 1\n")
+    assert "not whole" in refusal(tmp_path, "b.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 0 0 1\n")
     assert "3 corners" in refusal(tmp_path, "b.stl", "solid x\nfacet\nvertex 0 0 0\nvertex 0 0 1\nendfacet\nendsolid\n")
 
 

@@ -1,14 +1,26 @@
-"""Parsers of the formats that come as text or binary: PLY and STL."""
+"""Parser of PLY, the Stanford polygon format, as text or binary."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import FlexMapsError
-from .mesh_text import RawMesh, lines_place, numbers
+from .mesh_text import (
+    BYTE_ORDER_MARK,
+    RawMesh,
+    Row,
+    bytes_left,
+    first_that_fits,
+    integers,
+    lines_place,
+    numbers,
+    shown,
+    whole,
+)
 
 PLY_TYPES = {
     b"char": "i1", b"int8": "i1", b"uchar": "u1", b"uint8": "u1", b"short": "i2", b"int16": "i2", b"ushort": "u2",
@@ -37,11 +49,9 @@ class _Element:
         return not any(p.count_type for p in self.properties)
 
 
-# -- PLY -------------------------------------------------------------------------------------------------------------
-
-
 def parse_ply(data: bytes, name: str) -> RawMesh:
     """Parse PLY (Stanford polygon format) 1.0, text or binary of either byte order, any elements and properties."""
+    data = data.removeprefix(BYTE_ORDER_MARK)
     order, elements, start, head_lines = _ply_head(data, name)
     for wanted in (b"vertex", b"face"):
         if not any(e.name == wanted for e in elements):
@@ -56,12 +66,12 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
     """Byte order ("" for text), the elements, where the body starts, how many lines the head has."""
     if not data.startswith(b"ply"):
         raise FlexMapsError(f"{name} does not begin with 'ply', so it is no PLY file; export the mesh again")
-    end = data.find(b"end_header")
-    if end < 0:
-        raise FlexMapsError(f"{name} is cut short: its head has no end; export it again")
-    lines = data[:end].splitlines()
-    stop = end + len(b"end_header")
-    stop += 2 if data[stop : stop + 2] == b"\r\n" else 1
+    # a binary body may begin with any byte, so the first line tells how lines end
+    old_mac = re.match(rb"ply[ \t]*\r(?!\n)", data) is not None
+    end = re.search(rb"\r[ \t]*end_header[ \t]*\r" if old_mac else rb"\n[ \t]*end_header[ \t]*\r?\n", data)
+    if end is None:
+        raise FlexMapsError(f"{name} is cut short: its head has no line 'end_header'; export it again")
+    lines = data[: end.start()].split(b"\r" if old_mac else b"\n")
     order, elements = None, []
     for number, line in enumerate(lines, 1):
         words = line.split()
@@ -83,13 +93,12 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
             else:
                 raise ValueError
         except (KeyError, IndexError, ValueError):
-            text = line.decode(errors="replace").strip()[:60]
             raise FlexMapsError(
-                f"{name}, line {number}: '{text}' does not belong in a PLY head; export it again"
+                f"{name}, line {number}: '{shown(words)}' does not belong in a PLY head; export it again"
             ) from None
     if order is None:
         raise FlexMapsError(f"{name} does not say whether it is text or binary; export it again")
-    return order, elements, stop, len(lines) + 1
+    return order, elements, end.end(), len(lines) + 1
 
 
 def _columns(element: _Element, name: str) -> list[int]:
@@ -109,66 +118,96 @@ def _face_list(element: _Element, name: str) -> int:
 
 
 def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+    """A line for every element, as most have it, or else a stream of words, as the format allows."""
     rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
+
+    def by_line() -> RawMesh:
+        return _text_mesh(_lines_of(rows, elements, name), elements, name)
+
+    def by_word() -> RawMesh:
+        return _text_mesh(_words_of(rows, elements, name), elements, name)
+
+    return first_that_fits([by_line, by_word])
+
+
+_Own = tuple[list[Row], tuple[str, ...]]  # a line number and the words of every element, and what is left out
+
+
+def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
+    """Of every element in turn its lines; more words than it has properties are left out."""
     promised = sum(e.count for e in elements if e.properties)
-    if len(rows) != promised:
-        what = "is cut short" if len(rows) < promised else "does not match its head"
-        raise FlexMapsError(f"{name} {what}: its head promises {promised} lines, {len(rows)} follow; export it again")
-    at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
-    point_lines, face_lines = [], []
+    if len(rows) < promised:
+        raise FlexMapsError(
+            f"{name} is cut short: its head promises {promised} lines, {len(rows)} follow; export it again"
+        )
+    at = 0
     for element in elements:
         own = rows[at : at + element.count] if element.properties else []
         at += len(own)
+        left: tuple[str, ...] = ()
+        if element is elements[-1] and at < len(rows):
+            line, words = rows[at]
+            left = (f"What follows the last element is left out, from line {line} on ('{shown(words)}')",)
+        yield own, left
+
+
+def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
+    """Of every element in turn as many words as its properties take, wherever the lines end."""
+    words = [word for _, row in rows for word in row]
+    line_of = [line for line, row in rows for _ in row]
+    at = 0
+    for element in elements:
+        own: list[Row] = []
+        for _ in range(element.count if element.properties else 0):
+            end = at
+            for p in element.properties:
+                end += 1
+                if p.count_type and end <= len(words):
+                    end += max(whole(words[end - 1], line_of[end - 1], name), 0)
+                if end > len(words):
+                    raise _cut_short(name, element)
+            own.append((line_of[at], words[at:end]))
+            at = end
+        if element is elements[-1] and at < len(words):
+            raise FlexMapsError(f"{name}, line {line_of[at]}: more numbers than its head promises; export it again")
+        yield own, ()
+
+
+def _text_mesh(found: Iterator[_Own], elements: list[_Element], name: str) -> RawMesh:
+    vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    point_lines: list[int] = []
+    face_lines: list[int] = []
+    left: tuple[str, ...] = ()
+    for element, (own, more) in zip(elements, found, strict=True):
+        left += more
         lines = [n for n, _ in own]
         if element.name == b"vertex":
             columns = _columns(element, name)
             short = next((n for n, words in own if len(words) < len(element.properties)), None)
             if short:
                 raise FlexMapsError(f"{name}, line {short}: too few numbers for a vertex; the file may be cut short")
-            vertices = numbers([[words[c] for c in columns] for _, words in own], lines, 3, name, "a vertex").reshape(
-                -1, 3
-            )
+            points = [[words[c] for c in columns] for _, words in own]
+            vertices = numbers(points, lines, 3, name, "a vertex").reshape(-1, 3)
             point_lines = lines
         elif element.name == b"face":
             faces = [_text_list(words, element, _face_list(element, name), name, n) for n, words in own]
             sizes = np.array([len(f) for f in faces], dtype=np.int64)
-            corners = np.array([v for f in faces for v in f], dtype=np.int64)
+            corners = integers(faces, lines, name)
             face_lines = lines
-    return RawMesh(
-        vertices,
-        corners,
-        _no_small(sizes, lines_place(face_lines), name),
-        lines_place(point_lines),
-        lines_place(face_lines),
-    )
+    return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines), left)
 
 
-def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[int]:
+def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
     """The vertex indices among the words of one face."""
     at, found = 0, []
-    try:
-        for i, p in enumerate(element.properties):
-            if not p.count_type:
-                words[at]
-                at += 1
-                continue
-            length = int(words[at])
-            if length < 0 or at + 1 + length > len(words):
-                raise IndexError
-            if i == wanted:
-                found = [max(min(int(w), 2**62), -1) for w in words[at + 1 : at + 1 + length]]
-            at += 1 + length
-    except (IndexError, ValueError):
-        raise FlexMapsError(f"{name}, line {line}: the numbers do not make a face; the file may be cut short") from None
+    for i, p in enumerate(element.properties):
+        length = whole(words[at], line, name) if p.count_type and at < len(words) else 0
+        if length < 0 or at + 1 + length > len(words):
+            raise FlexMapsError(f"{name}, line {line}: the numbers do not make a face; the file may be cut short")
+        if i == wanted:
+            found = words[at + 1 : at + 1 + length]
+        at += 1 + length
     return found
-
-
-def _no_small(sizes: np.ndarray, place: Callable[[int], str], name: str) -> np.ndarray:
-    small = np.flatnonzero(sizes < 3)
-    if len(small):
-        where = place(int(small[0]))
-        raise FlexMapsError(f"{name}, {where}: a face has fewer than 3 corners; export it again", faces=small)
-    return sizes
 
 
 def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
@@ -191,13 +230,8 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
         found, counts, at = _binary_lists(data, at, order, element, wanted, name)
         if element.name == b"face":
             corners, sizes = found, counts
-    if data[at:].strip(b"\0 \r\n\t"):
-        raise FlexMapsError(f"{name} holds {len(data) - at} bytes more than its head promises; export it again")
-
-    def place(i: int) -> str:
-        return f"face {i}"
-
-    return RawMesh(vertices, corners, _no_small(sizes, place, name), lambda i: f"vertex {i}", place)
+    left = bytes_left(data[at:])
+    return RawMesh(vertices, corners, sizes, lambda i: f"vertex {i}", lambda i: f"face {i}", left)
 
 
 def _cut_short(name: str, element: _Element) -> FlexMapsError:
@@ -255,53 +289,3 @@ def _record_type(data: bytes, at: int, order: str, element: _Element) -> np.dtyp
             return None
         fields += [(f"n{i}", count), (f"p{i}", order + p.type, (length,))]
     return np.dtype(fields)
-
-
-# -- STL -------------------------------------------------------------------------------------------------------------
-
-
-def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; corners at exactly the same position become one vertex."""
-    count = int.from_bytes(data[80:84], "little")
-    if len(data) >= 84 and len(data) == 84 + 50 * count:
-        records = np.frombuffer(data, [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")], count, 84)
-        points = records["corners"].reshape(-1, 3).astype(float)
-    elif data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
-        points = _stl_text(data, name)
-    elif len(data) >= 84 and len(data) < 84 + 50 * count:
-        raise FlexMapsError(
-            f"{name} is cut short: it promises {count} triangles and holds {(len(data) - 84) // 50}; export it again"
-        )
-    else:
-        raise FlexMapsError(f"{name} is neither text nor binary STL; export it again")
-    if not np.isfinite(points).all():
-        bad = int(np.argmin(np.isfinite(points).all(axis=1))) // 3
-        raise FlexMapsError(
-            f"{name}, triangle {bad}: a coordinate is not a finite number; export it again", faces=[bad]
-        )
-    _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))  # number the vertices in the order in which they appear
-    corners = rank[index.ravel()]
-    sizes = np.full(len(points) // 3, 3, dtype=np.int64)
-    return RawMesh(points[np.sort(first)], corners, sizes, lambda i: f"vertex {i}", lambda i: f"triangle {i}")
-
-
-def _stl_text(data: bytes, name: str) -> np.ndarray:
-    """(3 n, 3) corner positions of a text STL."""
-    rows, lines, facets = [], [], 0
-    last = b""
-    for number, line in enumerate(data.splitlines(), 1):
-        words = line.split()
-        if not words:
-            continue
-        last = words[0].lower()
-        if last == b"vertex":
-            rows.append(words[1:4])
-            lines.append(number)
-        elif last == b"endfacet":
-            facets += 1
-            if len(rows) != 3 * facets:
-                raise FlexMapsError(f"{name}, line {number}: the triangle does not have 3 corners; export it again")
-    if last != b"endsolid" or len(rows) != 3 * facets:
-        raise FlexMapsError(f"{name} is cut short: its end is missing; export it again")
-    return numbers(rows, lines, 3, name, "a corner").reshape(-1, 3)
