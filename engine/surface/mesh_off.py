@@ -158,7 +158,9 @@ def _vertices_by_line(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarr
 
 def _vertices_by_word(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarray, list[int], list[Row]]:
     """Vertices of as many numbers as the keyword tells, wherever the lines end."""
-    words, lines, at = [], [], 0
+    words: list[bytes] = []
+    lines: list[int] = []
+    at = 0
     while at < len(rows) and len(words) < head.vertices * head.stride:
         words += rows[at][1]
         lines += [rows[at][0]] * len(rows[at][1])

@@ -128,7 +128,7 @@ def test_zero_edge_and_area():
 def test_crossed_and_concave():
     vertices, faces = grid(1, 1)
     faces[0] = [faces[0][k] for k in (0, 2, 1, 3)]
-    assert errors(polygons(vertices, faces)) >= {"zero-area"}  # a symmetric bow has no area at all
+    assert errors(polygons(vertices, faces)) == {"crossed"}  # though the two halves of the bow have no area together
     vertices[3] += [0.0, 0.01, 0]
     assert errors(polygons(vertices, faces)) == {"crossed"}
     vertices, faces = grid(1, 1)
@@ -136,6 +136,51 @@ def test_crossed_and_concave():
     result = found(polygons(vertices, faces), edge=0.1)
     assert set(result) == {"concave"}
     assert not result["concave"].is_error
+
+
+def test_a_crossed_quad_is_the_cause_of_a_body_with_one_side():
+    vertices, faces = grid()
+    faces[4] = [faces[4][k] for k in (0, 2, 1, 3)]
+    result = found(polygons(vertices, faces))
+    assert [code for code, f in result.items() if f.is_error] == ["crossed", "non-orientable"]
+    assert result["crossed"].faces == (4,)
+
+
+def test_neighbours_that_lie_on_each_other():
+    vertices, faces = grid(2, 1)
+    vertices[:, 0] = np.abs(vertices[:, 0] - 0.02)
+    result = found(polygons(vertices, faces))
+    assert set(result) == {"folded"}
+    assert result["folded"].faces == (0, 1)
+    vertices[0, 2] = vertices[1, 2] = 0.001  # a sharp fold is one that can be made
+    assert not found(polygons(vertices, faces))
+
+
+@pytest.mark.parametrize("size", [1e-310, 1e-170, 1e-12, 1e12, 1e160, 8e307])
+def test_any_unit_will_do_once_it_is_scaled(size):
+    """Squares of such numbers are zero or infinite."""
+    vertices, faces = grid(2, 2)
+    mesh = polygons(vertices / 0.04 * size, faces)
+    assert errors(mesh) == {"size"}
+    assert check.median_edge(mesh) == pytest.approx(size / 2, rel=1e-3)  # the smallest numbers have few digits
+    scaled = check.scaled(mesh, edge=0.02)
+    assert not found(scaled)
+    np.testing.assert_allclose(scaled.vertices, vertices, atol=1e-12 if size > 1e-300 else 1e-4)
+
+
+@pytest.mark.parametrize("away", [1e9, 1e300])
+def test_a_vertex_far_from_all_others(away):
+    vertices, faces = grid()
+    vertices[5, 1] = away
+    result = found(polygons(vertices, faces))
+    assert [code for code, f in result.items() if f.is_error] == ["far-vertices"]
+    assert result["far-vertices"].faces == (0, 1, 3, 4)
+
+
+def test_so_far_out_that_positions_are_rounded():
+    vertices, faces = grid()
+    assert not found(polygons(vertices + 1e6, faces))
+    assert errors(polygons(vertices + 1e9, faces)) == {"far-from-origin"}
 
 
 def test_warped():
