@@ -1,6 +1,6 @@
 """Runs the whole main job on a zoo of surfaces, each in a process of its own, and tells what became of each.
 
-python3 tools/dev.py bench zoo [--only PATTERN] [--jobs N] [--limit SECONDS] [--fresh] [--meshes DIR] [--remesh N] [--json FILE]
+python3 tools/dev.py bench zoo [--only PATTERN,...] [--jobs N] [--limit SECONDS] [--fresh] [--meshes DIR] [--remesh N] [--json FILE]
 
 What is done is kept in out/zoo and not done again while surface, settings and program stay the same. A page with pictures of
 all of them, out/zoo/index.html, shows first those with which something is wrong.
@@ -27,7 +27,6 @@ import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.surface import meshio
-from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, row
 from zoo import summary, trial
 
@@ -78,7 +77,7 @@ def main(arguments: list[str]) -> int:
                 print(line(task.name, found), flush=True)
     left = sorted((t for t in tasks if t.name not in records), key=lambda t: t.size)
     with ThreadPoolExecutor(options.jobs) as pool:
-        running = {pool.submit(_in_process, task, options.limit, options.plain): task for task in left}
+        running = {pool.submit(_in_process, task, options): task for task in left}
         for done in as_completed(running):
             task = running[done]
             records[task.name] = done.result()
@@ -94,7 +93,7 @@ def main(arguments: list[str]) -> int:
 
 def _options(arguments: list[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="dev.py bench zoo")
-    parser.add_argument("--only", default="*", metavar="PATTERN", help="only surfaces whose names match, as genus*")
+    parser.add_argument("--only", default="*", metavar="PATTERN,...", help="only these surfaces, as genus*,cube")
     parser.add_argument("--most", type=int, default=10**9, metavar="QUADS", help="leave larger surfaces out")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="surfaces at a time")
     parser.add_argument("--limit", type=float, default=900.0, help="seconds after which a surface is given up")
@@ -133,14 +132,17 @@ def _page(tasks: list[Task], records: dict[str, dict[str, Any]], whole: list[Row
 
 def _surfaces(options: argparse.Namespace) -> dict[str, zoo.Surface]:
     """The zoo, the meshes beside the checkout, and those of the folders that were named; by name."""
-    found = dict(zoo.SURFACES)
-    folders = [SHARED, SHARED / "foreign", *options.meshes]
-    for folder in folders:
-        if not folder.is_dir():
-            continue
-        for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in KINDS):
-            found[f"{folder.name}/{path.stem}"] = _of_file(path, options.remesh or REMESHED)
-    return {name: surface for name, surface in found.items() if fnmatch.fnmatch(name, options.only)}
+    wanted = options.only.split(",")
+
+    def asked(name: str) -> bool:
+        return name == options.one or (not options.one and any(fnmatch.fnmatch(name, pattern) for pattern in wanted))
+
+    found = {name: surface for name, surface in zoo.SURFACES.items() if asked(name)}
+    for folder in (SHARED, SHARED / "foreign", *options.meshes):
+        files = sorted(p for p in folder.iterdir() if p.suffix.lower() in KINDS) if folder.is_dir() else []
+        named = {f"{folder.name}/{path.stem}": path for path in files}
+        found |= {name: _of_file(path, options.remesh or REMESHED) for name, path in named.items() if asked(name)}
+    return found
 
 
 def _of_file(path: Path, count: int) -> zoo.Surface:
@@ -156,15 +158,17 @@ def _tasks(options: argparse.Namespace) -> list[Task]:
     program = _program()
     tasks = []
     for name, surface in _surfaces(options).items():
+        given = f"{surface.supports} {surface.remesh} {options.plain} {program}"
+        made = hashlib.sha256(given.encode())
+        size = 0
         try:
             polygons = surface.polygons()
+            for part in (polygons.vertices, polygons.corners, polygons.sizes):
+                made.update(np.ascontiguousarray(part).tobytes())
+            size = surface.remesh or len(polygons.sizes)
         except FlexMapsError as error:
-            polygons = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
-            program += str(error)
-        parts = [polygons.vertices, polygons.corners, polygons.sizes]
-        given = f"{surface.supports} {surface.remesh} {options.plain} {program}".encode()
-        key = hashlib.sha256(b"".join([np.ascontiguousarray(p).tobytes() for p in parts]) + given).hexdigest()[:16]
-        tasks.append(Task(name, surface, key, surface.remesh or len(polygons.sizes)))
+            made.update(str(error).encode())
+        tasks.append(Task(name, surface, made.hexdigest()[:16], size))
     return tasks
 
 
@@ -184,7 +188,6 @@ def _one(options: argparse.Namespace) -> int:
     """In the process of one surface: run it and leave its record."""
     import flexmaps
 
-    options.only = options.one
     task = Task(options.one, _surfaces(options)[options.one], options.key, 0)
     if task.surface.remesh is not None:
         flexmaps.register()
@@ -208,19 +211,21 @@ def _one(options: argparse.Namespace) -> int:
     return 0
 
 
-def _in_process(task: Task, limit: float, plain: bool) -> dict[str, Any]:
+def _in_process(task: Task, options: argparse.Namespace) -> dict[str, Any]:
     """Run a surface in a process of its own; where it crashes or takes too long, its record says in which stage."""
     task.path.unlink(missing_ok=True)
     part = task.path.with_suffix(".part")
     part.unlink(missing_ok=True)
     command = [sys.executable, str(ROOT / "tools" / "dev.py"), "bench", "zoo", "--one", task.name, "--key", task.key]
-    command += ["--plain"] if plain else []
+    command += ["--plain"] if options.plain else []
+    command += [word for folder in options.meshes for word in ("--meshes", str(folder))]
+    command += ["--remesh", str(options.remesh)] if options.remesh else []
     environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
     log = task.path.with_suffix(".log")
     with log.open("w") as stream:
         process = subprocess.Popen(command, env=environment, stdout=stream, stderr=stream, start_new_session=True)
         try:
-            process.wait(limit)
+            process.wait(options.limit)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -228,7 +233,7 @@ def _in_process(task: Task, limit: float, plain: bool) -> dict[str, Any]:
     if record is None:
         reached = json.loads(part.read_text()) if part.is_file() else {"stage": "check", "wall": {}, "busy": {}}
         late = process.returncode == -signal.SIGKILL
-        why = f"given up after {limit:g} s" if late else f"ended with status {process.returncode}"
+        why = f"given up after {options.limit:g} s" if late else f"ended with status {process.returncode}"
         record = {"key": task.key, "crashed": why, "ended_in": reached.pop("stage"), **reached}
         record["quads"] = task.size
         if not late:

@@ -121,7 +121,9 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
     assert result.flat is not None
     layout, block = result.flat.layout, full["layout"]
     sizes = np.array([len(quads) for quads in layout.patches])
-    alone = np.array([quads[0] for quads in layout.patches if len(quads) == 1], dtype=int)
+    body = result.mesh.body_of
+    whole = np.bincount(body)[body] == 1  # quads that are a body by themselves
+    alone = np.array([q[0] for q in layout.patches if len(q) == 1 and not whole[q[0]]], dtype=int)
     bad = result.flat.energy[alone] > settings.layout.distortion_limit
     record = {
         "quads": full["input"]["quads"],
