@@ -19,10 +19,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 
 
 def load_tool(name: str) -> ModuleType:
-    """A module or a package of tools/, which is no package itself."""
-    folder = ROOT / "tools" / name
-    file = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
-    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", file)
+    """A module of tools/, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", ROOT / "tools" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -56,10 +54,11 @@ def random_calls() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def zoo() -> ModuleType:
-    """The surfaces that the project makes itself, with ``trial``, which runs the whole job on one."""
-    package = load_tool("zoo")
-    importlib.import_module(f"{package.__name__}.trial")
-    return package
+    """The surfaces that the project makes itself; with ``trial``, which runs the whole job on one, and ``summary``."""
+    sys.path.append(str(ROOT / "tools"))  # as for the benches; at the end, where its names hide no others
+    for part in ("trial", "summary"):
+        importlib.import_module(f"zoo.{part}")
+    return sys.modules["zoo"]
 
 
 @pytest.fixture(scope="session")
