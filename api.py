@@ -195,8 +195,8 @@ def remesh(piece: Piece, *, quads: int | None = None) -> Piece:
     """
     from .bridge import remesh as remeshing
 
-    wanted = piece.settings.remesh
-    found = remeshing.polygons_from(piece.source, quads or wanted.quads, wanted.smooth)
+    wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
+    found = remeshing.polygons_from(piece.source, wanted.remesh.quads, wanted.remesh.smooth)
     return _begun(Piece(piece.name, found, piece.settings), piece.edge, piece.height)
 
 

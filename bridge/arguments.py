@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections import Counter
 from dataclasses import Field, fields
 from typing import Any, NoReturn, get_type_hints
 
@@ -63,6 +65,14 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
+def number(text: str) -> float:
+    """A finite number in the digits that all take for numbers; ``ValueError`` tells argparse of others."""
+    found = float(text)
+    if not text.isascii() or "_" in text or not math.isfinite(found):
+        raise ValueError
+    return found
+
+
 def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
     """A command that reads a mesh, with the arguments that all of them have."""
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
@@ -71,12 +81,12 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
     size = made.add_mutually_exclusive_group()
-    size.add_argument("--edge", type=float, metavar="MM", help="scale the mesh to this median quad edge")
-    size.add_argument("--height", type=float, metavar="MM", help="scale the mesh to this extent along z")
+    size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
+    size.add_argument("--height", type=number, metavar="MM", help="scale the mesh to this extent along z")
     made.add_argument(
         "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
     )
-    made.add_argument("--remesh", type=int, metavar="QUADS",
+    made.add_argument("--remesh", type=number, metavar="QUADS",
                       help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
     made.add_argument("--supports", metavar="QUADS",
                       help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
@@ -95,13 +105,12 @@ def _formats(made: argparse.ArgumentParser) -> None:
 
 
 def _flags(made: argparse.ArgumentParser) -> None:
-    taken: set[str] = set()
+    names = Counter(f.name for block in fields(Settings) for f in fields(block.default_factory))  # type: ignore[arg-type, misc]
     for block in fields(Settings):
         group = made.add_argument_group(f"{block.name} settings")
         for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
-            # where two blocks have a setting of the same name, the later one's flag begins with its block
-            name = f"{block.name}_{f.name}" if f.name in taken else f.name
-            taken.add(name)
+            # a name that several blocks have would be taken for any of them
+            name = f"{block.name}_{f.name}" if names[f.name] > 1 else f.name
             _flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
 
 
@@ -114,7 +123,7 @@ def _flag(group: argparse._ArgumentGroup, name: str, dest: str, f: Field, kind: 
         group.add_argument(flag, dest=dest, choices=[c[0] for c in meta["choices"]], help=help)
     else:
         metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(SHOWN[meta["unit"]][1], "N")
-        group.add_argument(flag, dest=dest, type=kind, metavar=metavar, help=help)
+        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` makes it a number
 
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:

@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import Field, dataclass, field, fields, replace
-from typing import Any, TypeVar
+from numbers import Integral, Real
+from os import PathLike
+from typing import Any, ClassVar, TypeVar
 
 from .errors import FlexMapsError
 from .materials import MATERIALS, Material, material
@@ -42,6 +44,20 @@ def setting(
     return field(default=default, metadata=meta)
 
 
+LARGEST = 1e300  # of any number; beyond it, and where it is no number at all, is what nobody means
+SLACK = 1e-6  # relative: Blender's single precision lands a hair outside of bounds
+
+
+def wanted(f: Field) -> str:
+    """What number a field takes, e.g. "a whole number from 0 to 50"."""
+    whole = isinstance(f.default, int)
+    kind, tell = ("a whole number", str) if whole else ("a number", lambda bound: shown(f, bound))
+    low, high = (None if f.metadata[k] is None else tell(f.metadata[k]) for k in ("low", "high"))
+    if low is not None and high is not None:
+        return f"{kind} from {low} to {high}"
+    return kind if low is None else f"{kind} from {low} on"
+
+
 def shown(f: Field, value: float) -> str:
     """``value`` of the field ``f`` as a person reads it, e.g. ``"2 mm"``."""
     factor, symbol = SHOWN[f.metadata["unit"]]
@@ -49,27 +65,50 @@ def shown(f: Field, value: float) -> str:
 
 
 class Params:
-    """Base of all settings: refuses values outside their bounds."""
+    """Base of all settings: refuses values of another kind, values outside their bounds, and bounds of each other that cross."""
+
+    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # of each pair the first may not be above the second
 
     def __post_init__(self) -> None:
-        for f in fields(self):  # type: ignore[arg-type]
-            value, meta = getattr(self, f.name), f.metadata
-            if meta["choices"]:
-                if value not in {c[0] for c in meta["choices"]}:
-                    raise FlexMapsError(
-                        f"{meta['label']}: '{value}' is not one of {', '.join(c[0] for c in meta['choices'])}"
-                    )
-                continue
-            if isinstance(value, bool | str):
-                continue
-            if not math.isfinite(value):
-                raise FlexMapsError(f"{meta['label']} is {value}; give a finite number")
-            # a relative slack of 1e-6: Blender's float32 properties land a hair outside their own bounds
-            low, high = meta["low"], meta["high"]
-            if low is not None and value < low - 1e-6 * abs(low):
-                raise FlexMapsError(f"{meta['label']} {shown(f, value)} is below its smallest value {shown(f, low)}")
-            if high is not None and value > high + 1e-6 * abs(high):
-                raise FlexMapsError(f"{meta['label']} {shown(f, value)} is above its largest value {shown(f, high)}")
+        known = {f.name: f for f in fields(self)}  # type: ignore[arg-type]
+        for f in known.values():
+            _refuse_wrong(f, getattr(self, f.name))
+        for name, other in self.ORDERED:
+            value, limit = getattr(self, name), getattr(self, other)
+            if value > limit + SLACK * abs(limit):
+                low, high = known[name], known[other]
+                raise FlexMapsError(
+                    f"{low.metadata['label']} {shown(low, value)} is above {high.metadata['label']} {shown(high, limit)};"
+                    " exchange them, or change one of them"
+                )
+
+
+def _is_number(value: Any, *, whole: bool = False) -> bool:
+    """Whether it is a number that can be computed with."""
+    return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= LARGEST  # type: ignore[operator]
+
+
+def _refuse_wrong(f: Field, value: Any) -> None:
+    """Raise unless ``value`` is one that the field may have."""
+    meta, default = f.metadata, f.default
+    if meta["choices"]:
+        names = [choice[0] for choice in meta["choices"]]
+        if not isinstance(value, str) or value not in names:
+            raise FlexMapsError(f"{meta['label']}: '{value}' is not one of {', '.join(names)}")
+    elif isinstance(default, str):
+        if not isinstance(value, str):
+            raise FlexMapsError(f"{meta['label']} {value!r}: give a text")
+    elif isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise FlexMapsError(f"{meta['label']} {value!r}: give on or off")
+    elif not _is_number(value, whole=isinstance(default, int)):
+        raise FlexMapsError(f"{meta['label']} {value!r}: give {wanted(f)}")
+    else:
+        low, high = meta["low"], meta["high"]
+        if low is not None and value < low - SLACK * abs(low):
+            raise FlexMapsError(f"{meta['label']} {shown(f, value)} is below its smallest value {shown(f, low)}")
+        if high is not None and value > high + SLACK * abs(high):
+            raise FlexMapsError(f"{meta['label']} {shown(f, value)} is above its largest value {shown(f, high)}")
 
 
 @dataclass(frozen=True)
@@ -98,6 +137,8 @@ class LayoutParams(Params):
 @dataclass(frozen=True)
 class SpiralParams(Params):
     """The fabricable range of the spirals (FlexMaps section 5)."""
+
+    ORDERED = (("width_min", "width_max"), ("twist_min", "twist_max"))
 
     thickness: float = setting(0.002, "Thickness", "Thickness of the sheet", low=0.0001, high=0.05, unit="m")
     width_min: float = setting(0.001, "Smallest width", "Width of the thinnest arm", low=0.0002, high=0.1, unit="m")
@@ -275,6 +316,14 @@ class SheetParams(Params):
         20.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
     )
     seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 2.0 * self.margin >= min(self.sheet_width, self.sheet_height):
+            raise FlexMapsError(
+                f"The sheet of {self.sheet_width * 1e3:g} x {self.sheet_height * 1e3:g} mm is nothing but margin; make it"
+                f" larger or the margin of {self.margin * 1e3:g} mm smaller"
+            )
 
 
 @dataclass(frozen=True)
@@ -613,8 +662,15 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
         if name not in known:
             raise FlexMapsError(f"There is no setting '{key}'; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
-    made = {section: replace(getattr(settings, section), **given) for section, given in blocks.items()}
+    made = {section: _replaced(section, getattr(settings, section), given) for section, given in blocks.items()}
     return replace(settings, **made)
+
+
+def _replaced(section: str, block: Any, given: dict[str, Any]) -> Any:
+    try:
+        return replace(block, **given)
+    except FlexMapsError as error:
+        raise FlexMapsError(f"In the settings of {section}: {error}") from None
 
 
 def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
@@ -637,19 +693,24 @@ SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "n
 
 def _from_shown(f: Field, value: Any) -> Any:
     """The value of a field from one that a person gives, perhaps as text."""
-    default: Any = f.default
+    default, label = f.default, f.metadata["label"]
     if isinstance(default, str):
-        return str(value)
+        return str(value) if isinstance(value, PathLike) else value
     if isinstance(default, bool):
-        if str(value).lower() not in SWITCHES:
-            raise FlexMapsError(f"{f.metadata['label']} '{value}': give on or off")
+        if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
+            raise FlexMapsError(f"{label} '{value}': give on or off")
         return SWITCHES[str(value).lower()]
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise FlexMapsError(f"{f.metadata['label']} '{value}': give a number") from None
-    if isinstance(default, int):
-        if number != round(number, 0):
-            raise FlexMapsError(f"{f.metadata['label']} {value}: give a whole number")
-        return int(number)
-    return number / SHOWN[f.metadata["unit"]][0]
+    number = value
+    # Python would take other digits and groups of them too
+    if isinstance(value, str) and value.isascii() and "_" not in value:
+        try:
+            number = float(value)
+        except ValueError:
+            number = None
+    if not _is_number(number):
+        raise FlexMapsError(f"{label} '{value}': give {wanted(f)}")
+    if not isinstance(default, int):
+        return float(number) / SHOWN[f.metadata["unit"]][0]
+    if number != int(number):
+        raise FlexMapsError(f"{label} {value}: give {wanted(f)}")
+    return int(number)

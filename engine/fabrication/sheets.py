@@ -102,8 +102,6 @@ def make_sheets(
     Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
     where it is larger than the sheet.
     """
-    if 2.0 * params.margin >= min(params.sheet_width, params.sheet_height):
-        raise FlexMapsError("The margin leaves nothing of the sheet; make it smaller or the sheet larger")
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
     check_mill(design, params, cut)

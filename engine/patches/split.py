@@ -101,8 +101,6 @@ def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> N
 
 def _refuse_large_quads(flat: FlatPatches, room: np.ndarray, sheet: SheetParams) -> None:
     size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
-    if (room <= 0).any():
-        raise FlexMapsError(f"{size} is nothing but margin; make it larger or the margin smaller")
     widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
     large = np.flatnonzero(_ratios(widths, room, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
     if len(large):

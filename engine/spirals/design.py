@@ -189,8 +189,6 @@ def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np
 
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    if params.width_min > params.width_max:
-        raise FlexMapsError("The smallest width is larger than the largest width; exchange them")
     widest = room(flat, params)
     small = np.flatnonzero(widest < _THINNEST * params.width_min)
     if len(small):

@@ -52,6 +52,11 @@ def test_help(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> Non
     ("simulate", "shape:strip", "--supports", "feet"), ("layout", "shape:strip", "--keep-seams"),
     ("simulate", "shape:strip", "--set", "simulate.gravity=on"), ("run", "shape:strip"),
     ("export", "shape:strip", "--out", "x", "--formats", "png"),
+    ("simulate", "shape:strip", "--edge", "nan"), ("simulate", "shape:strip", "--height", "1_0"),
+    ("layout", "shape:strip", "--remesh", "0"), ("layout", "shape:strip", "--remesh", "1e99"),
+    ("simulate", "shape:strip", "--set", "sheet.seed=inf"),
+    ("run", "shape:strip", "--out", "x", "--twist-min", "300", "--twist-max", "60"),
+    ("run", "shape:strip", "--out", "x", "--seed", "1.5"), ("run", "shape:strip", "--out", "x", "--iterations", "3"),
 ], ids=" ".join)  # fmt: skip
 def test_a_mistake_is_told_in_one_line(
     words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -63,6 +68,13 @@ def test_a_mistake_is_told_in_one_line(
     assert len(lines(said.err)) == 1
     assert "Traceback" not in said.err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_flag_of_a_name_that_several_sections_have_names_its_own() -> None:
+    """``--iterations`` by itself would be taken for those of any of them."""
+    words = ["--regularise-iterations", "3", "--simulate-iterations", "4", "--optimise-iterations", "5"]
+    given = vars(arguments.parser().parse_args(["run", "shape:strip", "--out", "x", *words]))
+    assert [given[f"{name}.iterations"] for name in ("regularise", "simulate", "optimise")] == ["3", "4", "5"]
 
 
 def test_a_fault_of_the_program_is_no_mistake_of_the_users(

@@ -30,6 +30,17 @@ def test_there_and_back(dome: Any) -> None:
     assert got.spiral.thickness == 0.003  # what a person types comes back as typed
 
 
+# settings that bound each other
+TOGETHER = {
+    "width_min": ["width_max"],
+    "width_max": ["width_min"],
+    "twist_min": ["twist_max"],
+    "twist_max": ["twist_min"],
+    "sheet_width": ["margin"],
+    "sheet_height": ["margin"],
+}
+
+
 def test_every_bound_can_be_used(dome: Any) -> None:
     """The largest and smallest value of every setting survive Blender's single precision."""
     for block in fields(ObjectSettings):
@@ -38,7 +49,11 @@ def test_every_bound_can_be_used(dome: Any) -> None:
             for bound in (f.metadata["low"], f.metadata["high"]):
                 if bound is None:
                     continue
-                changed: Params = replace(kind(), **{f.name: bound})  # type: ignore[operator]
+                if f.name == "margin" and bound:  # as much as the largest sheet has
+                    beside = {"sheet_width": 10.0, "sheet_height": 10.0}
+                else:
+                    beside = {other: 0.0 if other == "margin" else bound for other in TOGETHER.get(f.name, ())}
+                changed: Params = replace(kind(), **{f.name: bound}, **beside)  # type: ignore[operator]
                 settings.write(getattr(dome.flexmaps, block.name), changed)
                 assert getattr(settings.read(getattr(dome.flexmaps, block.name), kind), f.name) == pytest.approx(bound)
 

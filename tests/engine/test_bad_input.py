@@ -59,7 +59,7 @@ REFUSED = {
     ),
     "nothing but margin": (
         {"sheet": lambda: SheetParams(**QUICK, margin=0.3)},
-        r"nothing but margin; make it larger or the margin smaller",
+        r"nothing but margin; make it larger or the margin of 300 mm smaller",
         False,
     ),
     "no thickness": ({"spiral": lambda: SpiralParams(thickness=0.0)}, r"Thickness 0 mm", False),
@@ -83,7 +83,12 @@ REFUSED = {
     ),
     "widths the wrong way round": (
         {"spiral": lambda: SpiralParams(width_min=0.003, width_max=0.002)},
-        r"smallest width is larger than the largest width; exchange them",
+        r"Smallest width 3 mm is above Largest width 2 mm; exchange them",
+        False,
+    ),
+    "twists the wrong way round": (
+        {"spiral": lambda: SpiralParams(twist_min=5.0, twist_max=1.0)},
+        r"Smallest twist 286\.479.* is above Largest twist 57\.29.*; exchange them",
         False,
     ),
 }

@@ -102,11 +102,6 @@ def test_too_small_quads_are_named(flat_grid):
     assert caught.value.faces == [4, 5]
 
 
-def test_exchanged_widths_are_refused(flat_grid):
-    with pytest.raises(FlexMapsError, match="smallest width is larger"):
-        design.uniform(flat_grid(1, 1), SpiralParams(width_min=0.003, width_max=0.002))
-
-
 def test_report_has_the_spread_of_every_descriptor(flat_grid):
     made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
     report = design.design_report(made)
