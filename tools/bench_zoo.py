@@ -26,6 +26,7 @@ import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
+from flexmaps.engine.runs import job
 from flexmaps.engine.surface import meshio
 from rows import Row, Table, row
 from zoo import summary, trial
@@ -248,21 +249,21 @@ def _in_process(task: Task, options: argparse.Namespace) -> dict[str, Any]:
 
 HEAD = (
     f"{'surface':<30}{'quads':>6}{'patches':>8}{'least':>6}{'median':>7}{'alone':>6}{'E max':>8}"
-    f"{'RMSE mm':>14}{'RMS %':>7}{'max %':>7}{'strain':>7}{'s':>7}{'MB':>6}  what else"
+    f"{'RMSE mm':>14}{'RMS %':>7}{'max %':>7}{'strain':>7}{'layout':>7}{'optim.':>7}{'sheets':>7}{'all s':>7}{'MB':>6}  what else"
 )
 
 
 def line(name: str, record: dict[str, Any]) -> str:
     """One row of the table."""
-    seconds = sum(record.get("busy", {}).values())
+    spent = (summary.busy(record, stages) for stages in (summary.LAYOUT, ("optimise",), ("sheets",), tuple(job.STAGES)))
+    seconds = "".join(f"{each:>7.1f}" for each in spent) + f"{record.get('memory_mb', 0):>6.0f}"
     if "patches" not in record:
-        return f"{name:<30}{record.get('quads', 0):>6}{'':>76}{seconds:>7.1f}{'':>6}  {said(record)}"
+        return f"{name:<30}{record.get('quads', 0):>6}{'':>70}{seconds}  {said(record)}"
     rmse = f"{_figure(record.get('rmse_mm_before'), 3)}>{_figure(record.get('rmse_mm'), 3)}"
     return (
         f"{name:<30}{record['quads']:>6}{record['patches']:>8}{record['smallest']:>6}{record['median']:>7g}"
         f"{record['alone']:>6}{record['e_max']:>8.3f}{rmse:>14}{_figure(record.get('rms_percent'), 2):>7}"
-        f"{_figure(record.get('max_percent'), 1):>7}{_figure(record.get('strain'), 2):>7}{seconds:>7.1f}"
-        f"{record['memory_mb']:>6.0f}  {said(record)}"
+        f"{_figure(record.get('max_percent'), 1):>7}{_figure(record.get('strain'), 2):>7}{seconds}  {said(record)}"
     )
 
 
@@ -302,6 +303,8 @@ def said(record: dict[str, Any]) -> str:
         words.append("worse than it began")
     if record.get("farther"):
         words.append(f"farther than it began (RMS {record['rms_percent_before']:.2f} %)")
+    if summary.unsaid(record):
+        words.append("stays flat without a word")
     if record.get("not_finite"):
         words.append("not finite: " + ", ".join(record["not_finite"]))
     return "; ".join(words)

@@ -46,7 +46,15 @@ def test_the_families_are_what_their_names_say(zoo: ModuleType):
 def record(quads: int, **more: object) -> dict:
     """A record without faults."""
     busy = {"merge": 1e-4 * quads**1.5, "sheets": 1e-3 * quads}
-    usual = {"quads": quads, "sizes": [quads], "median": quads, "sheets": 1, "busy": busy, "ended_in": "sheets"}
+    usual = {
+        "quads": quads,
+        "sizes": [quads],
+        "median": quads,
+        "sheets": 1,
+        "busy": busy,
+        "ended_in": "sheets",
+        "findings": [],
+    }
     return {**usual, "rmse_mm": 0.1, "rmse_mm_before": 0.2, **more}
 
 
@@ -62,15 +70,18 @@ def test_the_summary_finds_what_is_amiss_and_how_the_cost_grows(zoo: ModuleType)
         "shattered": record(100, sizes=[1] * 100, median=1.0, alone=100, alone_own_e=1),
         "unknown": record(90, rmse_mm=None) | {"left_out": ["Not simulated"]},
         "worse": record(90, worse=True),
+        "flat": record(90, rms_percent=4.0, strain=0.0),
+        "told": record(90, rms_percent=4.0, strain=0.0, findings=["stays-flat"]),
         "foreign/cmc1": record(240, patches=12.0),
     }
     del records["unknown"]["rmse_mm"]
     found = {row["row"]: row for row in zoo.summary.rows(records)}
-    assert found["surfaces"]["measured"] == "14, 1 refused"
+    assert found["surfaces"]["measured"] == "16, 1 refused"
     assert found["wrongly refused or wrongly taken"]["ok"]
     assert found["without sheets"]["measured"] == "1: late"
     assert found["not optimised or not simulated"]["measured"] == "1: unknown"
-    assert found["with sheets, %"]["measured"] == pytest.approx(100 * 12 / 13, abs=0.01)
+    assert found["with sheets, %"]["measured"] == pytest.approx(100 * 14 / 15, abs=0.01)
+    assert found["stay flat without a word"]["measured"] == "1: flat"
     assert found["worse than they began"]["measured"] == "1: worse"
     assert found["patches of one quad for no reason of its own"]["measured"] == "1: shattered"
     assert found["median quads a patch"]["ok"] is False

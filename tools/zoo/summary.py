@@ -28,6 +28,7 @@ NAMED: dict[str, dict[str, float]] = {
     "eight-smoothed-quads": {"patches": 12},
     "octtoruscc2": {"rms_percent": 3.0, "optimise": 20.0},
 }
+FLAT = 0.02  # share of the strain that the material bears: arms of a piece that did not spring up show less
 SMALLEST = 150  # quads: below, what a stage costs whatever the size hides how it grows
 GROWTH = 1.2  # n log n between 500 and 6,000 quads
 
@@ -55,6 +56,7 @@ def rows(records: Records) -> list[Row]:
         named("given up or crashed", lambda r: "crashed" in r),
         named("worse than they began", lambda r: r.get("worse")),
         named("farther than they began (RMS)", lambda r: r.get("farther")) | {"asked": "", "ok": None},
+        named("stay flat without a word", unsaid, made),
         named("patches of one quad for no reason of its own", lambda r: r.get("alone", 0) > r.get("alone_own_e", 0)),
         at_least("zoo", "median quads a patch", 40.0, float(np.median(sizes))),
         at_least("zoo", "median over surfaces of that", 40.0, _median(made, "median")),
@@ -68,6 +70,12 @@ def rows(records: Records) -> list[Row]:
 def refused(record: Record) -> bool:
     """Whether a surface did not pass the checks."""
     return "refused" in record and record["ended_in"] in BEFORE
+
+
+def unsaid(record: Record) -> bool:
+    """Whether a curved surface's piece lies flat at rest, its arms hardly strained, and the findings do not say so."""
+    flat = record.get("rms_percent", 0.0) > 1.0 and (record.get("strain") or 0.0) < FLAT
+    return flat and not {"stays-flat", "far-from-target"} & set(record["findings"])
 
 
 def busy(record: Record, stages: tuple[str, ...]) -> float:
