@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 NAME = "flexmaps"
+UNDONE = 3  # exit status
 _registered: list[Any] = []
 
 
@@ -32,8 +33,11 @@ def unregister() -> None:
 
 
 def main(argv: list[str]) -> int:
-    """Run one command. Returns the exit status: 0, 1 for a fault of the program, 2 for a mistake of the user's, told in one
-    line on standard error, 130 when it was stopped. Progress goes to standard error, results to standard output.
+    """Run one command. Returns the exit status:
+
+    0 where everything was done; 1 for a fault of the program; 2 for a mistake of the user's, told in one line on standard
+    error; 3 where ``run`` has written its files, but could not optimise or simulate as it was asked to (``undone`` in the
+    report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments
@@ -47,7 +51,7 @@ def main(argv: list[str]) -> int:
     try:
         with stoppable(), quiet_blender():
             described = args.run(args, console)
-        status = 2 if args.command == "check" and any(f["severity"] == "error" for f in described["checks"]) else 0
+        status = _status(args.command, described)
     except FlexMapsError as error:
         console.end_line()
         print(f"flexmaps: {error}", file=sys.stderr)
@@ -68,6 +72,13 @@ def main(argv: list[str]) -> int:
         args.tell(described, args)
     sys.stdout.flush()
     return status
+
+
+def _status(command: str, described: dict[str, Any]) -> int:
+    """The exit status that goes with what a command has found."""
+    if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
+        return 2
+    return UNDONE if described.get("undone") else 0
 
 
 @contextmanager

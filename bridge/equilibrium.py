@@ -171,7 +171,13 @@ def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     if strain > 1.0:
         broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
         text += f" {told(broken, 100 * strain)}"
-    return text, strain > 1.0 or not sound(block)
+    said = remarks(block)
+    return " ".join([text, *said]), strain > 1.0 or bool(said) or not sound(block)
+
+
+def remarks(block: dict[str, Any]) -> list[str]:
+    """What else a simulation warns of; that it found no equilibrium stands in its ``status``."""
+    return [finding["message"] for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:

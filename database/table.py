@@ -138,6 +138,16 @@ def held_out(count: int = 48, seed: int = HELD_OUT_SEED) -> list[tuple[Spiral, f
     return out
 
 
+def slender() -> list[tuple[Spiral, float]]:
+    """Spirals beyond the nodes' s/w, for judging how the corrections fade there."""
+    return [
+        (Spiral(ratio, 1.0 / flatness, math.radians(twist)), 0.35)
+        for ratio in (80.0, 120.0, 200.0)
+        for twist in (0.0, 150.0, 350.0)
+        for flatness in (0.3, 1.0, 3.0)
+    ]
+
+
 def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stiffness.Table) -> np.ndarray:
     """(6,) relative errors of the table: eigenvalues of the interpolated against the true compliance, minus 1."""
     made = stiffness.blocks(

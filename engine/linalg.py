@@ -84,6 +84,8 @@ class SparseCholesky:
         """Factor the matrix with (nnz,) lower-triangle values; raises NotPositiveDefinite, also for NaN."""
         if not np.isfinite(values).all():
             raise NotPositiveDefinite("the matrix holds values that are not finite")
+        if not self.pattern.size:
+            return
         if self.backend == "cvxopt":
             from cvxopt import cholmod, matrix
 
@@ -100,6 +102,8 @@ class SparseCholesky:
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for a (size,) or (size, k) right-hand side with the last factor; a new array of the same shape."""
         rhs = np.asarray(rhs, dtype=float)
+        if not self.pattern.size:
+            return rhs.copy()
         if self.backend == "cvxopt":
             from cvxopt import cholmod, matrix
 

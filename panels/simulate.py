@@ -60,6 +60,8 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
         column.prop(key, "value", text=iface_("Target to {}").format(name), slider=True, translate=False)
     if not equilibrium.sound(block):
         wrapped(layout.box(), context, block["status"], icon="ERROR")
+    for text in equilibrium.remarks(block):
+        wrapped(layout.box(), context, text, icon="ERROR")
     grid = numbers(layout)
     size = "{:.2f} mm, {:.2f} %"
     number(grid, "RMS distance", size.format(block["rms_mm"], block["rms_percent"]))

@@ -181,7 +181,9 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     turn per moment (m, 2, S, 3, 3) rad/(N m) over them.
     """
     radius, twist, axes = arms.radius[..., None], arms.twist[..., None], arms.radial[:, :, None]
-    begin = HUB * arms.width[..., None] / radius
+    begin = np.minimum(
+        HUB * arms.width[..., None] / radius, HUB
+    )  # shorter arms count as all hub: ``stiffness.SHORTEST``
     u = np.concatenate([begin, begin + (1.0 - begin) * _NODES], axis=2)
     weight = radius * np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
     wind, lean = twist * (1.0 - u), twist * u

@@ -15,9 +15,11 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..materials import Material
+from . import stiffness
 from .arm_curving import Arms, curved, second_order_strains, weighted
 from .arm_sensitivity import JointChanges, arm_strains
 from .assembly import Assembly, Pose
+from .beyond import Beyond
 from .elastic import Expansion, summed
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
 from .stiffness import ArmCompliance, tip_compliance
@@ -58,10 +60,7 @@ class ArmModel:
 
     @classmethod
     def of(cls, assembly: Assembly, material: Material, *, curving: bool = True) -> ArmModel:
-        """The model of an assembly of one material, with or without the strains' second order.
-
-        Raises FlexMapsError with the faces outside the stiffness table.
-        """
+        """The model of an assembly of one material, with or without the strains' second order."""
         return cls._with(assembly, arm_compliances(assembly, material), material if curving else None)
 
     def varied(self, assembly: Assembly) -> ArmModel:
@@ -140,6 +139,13 @@ class ArmModel:
     def strains(self, state: ArmState, material: Material) -> np.ndarray:
         """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``stiffness.peak_strain``)."""
         return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
+
+    def beyond(self) -> list[Beyond]:
+        known = self.assembly
+        spiral = known.pairs.ravel()
+        return stiffness.beyond(
+            2.0 * known.radius.ravel(), known.width[spiral], known.twist[spiral], known.thickness, spiral
+        )
 
     def twist(self, state: ArmState) -> np.ndarray:
         return state.motion.turn[:, 0]
@@ -229,7 +235,7 @@ def _bend_levers(assembly: Assembly) -> np.ndarray:
 def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
     """Tip compliances of both arms of every joint and their derivatives, each (m, 2, 6, 6) SI, in the arms' own axes.
 
-    Raises FlexMapsError with the spirals outside the stiffness table.
+    Raises FlexMapsError with the spirals whose width or twist is no number.
     """
     spiral = assembly.pairs.ravel()
     try:

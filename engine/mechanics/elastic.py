@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from .assembly import Pose
+from .beyond import Beyond
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,9 @@ class ElasticModel(Protocol):
         Rows as in ``Expansion.hessian``; then the side of the joint; then width (per metre) and twist (per radian) of the
         spiral on that side.
         """
+
+    def beyond(self) -> list[Beyond]:
+        """The spirals that count as their nearest neighbours in what the model was fitted to, quantity by quantity."""
 
     def twist(self, state: Any) -> np.ndarray:
         """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""

@@ -245,17 +245,18 @@ def other_minima(
     if not params.restarts or not found.converged:
         return []
     system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
+    if not len(system.free):
+        return []
     here = model.expand(model.start(found.pose))
-    count = min(MODES, len(system.free) - 2)
+    count = min(MODES, len(system.free))
     modes = system.softest(system.values(here.hessian), system.values(here.convex), count)[0]
     modes /= np.linalg.norm(modes[..., 3:], axis=2).max(axis=1)[:, None, None]
-    free = not loads.fixed.any()
     minima, quick = [found], replace(params, iterations=min(params.iterations, 100))
     for k in range(params.restarts):
         part = progress.part(k / params.restarts, (k + 1) / params.restarts)
         start = _inside_out(found.pose, system.held) if k == 0 else _bent(found.pose, modes, k - 1)
         other = solve(model, start, loads, quick, part, system)
-        if other.converged and all(_differ(other.pose, known.pose, model.pairs, free) for known in minima):
+        if other.converged and all(_differ(other.pose, known.pose, model.pairs, loads) for known in minima):
             minima.append(other)
     return sorted(minima[1:], key=lambda e: e.energy)
 
@@ -286,8 +287,8 @@ MODES = 6
 BEND = 0.8  # radians, largest turn of the smallest bent start
 
 
-def _differ(one: Pose, two: Pose, pairs: np.ndarray, free: bool) -> bool:
-    placed = one.aligned(two.centres) if free else one
+def _differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
+    placed = loads.laid(one, pairs, two)
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()
     return bool(apart > 0.1 * spacing)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import index
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
+from .assembly import Pose
+from .rigid import Freedom, freedoms
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
+CARRIED, TURNED = 1e-9, 1e-6  # share of all forces' work that counts as none, as a whole and in turning
 GROUND = 0.25  # so far above the lowest quad, in median edges, another one still stands on the ground
 
 
@@ -57,36 +60,45 @@ class Loads:
         return cls(fixed, total)
 
     def held(self, pairs: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """(n, 6) bool: what is fixed while the equilibrium is sought.
+        """(n, 6) bool: what is fixed while the equilibrium is sought: the supports, and as much of every piece as they
+        leave free to move as a whole, at one of its hubs (see ``rigid``).
 
-        Every piece without supports is held at its middle spiral, which only fixes where it floats. Raises FlexMapsError
-        with the faces of such a piece if forces would carry it away or turn it.
+        Raises FlexMapsError with the faces of a piece that forces would carry away or turn.
         """
-        n = len(self.fixed)
-        count, piece = connected_components(
-            coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n)), directed=False
-        )
         held = self.fixed.copy()
-        floating = np.bincount(piece, weights=self.fixed[:, 0], minlength=count) == 0
-        for k in np.flatnonzero(floating):
-            members = np.flatnonzero(piece == k)
-            reach = centres[members] - centres[members].mean(axis=0)
-            pull, turn = self.force[members].sum(axis=0), np.cross(reach, self.force[members]).sum(axis=0)
-            each = np.linalg.norm(self.force[members], axis=1)
-            carried = np.linalg.norm(pull) > 1e-9 * each.sum()
-            if carried or np.linalg.norm(turn) > 1e-6 * (each * np.linalg.norm(reach, axis=1)).sum():
-                raise FlexMapsError(
-                    f"Weight or forces {'carry away' if carried else 'turn'} a piece of {len(members)} spirals that nothing "
-                    "holds; name supports there or take the forces away",
-                    faces=members,
-                )
-            middle = centres[members].mean(axis=0)
-            held[members[np.argmin(np.linalg.norm(centres[members] - middle, axis=1))]] = True
+        for free in freedoms(self.fixed, pairs, centres):
+            work, most = free.work(centres, self.force)
+            shifts = np.linalg.norm(free.motions[:, 3:], axis=1) == 0.0
+            moving = np.abs(work) > np.where(shifts, CARRIED, TURNED) * most
+            if moving.any():
+                raise FlexMapsError(_unheld(free, bool(moving[shifts].any())), faces=free.members)
+            held[free.hub, free.entries] = True
         return held
+
+    def laid(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
+        """A pose whose pieces are moved, as far as the supports leave them free, to where they lie nearest to a target."""
+        for free in freedoms(self.fixed, pairs, pose.centres):
+            pose = free.laid(pose, target.centres)
+        return pose
 
     def work(self, centres: np.ndarray) -> float:
         """Joules: what the forces do up to here, against the origin."""
         return float((self.force * centres).sum())
+
+
+def _unheld(free: Freedom, carried: bool) -> str:
+    """What is wrong where forces move a piece as a whole."""
+    size = len(free.members)
+    if free.floats:
+        return (
+            f"Weight or forces {'carry away' if carried else 'turn'} a piece of {size} spirals that nothing holds; "
+            "name supports there or take the forces away"
+        )
+    where = "one hinge" if len(free.motions) == 3 else "hinges in a line"
+    return (
+        f"Weight or forces swing a piece of {size} spirals about its supports, which are {where}; clamp them, name "
+        "supports that do not lie in a line, or take the forces away"
+    )
 
 
 def standing(mesh: QuadMesh, which: str | Sequence[int]) -> np.ndarray:
@@ -97,14 +109,24 @@ def standing(mesh: QuadMesh, which: str | Sequence[int]) -> np.ndarray:
     if isinstance(which, str) and which.strip() == LOWEST:
         second = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
         return np.flatnonzero(second <= second.min() + GROUND * mesh.median_edge)
+    words = which.split(",") if isinstance(which, str) else list(which)
     try:
-        numbers = np.array([int(x) for x in (which.split(",") if isinstance(which, str) else which)], dtype=np.int64)
+        numbers = [_number(word) for word in words]
     except (TypeError, ValueError):
         raise FlexMapsError(
-            f"Supports '{which}': give numbers of quads with commas between them, or '{LOWEST}'"
+            f"Supports '{which!s:.60}': give numbers of quads with commas between them, or '{LOWEST}'"
         ) from None
-    wrong = numbers[(numbers < 0) | (numbers >= len(mesh.quads))]
-    if len(wrong) or not len(numbers):
-        name = f"quad {wrong[0]}" if len(wrong) else "no quad"
+    wrong = [number for number in numbers if not 0 <= number < len(mesh.quads)]
+    if wrong or not numbers:
+        name = f"quad {wrong[0]!s:.24}" if wrong else "no quad"
         raise FlexMapsError(f"The supports name {name}; the quads are numbered from 0 to {len(mesh.quads) - 1}")
-    return np.unique(numbers)
+    return np.unique(np.array(numbers, dtype=np.int64))
+
+
+def _number(word: str | int) -> int:
+    """A whole number, as large as it likes: text in the digits 0 to 9 only. Raises ValueError or TypeError for anything else."""
+    if not isinstance(word, str):
+        return index(word)
+    if not re.fullmatch(r"\s*[+-]?[0-9]+\s*", word):
+        raise ValueError(word)
+    return int(word)

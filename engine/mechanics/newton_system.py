@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
+
+DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
 
 
 class NewtonSystem:
@@ -59,8 +62,15 @@ class NewtonSystem:
         """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
 
         Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, must have a Cholesky factor:
-        against it the spectrum of H is well spread, so that a few Lanczos steps do.
+        against it the spectrum of H is well spread, so that a few Lanczos steps do. Fewer where fewer are free; where
+        nothing is, one that moves nothing and costs as much as its metric.
         """
+        if not len(self.free):
+            return np.zeros((1, *self.held.shape)), np.ones(1)
+        if len(self.free) <= DENSE:
+            a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
+            rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
+            return np.stack([self.full(v) for v in vectors.T]), rise
         self.cholesky.factor(metric)
         size = (len(self.free),) * 2
         inverse = LinearOperator(size, matvec=lambda x: self.cholesky.solve(np.asarray(x).ravel()), dtype=float)

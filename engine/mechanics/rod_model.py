@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..materials import Material
-from . import rod_strains
+from . import rod_strains, stiffness_rods
 from .assembly import Assembly, Pose
+from .beyond import Beyond
 from .elastic import Expansion, summed
 from .rod_motion import FLIP, SPLIT, RodState, first_order, outer, roll_row, second_order
 from .rod_sensitivity import gradient_by_design
-from .stiffness_rods import rod_parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,9 @@ class RodModel:
 
     @classmethod
     def of(cls, assembly: Assembly, material: Material) -> RodModel:
-        """The model of an assembly of one material; raises FlexMapsError with the faces outside the rod parameters."""
-        arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
-        reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
-        found = rod_parameters(
-            2.0 * reach / np.maximum(arms, 1),
+        """The model of an assembly of one material."""
+        found = stiffness_rods.rod_parameters(
+            _scale(assembly),
             assembly.width,
             assembly.twist,
             thickness=assembly.thickness,
@@ -94,6 +92,10 @@ class RodModel:
         first, second = self.pairs.T
         change = np.einsum("mi,mi->m", state.tangent, step[second, :3] - step[first, :3])
         return replace(self._state(state.pose.moved(step), state), foreseen=state.length + change)
+
+    def beyond(self) -> list[Beyond]:
+        known = self.assembly
+        return stiffness_rods.beyond(_scale(known), known.width, known.twist, known.thickness)
 
     def twist(self, state: RodState) -> np.ndarray:
         return state.twist
@@ -182,3 +184,10 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
             out[:, shifted, turn] += sign * own[:, k, :3, 3:]
             out[:, turn, shifted] += sign * own[:, k, 3:, :3]
     return out
+
+
+def _scale(assembly: Assembly) -> np.ndarray:
+    """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints."""
+    arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
+    reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
+    return 2.0 * reach / np.maximum(arms, 1)

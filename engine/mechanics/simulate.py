@@ -12,6 +12,7 @@ from ..materials import Material
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
+from ..surface.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .arm_model import ArmModel
@@ -22,13 +23,14 @@ from .laplacian import laplacian_rmse
 from .loads import Loads
 from .newton_system import NewtonSystem
 from .rod_model import RodModel
+from .shortfall import Shortfall, shortfalls
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """The equilibrium of a design, laid over its target.
 
-    equilibrium : its pose is aligned with the target where nothing holds the object
+    equilibrium : its pose is aligned with the target as far as the supports leave it free
     others : other shapes in which it can rest, if they were looked for
     """
 
@@ -82,6 +84,33 @@ class Simulation:
         modes, rise = system.softest(system.values(here.hessian), system.values(here.convex))
         return modes[0], float(rise[0])
 
+    @cached_property
+    def shortfalls(self) -> list[Shortfall]:
+        """The pieces that come to rest far from their target, or stay flat."""
+        if not self.equilibrium.converged:
+            return []
+        held = self.loads.fixed[:, :3].any(axis=1)
+        return shortfalls(self.design.flat.layout, self.target, self.equilibrium.pose.centres, held)
+
+    @cached_property
+    def findings(self) -> list[Finding]:
+        """Why the shape is no success, or less sure than others: no equilibrium, far from the target, outside of the model."""
+        found = []
+        if not self.equilibrium.converged or self.equilibrium.locked:
+            found.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
+        for piece in self.shortfalls:
+            beside = np.unique(self.target.edge_quads[piece.line])
+            faces = tuple((beside if len(beside) else piece.quads).tolist())
+            text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
+            found.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
+        for part in self.model.beyond():
+            text = (
+                f"{len(part.spirals)} spirals lie outside of what the elastic model knows ({part}): they count as their nearest "
+                "neighbours in it, so the shape is less sure there; change width, twist or quad size to be sure"
+            )
+            found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
+        return found
+
     @property
     def size(self) -> float:
         """Metres, the diagonal of the target's bounding box: what percentages refer to."""
@@ -110,6 +139,8 @@ class Simulation:
         }
         if self.strain is not None:
             block["strain_share_max"] = float(self.strain.max())
+        if self.findings:
+            block["findings"] = [finding.as_dict() for finding in self.findings]
         if self.others:
             block["other_energies"] = [o.energy for o in self.others]
         return block
@@ -138,25 +169,23 @@ def simulate(
     ``quick`` takes the elastic model that optimising works with, which leaves out what matters under strong forces only.
 
     supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the spirals.
-    Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where a spiral is outside the
-    elastic model's range, or where weight or forces meet no support.
+    Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where weight or forces meet no support.
     """
     assembly = of_design(design)
     model = build_model(assembly, material, params.model, quick=quick)
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     aim = target_pose(target, design.flat.corners)
-    free = not loads.fixed.any()
-    watched = progress.showing(lambda pose: carried(design, _laid(pose, aim, free), target))
+
+    def laid(pose: Pose) -> Pose:
+        return loads.laid(pose, assembly.pairs, aim)
+
+    watched = progress.showing(lambda pose: carried(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
     found = solve(model, aim if start is None else start, loads, params, main)
     others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
-    found, *others = (e.placed(_laid(e.pose, aim, free)) for e in (found, *others))
+    found, *others = (e.placed(laid(e.pose)) for e in (found, *others))
     return Simulation(design, target, material, model, assembly, loads, found, others)
-
-
-def _laid(pose: Pose, target: Pose, free: bool) -> Pose:
-    return pose.aligned(target.centres) if free else pose
 
 
 def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> np.ndarray:

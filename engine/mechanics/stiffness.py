@@ -6,6 +6,11 @@ is the Cholesky factor of the compliance relative to the beam's, with the logari
 positive definite compliance.
 
 One table serves every thickness and Young's modulus: energies go with E h^3 times a function of s/h, w/h and the twist.
+
+Outside its nodes the table goes on without a step. What separates a slender arm from the beam is its hub, about one
+width long, so beyond the largest s/w the corrections fade like w/s (finite elements at s/w 50 to 400 do just that).
+Shorter arms go with the powers of a beam's length. Where w/h or the twist lie outside, the correction is that of the
+nearest arm inside, on the beam of the true arm. ``beyond`` names the arms for which no finite elements vouch.
 """
 
 from __future__ import annotations
@@ -20,11 +25,15 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from . import beams
+from .beyond import Beyond
 
 TABLE = Path(__file__).resolve().parents[2] / "data" / "stiffness.npz"
 SCALE_RANGE = (5.0, 50.0)
+"""s/w of the table's nodes."""
+SLENDEREST = 400.0
+"""s/w up to which finite elements bear out how the corrections fade."""
 SHORTEST = 2.0
-"""s/w at which an arm is all hub."""
+"""s/w at which an arm is all hub: shorter ones count as that short."""
 WIDTH_RANGE = (0.3, 3.0)
 POISSON_RANGE = (0.0, 0.45)
 SLOT_SHARE = 0.14
@@ -103,47 +112,66 @@ FORMAT = 1
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Where n arms lie in the table: coordinates in [-1, 1], and how they depend on ln(s/w), ln(w/h), twist."""
+    """Where n arms lie in the table: coordinates in [-1, 1], and how they depend on ln(s/w), ln(w/h), twist.
+
+    share : of the corrections that is left, 1 up to the largest s/w of the nodes; thinner : ln(w/h) beyond the nodes'
+    """
 
     x: np.ndarray
     y: np.ndarray
     z: np.ndarray
+    x_by_scale: np.ndarray
+    y_by_width: np.ndarray
     z_by_scale: np.ndarray
     z_by_twist: np.ndarray
+    share: np.ndarray
+    thinner: np.ndarray
 
 
 def _locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
-    limit, slope = _twist_limit(ratio)
-    _refuse_outside(ratio, flatness, twist, limit)
-    share = twist / limit
+    """The nearest place in the table; a coordinate that is clipped there no longer depends on anything."""
+    within = np.clip(ratio, *SCALE_RANGE)
+    limit, slope = _twist_limit(within)
+    part = twist / limit
+    log_width = np.log(flatness)
+    x, x_slope = _unit(np.log(within), *np.log(SCALE_RANGE))
+    y, y_slope = _unit(log_width, *np.log(WIDTH_RANGE))
+    z, z_slope = _unit(part, 0.0, 1.0)
     return _Point(
-        _unit(np.log(ratio), *np.log(SCALE_RANGE)),
-        _unit(np.log(flatness), *np.log(WIDTH_RANGE)),
-        2.0 * share - 1.0,
-        -2.0 * share * slope / limit,
-        2.0 / limit,
+        x,
+        y,
+        z,
+        np.where(ratio == within, x_slope, 0.0),
+        y_slope,
+        np.where(ratio == within, -z_slope * part * slope / limit, 0.0),
+        z_slope / limit,
+        np.minimum(SCALE_RANGE[1] / ratio, 1.0),
+        log_width - np.clip(log_width, *np.log(WIDTH_RANGE)),
     )
 
 
-def _unit(value: np.ndarray, low: float, high: float) -> np.ndarray:
-    return np.clip(2.0 * (value - low) / (high - low) - 1.0, -1.0, 1.0)
+def _unit(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """The place of values between low (-1) and high (1), clipped there, and its slope."""
+    place = 2.0 * (value - low) / (high - low) - 1.0
+    # the ends belong to the inside, up to rounding
+    inside = np.abs(place) <= 1.0 + 1e-9
+    return np.clip(place, -1.0, 1.0), np.where(inside, 2.0 / (high - low), 0.0)
 
 
-def _refuse_outside(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, limit: np.ndarray) -> None:
-    slack = 1e-9
-    for value, (low, high), name in (
-        (ratio, SCALE_RANGE, "scale / width"),
-        (flatness, WIDTH_RANGE, "width / thickness"),
-        (twist / limit, (0.0, 1.0), "twist / largest twist that can be cut"),
-    ):
-        outside = ~((value >= low * (1 - slack) - slack) & (value <= high * (1 + slack)))
-        if outside.any():
-            worst = float(value[outside][0])
-            raise FlexMapsError(
-                f"{name} is {worst:.3g} for {int(outside.sum())} arms, outside the stiffness table's {low:g} to {high:g}; "
-                "change width, twist or quad size there",
-                faces=np.flatnonzero(outside),
-            )
+def beyond(
+    scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float, spiral: np.ndarray
+) -> list[Beyond]:
+    """Which spirals have arms that no finite elements vouch for; they are taken for their nearest neighbours, see above.
+
+    scale, width : (n,) m and twist : (n,) rad of arms; spiral : (n,) int that they belong to
+    """
+    ratio = scale / width
+    share = twist / twist_limit(np.clip(ratio, *SCALE_RANGE))
+    return [
+        *Beyond.of("scale / width", ratio, SHORTEST, SLENDEREST, spiral),
+        *Beyond.of("width / thickness", width / thickness, *WIDTH_RANGE, spiral),
+        *Beyond.of("twist / largest twist that can be cut", share, 0.0, 1.0, spiral),
+    ]
 
 
 def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -173,8 +201,8 @@ def _interpolate(table: Table, at: _Point, channels: slice) -> tuple[np.ndarray,
     )
     value, by_x = np.einsum("cdn,dn->cn", plain, tx), np.einsum("cdn,dn->cn", plain, dx)
     slope_y, slope_z = np.einsum("cdn,dn->cn", by_y, tx), np.einsum("cdn,dn->cn", by_z, tx)
-    x_per, y_per = (2.0 / math.log(high / low) for low, high in (SCALE_RANGE, WIDTH_RANGE))
-    return value, np.stack([by_x * x_per + slope_z * at.z_by_scale, slope_y * y_per, slope_z * at.z_by_twist])
+    by_scale = by_x * at.x_by_scale + slope_z * at.z_by_scale
+    return value, np.stack([by_scale, slope_y * at.y_by_width, slope_z * at.z_by_twist])
 
 
 def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -229,12 +257,17 @@ def blocks(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Ta
     """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,)."""
     at = _locate(ratio, flatness, twist)
     log, dlog = _interpolate(table, at, slice(0, 12))
+    log, dlog = log * at.share, dlog * at.share
+    dlog[0] -= np.where(at.share < 1.0, log, 0.0)
     log, dlog = log.reshape(2, 6, -1).swapaxes(0, 1), dlog.reshape(3, 2, 6, -1).swapaxes(1, 2)
     factor, dfactor = log.copy(), dlog.copy()
     for k in _DIAGONAL:
         factor[k] = np.exp(log[k])
         dfactor[:, k] *= factor[k]
-    base = beams.tip_compliance(ratio, 1.0 / flatness, twist, poisson)
+    # the beam is known up to here; no spiral can be cut that is wound any further
+    wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
+    base = beams.tip_compliance(ratio, 1.0 / flatness, wound, poisson)
+    base.slopes[2] *= wound == twist
     beam, dbeam = _cholesky(base.values.swapaxes(0, 1), base.slopes.swapaxes(1, 2))
     whole = _lower_product(beam, factor)
     dwhole = _lower_product(dbeam, factor[None]) + _lower_product(beam[None], dfactor)
@@ -246,53 +279,45 @@ def blocks(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Ta
 def tip_compliance(
     scale: np.ndarray, width: np.ndarray, twist: np.ndarray, *, thickness: float, youngs: float, poisson: float
 ) -> ArmCompliance:
-    """Compliance of the tips of n arms with exact derivatives.
+    """Compliance of the tips of n arms with exact derivatives, for every arm there is: see ``beyond``.
 
     scale : (n,) m, diameter of the circumscribed circle: twice the distance from the centre to the tip; width : (n,) m;
     twist : (n,) rad; thickness in m, Young's modulus in Pa. Arms shorter than the table's shortest, s/w = 5, are hardly
-    longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Else raises FlexMapsError
-    outside the table; ``faces`` of the error are positions in the given arrays.
+    longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Raises FlexMapsError where
+    something is no length or angle; ``faces`` of the error are positions in the given arrays.
     """
     _refuse_material(thickness, youngs)
-    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
-    least = SCALE_RANGE[0]
-    stub = (scale < least * width) & (scale > SHORTEST * width)
-    if stub.any():
-        return _shortened(scale, np.where(stub, least * width, scale), stub, width, twist, thickness, youngs, poisson)
-    found = blocks(scale / width, width / thickness, twist, load_table(float(poisson)), float(poisson))
+    scale, width, twist = _arms(scale, width, twist)
+    ratio, least = scale / width, SCALE_RANGE[0]
+    found = blocks(np.maximum(ratio, least), width / thickness, twist, load_table(float(poisson)), float(poisson))
     # a wrench (F, M) is (E w^2, E w^3) and a motion (u, turn) is (w, 1) of the dimensionless one
     power = np.zeros((2, 6), dtype=int)
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         kind = [0 if r < 3 else 1 for r in rows]
         power[b] = [-1 - kind[i] - kind[j] for i, j in ENTRIES]
-    unit = width ** power[..., None] / youngs
+    power = power[..., None]
+    # a beam's compliance goes with length^(4 + power): the third power from force to shift, the first from moment to turn
+    short = np.minimum(np.maximum(ratio, SHORTEST) / least, 1.0)
+    unit = width**power * short ** (4 + power) / youngs
     values = found.values * unit
     by_ratio, by_flatness, by_twist = found.slopes * unit
+    by_ratio = np.where(ratio < least, np.where(ratio > SHORTEST, (4 + power) * values, 0.0), by_ratio)
     by_scale = by_ratio / scale
-    by_width = (by_flatness - by_ratio + power[..., None] * values) / width
+    by_width = (by_flatness - by_ratio + power * values) / width
     return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist)))
 
 
-def _shortened(
-    scale: np.ndarray,
-    table_scale: np.ndarray,
-    stub: np.ndarray,
-    width: np.ndarray,
-    twist: np.ndarray,
-    thickness: float,
-    youngs: float,
-    poisson: float,
-) -> ArmCompliance:
-    """Compliances of arms of which some (``stub``) are shorter than the table's: those go with the powers of a beam's length."""
-    at = tip_compliance(table_scale, width, twist, thickness=thickness, youngs=youngs, poisson=poisson)
-    turns = np.repeat([0, 1], 3)
-    power = 3.0 - turns[:, None] - turns
-    factor = (scale / table_scale)[:, None, None] ** power
-    values, short = at.values * factor, stub[:, None, None]
-    by_scale = np.where(short, values * power / scale[:, None, None], at.by_scale)
-    by_width = (at.by_width + np.where(short, SCALE_RANGE[0] * at.by_scale, 0.0)) * factor
-    by_width -= np.where(short, values * power / width[:, None, None], 0.0)
-    return ArmCompliance(values, by_scale, by_width, at.by_twist * factor)
+def _arms(scale: np.ndarray, width: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Scales, widths and twists as arrays (n,); raises FlexMapsError with the positions of those that are none."""
+    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
+    scale, width, twist = np.broadcast_arrays(scale, width, twist)
+    known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
+    if not known.all():
+        raise FlexMapsError(
+            f"{int((~known).sum())} arms have a length, a width or a twist that is no number; make the spirals again",
+            faces=np.flatnonzero(~known),
+        )
+    return scale, width, twist
 
 
 def _refuse_material(thickness: float, youngs: float) -> None:
@@ -356,10 +381,10 @@ def peak_strain_slopes(
 ) -> PeakStrain:
     """``peak_strain`` with its derivatives; arms shorter than the table's shortest count as that long."""
     _refuse_material(thickness, youngs)
+    scale, width, twist = _arms(scale, width, twist)
     stub = scale < SCALE_RANGE[0] * width
     ratio = np.where(stub, SCALE_RANGE[0], scale / width)
-    table = load_table(float(poisson))
-    log, slopes = _interpolate(table, _locate(ratio, width / thickness, twist), slice(12, 18))
+    log, slopes = _log_strains(ratio, width / thickness, twist, load_table(float(poisson)))
     power = np.repeat([2.0, 3.0], 3)[:, None]
     unit = np.exp(log) / (youngs * width**power)
     size = np.abs(wrench).T * unit
@@ -374,4 +399,24 @@ def peak_strain_slopes(
 
 def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:
     """(6, n) logarithms of the dimensionless peak strains per unit of the six components of a tip wrench."""
-    return _interpolate(table, _locate(ratio, flatness, twist), slice(12, 18))[0]
+    return _log_strains(ratio, flatness, twist, table)[0]
+
+
+# powers of s/w beyond its nodes: the moment of a force grows with the arm's length
+_BY_LENGTH = np.repeat([1.0, 0.0], 3)[:, None]
+# powers of w/h below and above its nodes, from section moduli: h w^2 in the plane; out of it, where torsion (h w^2 of a
+# tall section) and bending (w h^2) mix, the one that strains more
+_BY_HEIGHT = np.array([[1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 2.0, 2.0, 2.0, 1.0]])[..., None]
+
+
+def _log_strains(
+    ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table
+) -> tuple[np.ndarray, np.ndarray]:
+    """``log_strains``, and their derivatives (3, 6, n) by ln(s/w), ln(w/h) and twist."""
+    at = _locate(ratio, flatness, twist)
+    log, slopes = _interpolate(table, at, slice(12, 18))
+    by_height = np.where(at.thinner < 0.0, *_BY_HEIGHT)
+    log = log - _BY_LENGTH * np.log(at.share) + by_height * at.thinner
+    slopes[0] += np.where(at.share < 1.0, _BY_LENGTH, 0.0)
+    slopes[1] += np.where(at.thinner != 0.0, by_height, 0.0)
+    return log, slopes

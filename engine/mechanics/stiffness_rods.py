@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlexMapsError
-from .stiffness import _refuse_material, _twist_limit
+from .beyond import SLACK, Beyond
+from .stiffness import _arms, _refuse_material, _twist_limit
 
 PARAMETERS = Path(__file__).resolve().parents[2] / "data" / "rod_parameters.npz"
 FORMAT = 1
@@ -70,16 +71,15 @@ def rod_parameters(
 ) -> RodStiffness:
     """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
-    scale, width : (n,) m; twist : (n,) rad. Raises FlexMapsError outside the sampled region: scale 5 to 15 and width
-    0.5 to 1 sheet thicknesses, twist up to 360 degrees or to a slot of 0.15 thicknesses.
+    scale, width : (n,) m; twist : (n,) rad. Outside the sampled region, scale 5 to 15 and width 0.5 to 1 sheet
+    thicknesses, twist up to 360 degrees or to a slot of 0.15 thicknesses, they are those of the nearest spiral inside.
     """
     _refuse_material(thickness, youngs)
-    scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
-    _refuse_outside(scale, width, twist, thickness)
+    near = _Nearest.of(*_arms(scale, width, twist), thickness)
     net = load_network(model)
-    ratio = scale / width
+    ratio = near.scale / near.width
     limit, slope = _twist_limit(ratio)
-    x = np.stack([np.log(ratio), np.log(width / thickness), twist / limit], axis=1)
+    x = np.stack([np.log(ratio), np.log(near.width / thickness), near.twist / limit], axis=1)
     span = net["high"] - net["low"]
     offset = ((x - net["low"]) / span)[:, None] - net["centres"]
     sharp = math.log(2.0) / float(net["spread"]) ** 2
@@ -88,28 +88,65 @@ def rod_parameters(
     value = np.exp(net["offset"] + net["span"] * (answers @ weights + bias))
     slopes = [net["span"] / span[k] * ((-2.0 * sharp * offset[..., k] * answers) @ weights) for k in range(3)]
     # chain rule: ln(s/w), ln(w/h), twist / limit(s/w)
-    share_by_scale = -(twist / limit**2 * slope)[:, None]
+    share_by_scale = -(near.twist / limit**2 * slope)[:, None]
     log_scale = slopes[0] + slopes[2] * share_by_scale
     power = np.array([2, 4, 4, 4])
-    value = value * youngs * width[:, None] ** power
-    by_scale = value * log_scale / scale[:, None]
-    by_width = value * (slopes[1] - log_scale + power) / width[:, None]
-    return RodStiffness(value, by_scale, by_width, value * slopes[2] / limit[:, None])
+    value = value * youngs * near.width[:, None] ** power
+    by_scale = value * log_scale / near.scale[:, None]
+    by_width = value * (slopes[1] - log_scale + power) / near.width[:, None]
+    return near.given(RodStiffness(value, by_scale, by_width, value * slopes[2] / limit[:, None]))
 
 
-def _refuse_outside(scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> None:
+@dataclass(frozen=True, eq=False)
+class _Nearest:
+    """The spirals (n,) of the sampled region that are nearest to given ones, and how they follow these.
+
+    moves : which of scale, width and twist is not held at the region's edge, (3, n) bool
+    along : change of a twist that is held at its limit by scale and by width, (2, n) rad/m; 0 for others
+    """
+
+    scale: np.ndarray
+    width: np.ndarray
+    twist: np.ndarray
+    moves: np.ndarray
+    along: np.ndarray
+
+    @classmethod
+    def of(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
+        # a narrow strip beyond the edge counts as inside, as rounding may put spirals there
+        low, high = 1.0 - SLACK, 1.0 + SLACK
+        near = np.clip(scale, low * thickness * SCALE_OVER_THICKNESS[0], high * thickness * SCALE_OVER_THICKNESS[1])
+        thin = np.clip(width, low * thickness * FLATNESS_RANGE[0], high * thickness * FLATNESS_RANGE[1])
+        limit, by_scale, by_width = _largest_twist(near, thin, thickness)
+        wound = twist > limit
+        moves = np.stack([near == scale, thin == width, ~wound & (twist >= 0.0)])
+        along = np.stack([by_scale, by_width]) * wound
+        return cls(near, thin, np.clip(twist, 0.0, limit), moves, along)
+
+    def given(self, found: RodStiffness) -> RodStiffness:
+        """Parameters of the nearest spirals with their derivatives by the given ones."""
+        by_scale, by_width = (
+            (slope + found.by_twist * along[:, None]) * moves[:, None]
+            for slope, along, moves in zip((found.by_scale, found.by_width), self.along, self.moves[:2], strict=True)
+        )
+        return RodStiffness(found.values, by_scale, by_width, found.by_twist * self.moves[2][:, None])
+
+
+def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(n,) radians: the most wound spirals of the sampled region, and the derivatives by scale and width."""
     spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
-    limit = np.minimum(2.0 * math.pi, np.sqrt(np.maximum(spread - 1.0, 0.0)))
-    slack = 1e-6
-    for value, (low, high), name in (
-        (scale / thickness, SCALE_OVER_THICKNESS, "scale / thickness"),
-        (width / thickness, FLATNESS_RANGE, "width / thickness"),
-        (twist / np.maximum(limit, 1e-12), (0.0, 1.0), "twist / largest twist"),
-    ):
-        outside = ~((value >= low - slack) & (value <= high + slack))
-        if outside.any():
-            raise FlexMapsError(
-                f"{name} is {float(value[outside][0]):.3g} for {int(outside.sum())} spirals, outside the rod model's "
-                f"{low:g} to {high:g}; change the design there or use the tip compliances",
-                faces=np.flatnonzero(outside),
-            )
+    # the region's smallest s/w leaves a spread of 11
+    cut = np.sqrt(spread - 1.0)
+    slope = np.where(cut < 2.0 * math.pi, spread / cut, 0.0)
+    return np.minimum(2.0 * math.pi, cut), slope / scale, -slope / (width + SMALLEST_SLOT * thickness)
+
+
+def beyond(scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> list[Beyond]:
+    """Which of n spirals, scale, width (m) and twist (rad) (n,), lie outside the sampled region."""
+    near, every = _Nearest.of(scale, width, twist, thickness), np.arange(len(scale))
+    share = twist / _largest_twist(near.scale, near.width, thickness)[0]
+    return [
+        *Beyond.of("scale / thickness", scale / thickness, *SCALE_OVER_THICKNESS, every),
+        *Beyond.of("width / thickness", width / thickness, *FLATNESS_RANGE, every),
+        *Beyond.of("twist / largest twist", share, 0.0, 1.0, every),
+    ]

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..mechanics.arm_model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
+from ..mechanics.shortfall import Shortfall
 from ..mechanics.simulate import Simulation
 from .optimise import Optimisation
 
@@ -69,7 +70,7 @@ def reach(of: Simulation | Optimisation) -> Reach:
             kind[reasons[name]] = NAMES.index(name)
     kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
-    return Reach(kind, share, _advice(kind, share))
+    return Reach(kind, share, _advice(kind, share, simulation.shortfalls))
 
 
 def _reasons(simulation: Simulation) -> dict[str, np.ndarray]:
@@ -112,7 +113,17 @@ def _unstable(simulation: Simulation) -> np.ndarray:
     return (moved > UNSTABLE * moved.max()) & (stiffness < SNAPPING)
 
 
-def _advice(kind: np.ndarray, share: np.ndarray) -> str:
+def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) -> str:
+    """What to do, worst first: a piece that stays flat needs something else than better spirals."""
+    worst = shortfalls[0] if shortfalls else None
+    if worst is None:
+        return _where(kind, share)
+    if worst.flat:
+        return worst.wrong + worst.help
+    return f"{worst.wrong} {_where(kind, share)}{worst.help}"
+
+
+def _where(kind: np.ndarray, share: np.ndarray) -> str:
     matched = NAMES.index("matched")
     rest = np.where(np.arange(len(share)) == matched, 0.0, share)
     if rest.sum() == 0.0:

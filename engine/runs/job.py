@@ -58,9 +58,9 @@ class Result:
     supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the quads
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     design : the spirals, optimised if that stage ran; optimisation : how they became so
-    simulation : the shape that the assembled object takes; also ``None``, with a finding, where its spirals are outside
-        of what the elastic model knows and the job went on to the sheets; limits : what keeps it from the target
+    simulation : the shape that the assembled object takes; limits : what keeps it from the target
     sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
+    undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
     seconds : wall time of every stage that ran
     """
 
@@ -80,6 +80,7 @@ class Result:
     sheets: CutSheets | None = None
     estimates: Estimates | None = None
     assembly: AssemblyCheck | None = None
+    undone: dict[str, Finding] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
 
@@ -156,7 +157,7 @@ def go_on(
 ) -> Result:
     """Run more stages, in this order, on what earlier ones have made; what later ones had made before is dropped.
 
-    If ``lenient``, simulating and optimising may fail, with a finding, unless they are the last. Raises as ``run`` does.
+    If ``lenient``, simulating and optimising may fail unless they are the last: ``Result.undone`` tells. Raises as ``run`` does.
     """
     return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
 
@@ -167,7 +168,7 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
             if lenient and name in TRIED and name != wanted[-1]:
                 result = _tried(name, result, settings, part)
             else:
-                result = STEPS[name](result, settings, part)
+                result = _done(name, STEPS[name](result, settings, part))
     if result.flat is None and result.layout is not None:
         result = replace(result, flat=flatten.flatten(result.layout, settings.layout))
     return replace(result, seconds=result.seconds | stage.seconds)
@@ -180,9 +181,11 @@ MADE = ("mesh", "layout", "flat", "design", "optimisation", "simulation", "limit
 
 
 def without(result: Result, first: str) -> Result:
-    """The result without ``first``, one of ``MADE``, and all that was made from it."""
-    nothing: dict[str, Any] = dict.fromkeys(MADE[MADE.index(first) :])
-    return replace(result, **nothing)
+    """The result without ``first``, one of ``MADE``, and all that was made from it, or that could not be."""
+    later = MADE[MADE.index(first) :]
+    nothing: dict[str, Any] = dict.fromkeys(later)
+    undone = {stage: why for stage, why in result.undone.items() if TRIED[stage] not in later}
+    return replace(result, **nothing, undone=undone)
 
 
 def _regularised(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -273,17 +276,22 @@ STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
     "simulate": _simulated,
     "sheets": _sheets,
 }
-TRIED = {"optimise": "optimised", "simulate": "simulated"}  # the sheets can be cut without them
+TRIED = {"optimise": "optimisation", "simulate": "simulation"}  # the sheets can be cut without what these make
 
 
 def _tried(name: str, result: Result, settings: Settings, progress: Progress) -> Result:
-    """A stage whose failure is no more than a warning."""
+    """A stage whose failure does not end the job: it is noted, and what an earlier run of it had made goes."""
     try:
-        return STEPS[name](result, settings, progress)
+        return _done(name, STEPS[name](result, settings, progress))
     except FlexMapsError as error:
-        code = f"not-{TRIED[name]}"
-        unknown = Finding(code, "warning", f"Not {TRIED[name]}: {error}", faces=tuple(error.faces))
-        return replace(result, findings=[*(f for f in result.findings if f.code != code), unknown])
+        why = Finding(f"not-{name}d", "warning", f"Not {name}d: {error}", faces=tuple(error.faces))
+        left = without(result, TRIED[name])
+        return replace(left, undone={**left.undone, name: why})
+
+
+def _done(name: str, result: Result) -> Result:
+    """The result of a stage that could be done now, whether it could before or not."""
+    return replace(result, undone={stage: why for stage, why in result.undone.items() if stage != name})
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:

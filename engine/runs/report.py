@@ -34,8 +34,10 @@ def build(
         "schema": SCHEMA,
         "program": f"{PROGRAM} {VERSION}",
         "input": _input(result.mesh, source),
-        "checks": [finding.as_dict() for finding in result.findings],
+        "checks": [finding.as_dict() for finding in (*result.findings, *result.undone.values())],
     }
+    if result.undone:
+        report["undone"] = list(result.undone)
     if result.flat is not None:
         report["layout"] = layout_report(result.flat)
     if result.design is not None:

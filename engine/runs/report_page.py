@@ -183,6 +183,7 @@ def _notes(described: Mapping[str, Any]) -> str:
         strain = shape.get("strain_share_max", 0.0)
         sound = shape["converged"] and not shape["locked"] and shape["negative_eigenvalues"] == 0
         said.append((not sound, shape["status"]))
+        said += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
         if strain > 1.0:
             said.append(
                 (True, f"Strain reaches {100 * strain:.0f} % of what the material bears: arms break or stay bent.")

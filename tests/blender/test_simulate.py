@@ -544,15 +544,27 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
     assert not equilibrium.out_of_date(obj, bpy.context.scene)
 
 
-def test_main_job_goes_on_where_the_model_knows_nothing(tmp_path: Path) -> None:
-    size = ("--edge", 20, "--thickness", 0.2)
-    arguments = ("shape:saddle", *size, "--out", tmp_path, "--no-pictures", "--nesting", "FAST")
-    assert run(*arguments) == 0
+def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Weight without supports: the files are there, the exit status and the report say what is missing."""
+    arguments = ("shape:saddle", "--edge", 20, "--gravity", "--out", tmp_path, "--no-pictures", "--nesting", "FAST")
+    assert run(*arguments) == command.UNDONE == 3
     report = json.loads((tmp_path / "report.json").read_text())
-    assert "equilibrium" not in report and report["sheets"]["sheets"] >= 1
+    assert "equilibrium" not in report and report["sheets"]["sheets"] >= 1 and report["undone"] == ["simulate"]
     warning = next(c for c in report["checks"] if c["code"] == "not-simulated")
-    assert warning["severity"] == "warning" and "width / thickness" in warning["message"] and warning["faces"]
+    assert warning["severity"] == "warning" and "supports" in warning["message"] and warning["faces"]
+    assert list(tmp_path.glob("sheet-01.*")) and (tmp_path / "model.blend").is_file()
+    assert "Not simulated" in capsys.readouterr().out
     assert run(*arguments, "--stop-after", "simulate") == 2
+
+
+def test_main_job_tells_what_is_outside_the_model(tmp_path: Path) -> None:
+    size = ("--edge", 20, "--thickness", 0.2)
+    assert run("shape:saddle", *size, "--out", tmp_path, "--no-pictures", "--stop-after", "simulate") == 0
+    block = json.loads((tmp_path / "report.json").read_text())["equilibrium"]
+    (found,) = [f for f in block["findings"] if f["code"] == "beyond-model"]
+    assert "width / thickness" in found["message"] and found["faces"]
+    assert found["message"] in equilibrium.remarks(block) and equilibrium.sentences(block)[1]
+    assert found["message"].replace("'", "&#x27;") in (tmp_path / "report.html").read_text()
 
 
 def test_default_shapes_simulate_without_a_warning(add: Any) -> None:

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from flexmaps.database import cli, fits, packs, report, table
+from flexmaps.database import cli, fits, packs, report, table, table_file
 from flexmaps.engine.mechanics import stiffness, stiffness_rods
 
 REPORT = cli.ROOT / "database" / "report"
@@ -72,6 +72,18 @@ def test_table_meets_the_compliances_of_the_sampled_spirals(series):
     assert len(errors) == 125
     assert np.median(errors) < 0.015
     assert np.quantile(errors, 0.95) < 0.08
+
+
+def test_the_table_goes_on_beyond_its_nodes(tmp_path):
+    """Spirals far more slender than those that the table was made of, against finite elements of their own."""
+    some = [s for s in table.slender() if (s[0].scale, s[0].height, round(np.degrees(s[0].twist))) in BEYOND]
+    assert len(some) == len(BEYOND)
+    compliance, strains = table_file.errors(some, tmp_path, "slender")
+    assert np.abs(compliance).max() < 0.02
+    assert strains.min() > -0.04  # a strain may be taken for too large, not for too small
+
+
+BEYOND = {(80.0, 1.0, 150), (120.0, 1.0, 0)}
 
 
 def test_report_tells_what_the_models_can_do(series):

@@ -75,29 +75,102 @@ def test_more_twist_is_softer_and_more_width_stiffer():
 
 
 @pytest.mark.parametrize(
-    ("scale", "width", "twist", "change"),
+    ("twist", "change"),
     [
-        (0.0035, 0.002, 0.0, {}),
-        (0.11, 0.002, 0.0, {}),
-        (0.01, 0.002, 3.6, {}),
-        (0.02, 0.0015, -0.1, {}),
-        (0.02, 0.0015, math.nan, {}),
-        (0.02, 0.002, 1.0, {"thickness": 0.0001}),
-        (0.02, 0.002, 1.0, {"thickness": -0.002}),
-        (0.02, 0.002, 1.0, {"youngs": 0.0}),
-        (0.02, 0.002, 1.0, {"poisson": 0.45}),
-        (0.02, 0.002, 1.0, {"poisson": 0.0}),
+        (math.nan, {}),
+        (1.0, {"thickness": -0.002}),
+        (1.0, {"youngs": 0.0}),
+        (1.0, {"poisson": 0.45}),
+        (1.0, {"poisson": 0.0}),
     ],
 )
-def test_nothing_is_extrapolated(scale, width, twist, change):
+def test_what_is_no_arm_or_sheet_is_refused(twist, change):
     with pytest.raises(FlexMapsError):
-        stiffness.tip_compliance([0.02, scale], [0.0015, width], [1.0, twist], **{**SHEET, **change})
+        stiffness.tip_compliance([0.02, 0.02], [0.0015, 0.002], [1.0, twist], **{**SHEET, **change})
 
 
 def test_error_names_the_arms():
     with pytest.raises(FlexMapsError) as found:
-        stiffness.tip_compliance([0.02, 0.02, 0.011], [0.0015, 0.0015, 0.002], [1.0, 1.0, 6.0], **SHEET)
+        stiffness.tip_compliance([0.02, 0.02, 0.011], [0.0015, 0.0015, math.nan], [1.0, 1.0, 6.0], **SHEET)
     assert found.value.faces == [2]
+
+
+@pytest.fixture(scope="module")
+def wild():
+    """Arms of which most lie outside of the table in some way: s/w 1 to 1000, w/h 0.02 to 30, twists to 750 degrees."""
+    rng = np.random.default_rng(11)
+    width = SHEET["thickness"] * np.exp(rng.uniform(math.log(0.02), math.log(30.0), 400))
+    return width * np.exp(rng.uniform(0.0, math.log(1000.0), 400)), width, rng.uniform(0.0, 13.0, 400)
+
+
+@pytest.mark.parametrize("name", ["scale", "width", "twist"])
+def test_outside_the_table_derivatives_stay_exact(wild, name):
+    """Central differences; what is clipped at the table's edge no longer changes."""
+    position = ("scale", "width", "twist").index(name)
+    step = 1e-6 * (np.ones(400) if name == "twist" else wild[position])
+    wrench = np.random.default_rng(2).normal(size=(400, 6)) * np.repeat([1.0, 0.01], 3)
+    sides, strains = [], []
+    for sign in (1, -1):
+        moved = list(wild)
+        moved[position] = wild[position] + sign * step
+        sides.append(stiffness.tip_compliance(*moved, **SHEET).values)
+        strains.append(stiffness.peak_strain(wrench, *moved, **SHEET))
+    found = stiffness.tip_compliance(*wild, **SHEET)
+    slope = (sides[0] - sides[1]) / (2 * step)[:, None, None]
+    diagonal = np.einsum("nii->ni", found.values)
+    size = np.sqrt(diagonal[:, :, None] * diagonal[:, None]) / step[:, None, None] * 1e-6
+    assert (np.abs(getattr(found, f"by_{name}") - slope) < 1e-5 * size).all()
+    assert (np.linalg.eigvalsh(found.values / np.sqrt(diagonal[:, :, None] * diagonal[:, None])) > 1e-3).all()
+    if name != "scale":
+        found = stiffness.peak_strain_slopes(wrench, *wild, **SHEET)
+        difference = (strains[0] - strains[1]) / (2 * step)
+        assert (np.abs(getattr(found, f"by_{name}") - difference) < 1e-6 * found.values / step).all()
+
+
+def test_no_step_at_the_edges_of_the_table():
+    """Values and strains just inside and just outside agree, for every edge and at several twists."""
+    wrench = np.ones((1, 6))
+    for twist in (0.0, 1.0, 4.0, 10.0):
+        for ratio, flatness in ((50.0, 0.7), (2.0, 0.7), (30.0, 0.3), (30.0, 3.0)):
+            for across_ratio in (True, False):
+                ends = []
+                for f in (1.0 - 1e-9, 1.0 + 1e-9):
+                    width = 0.002 * flatness * (1.0 if across_ratio else f)
+                    arm = ([ratio * width * (f if across_ratio else 1.0)], [width], [twist])
+                    ends.append(
+                        (stiffness.tip_compliance(*arm, **SHEET).values, stiffness.peak_strain(wrench, *arm, **SHEET))
+                    )
+                (below, strain), (above, other) = ends
+                assert below == pytest.approx(above, rel=1e-6, abs=1e-7 * np.abs(below).max())
+                assert strain == pytest.approx(other, rel=1e-6)
+    limit = float(stiffness.twist_limit(10.0))
+    ends = [stiffness.tip_compliance([0.02], [0.002], [limit * f], **SHEET).values for f in (1 - 1e-9, 1 + 1e-9)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-6)
+
+
+def test_slender_arms_tend_to_the_curved_beam():
+    """A cut-out of s/w 400 differs from Castigliano's beam by the hub's share alone, less than at 100."""
+    apart = []
+    for ratio in (100.0, 400.0):
+        arm = np.array([ratio]), np.array([1.25]), np.array([4.0])
+        beam = beams.tip_compliance(arm[0], 1.0 / arm[1], arm[2], 0.33).values[:, [0, 2, 5]]
+        table = stiffness.load_table(0.33)
+        own = stiffness.blocks(*arm, table, 0.33).values[:, [0, 2, 5]]
+        apart.append(float(np.abs(own / beam - 1.0).max()))
+    assert apart[1] < 0.01 and apart[1] == pytest.approx(0.25 * apart[0], rel=0.1)
+
+
+def test_what_lies_outside_is_told_by_spiral():
+    scale, width = np.array([0.02, 0.02, 0.9, 0.02, 0.003]), np.array([0.0015, 0.0071, 0.002, 0.002, 0.002])
+    twist = np.array([1.0, 0.0, 1.0, 4.0 * math.pi, 0.0])
+    found = stiffness.beyond(scale, width, twist, 0.002, np.array([7, 6, 5, 4, 3]))
+    assert {b.quantity.split(" / ")[0]: b.spirals.tolist() for b in found} == {
+        "scale": [3, 5],
+        "width": [6],
+        "twist": [4],
+    }
+    assert "scale / width 2 to 400, here 450" in [str(b) for b in found]
+    assert not stiffness.beyond(scale[:1], width[:1], twist[:1], 0.002, np.array([0]))
 
 
 def test_table_carries_its_provenance_and_errors():
@@ -163,11 +236,28 @@ def test_rod_parameters_have_exact_derivatives(name):
     assert np.allclose(found, slope, rtol=1e-4, atol=1e-5 * np.abs(slope).max(axis=0))
 
 
-def test_rod_parameters_stay_in_their_region():
+@pytest.mark.parametrize("name", ["scale", "width", "twist"])
+def test_rod_parameters_outside_are_those_of_the_nearest_spiral(name):
+    """Steady over the edges of the sampled region, and derivatives that are those of the values."""
+    rng = np.random.default_rng(7)
+    arms = [
+        0.002 * np.exp(rng.uniform(0.5, 4.0, 80)),
+        0.002 * np.exp(rng.uniform(-2.0, 1.0, 80)),
+        rng.uniform(0, 12, 80),
+    ]
     kind = {"thickness": 0.002, "youngs": 2.6e9}
-    for scale, width, twist in ((0.05, 0.0015, 1.0), (0.02, 0.003, 1.0), (0.01, 0.002, 3.4)):
-        with pytest.raises(FlexMapsError):
-            stiffness_rods.rod_parameters([scale], [width], [twist], **kind)
+    position, sides = ("scale", "width", "twist").index(name), []
+    step = 1e-5 * np.maximum(arms[position], 1e-3)
+    for sign in (1, -1):
+        moved = list(arms)
+        moved[position] = arms[position] + sign * step
+        sides.append(stiffness_rods.rod_parameters(*moved, **kind).values)
+    found = stiffness_rods.rod_parameters(*arms, **kind)
+    slope = (sides[0] - sides[1]) / (2 * step)[:, None]
+    error = np.abs(getattr(found, f"by_{name}") - slope) * step[:, None]
+    assert (error < 1e-7 * found.values).all()
+    inside = stiffness_rods.rod_parameters([0.03], [0.002], [1.0], **kind).values
+    assert stiffness_rods.rod_parameters([0.09], [0.004], [1.0], **kind).values == pytest.approx(inside, rel=0.02)
 
 
 def test_straight_cross_bends_like_its_arms():

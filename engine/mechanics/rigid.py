@@ -1,0 +1,112 @@
+"""The rigid motions that supports leave to the connected pieces of an assembly.
+
+A piece that nothing holds keeps all six; one hinge, which holds a spiral's place but not its direction, leaves the three
+turns about it; hinges in a line leave the turn about the line. Such motions cost no energy, so the equilibrium's Newton
+systems are singular until as many increments of one hub are held. That adds no force where the loads do no work along
+them, and where they do, there is no equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from .assembly import Pose, nearest_rotation
+from .joint_motion import cross
+
+HELD = 1e-6  # least mean squared motion of the supports, in distances of neighbours, that counts as holding a turn of 1 rad
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """How one connected piece can still move.
+
+    members : (k,) int, its hubs; hub : the one whose increments are held in place of the whole
+    motions : (d, 6) shift (m) at ``hub`` and turn (rad) of independent rigid motions, d = 6, 3, 1 in practice
+    entries : (d,) int in 0..5, increments of ``hub`` without which none of them is left
+    """
+
+    members: np.ndarray
+    hub: int
+    motions: np.ndarray
+    entries: np.ndarray
+
+    @property
+    def floats(self) -> bool:
+        """Whether nothing holds the piece at all."""
+        return len(self.motions) == 6
+
+    def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(d,) what forces (n, 3) newtons do along the motions, and (d,) what they could do at most."""
+        reach = centres[self.members] - centres[self.hub]
+        moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], reach)
+        pull = force[self.members]
+        most = np.linalg.norm(moves, axis=2) * np.linalg.norm(pull, axis=1)
+        return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
+
+    def laid(self, pose: Pose, target: np.ndarray) -> Pose:
+        """The pose with this piece moved as far as it is free, so that its centres lie nearest to ``target`` (n, 3)."""
+        part, wanted = pose.part(self.members), target[self.members]
+        if self.floats:
+            moved = part.aligned(wanted)
+        else:
+            pivot = pose.centres[self.hub]
+            covariance = (part.centres - pivot).T @ (wanted - pivot)
+            if len(self.motions) == 1:
+                axis = self.motions[0, 3:] / np.linalg.norm(self.motions[0, 3:])
+                rotation = _turn(axis, covariance)
+            else:
+                rotation = nearest_rotation(covariance)
+            moved = part.placed(rotation, pivot - rotation @ pivot)
+        centres, rotations = pose.centres.copy(), pose.rotations.copy()
+        centres[self.members], rotations[self.members] = moved.centres, moved.rotations
+        return Pose(centres, rotations)
+
+
+def freedoms(fixed: np.ndarray, pairs: np.ndarray, centres: np.ndarray) -> list[Freedom]:
+    """What is left to every piece that can still move as a whole.
+
+    fixed : (n, 6) bool, the shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres (n, 3) m
+    """
+    n = len(fixed)
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    count, piece = connected_components(links, directed=False)
+    spacing = float(np.linalg.norm(centres[pairs[:, 1]] - centres[pairs[:, 0]], axis=1).mean()) if len(pairs) else 1.0
+    clamped = np.bincount(piece, weights=fixed.all(axis=1), minlength=count) > 0
+    found = []
+    for k in np.flatnonzero(~clamped):
+        members = np.flatnonzero(piece == k)
+        motions, hub = _left(fixed, centres, members, spacing)
+        if len(motions):
+            entries = qr(motions * np.repeat([1.0, spacing], 3), mode="r", pivoting=True)[1][: len(motions)]
+            found.append(Freedom(members, hub, motions, np.sort(entries)))
+    return found
+
+
+def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, int]:
+    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are told."""
+    held = members[fixed[members].any(axis=1)]
+    if not len(held):
+        middle = centres[members].mean(axis=0)
+        return np.eye(6), int(members[np.linalg.norm(centres[members] - middle, axis=1).argmin()])
+    # a supported hub stays the origin: its own turns, of those that are free, are held
+    hub = int(held[0])
+    rows = np.zeros((len(held), 6, 6))
+    rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
+    rows[:, :3, 3:] = -cross(centres[held] - centres[hub]) / spacing
+    rows = rows[fixed[held]]
+    size, ways = np.linalg.eigh(rows.T @ rows / len(held))
+    return ways[:, size < HELD].T / np.repeat([1.0, spacing], 3), hub
+
+
+def _turn(axis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """(3, 3) the turn about a unit axis with the largest trace of turn x covariance."""
+    around = cross(axis)
+    # R = 1 + sin(a) K + (1 - cos(a)) K K
+    sine, cosine = np.trace(around @ covariance), -np.trace(around @ around @ covariance)
+    angle = np.arctan2(sine, cosine)
+    return np.eye(3) + np.sin(angle) * around + (1.0 - np.cos(angle)) * around @ around

@@ -1,0 +1,148 @@
+"""The main job without Blender: what could not be done, what it says of its result, and odd sheets, sizes and loads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.mechanics.shortfall import curvature_within
+from flexmaps.engine.params import Settings
+from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.runs import job, report
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+UP_TO_SHEETS = ("trace", "merge", "split", "spirals", "optimise", "simulate", "sheets")
+
+
+def hill(count: int = 4, edge: float = 0.02, height: float = 0.15) -> PolygonMesh:
+    """A square of ``count`` x ``count`` quads that rises to ``height`` of its width in the middle."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, count + 1), np.linspace(-0.5, 0.5, count + 1), indexing="ij")
+    z = height * np.cos(np.pi * x) * np.cos(np.pi * y)
+    corner = np.arange((count + 1) ** 2).reshape(count + 1, count + 1)
+    quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
+    points = count * edge * np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return PolygonMesh(points, quads.ravel(), np.full(len(quads), 4))
+
+
+def quick(**simulate: object) -> Settings:
+    """No search for the best nesting and a short one for spirals."""
+    base = Settings()
+    return replace(
+        base,
+        sheet=replace(base.sheet, nesting="FAST"),
+        optimise=replace(base.optimise, iterations=1, codesign=False, restart=False),
+        simulate=replace(base.simulate, **simulate),  # type: ignore[arg-type]
+    )
+
+
+def test_what_could_not_be_done_is_told_and_forgotten_when_it_can() -> None:
+    hanging = quick(gravity=True)  # and no supports
+    made = job.go_on(job.begin(hill()), hanging, UP_TO_SHEETS, lenient=True)
+    assert made.sheets is not None and made.simulation is None and made.optimisation is None
+    described = report.build(made, source="hill", settings=hanging)
+    assert described["undone"] == ["optimise", "simulate"]
+    assert [c["code"] for c in described["checks"]] == ["not-optimised", "not-simulated"]
+    assert all("supports" in c["message"] and len(c["faces"]) == 16 for c in described["checks"])
+    # simulated without its weight: only that it was not optimised is left to tell
+    again = job.go_on(made, quick(), ("simulate",))
+    assert again.simulation is not None and list(again.undone) == ["optimise"]
+    better = job.go_on(again, quick(), ("optimise", "simulate"))
+    described = report.build(better, source="hill", settings=quick())
+    assert "undone" not in described and described["checks"] == []
+    # other spirals: what was told of the old ones is out of date
+    assert job.go_on(made, quick(), ("spirals",)).undone == {}
+
+
+def test_a_later_failure_drops_what_the_stage_had_made() -> None:
+    made = job.go_on(job.begin(hill()), quick(), (*UP_TO_SHEETS[:4], "simulate"))
+    assert made.simulation is not None
+    failed = job.go_on(made, quick(gravity=True), ("simulate", "sheets"), lenient=True)
+    assert failed.simulation is None and list(failed.undone) == ["simulate"] and failed.sheets is not None
+    with pytest.raises(FlexMapsError, match="nothing holds"):
+        job.go_on(made, quick(gravity=True), ("simulate",), lenient=True)
+
+
+@pytest.mark.parametrize("edge", [0.1, 0.003])
+def test_slender_and_stout_spirals_are_simulated(edge: float) -> None:
+    """Cut-outs of 60 s/w, and quads so small that their arms are thinner than asked for."""
+    base = quick()
+    settings = replace(base, spiral=replace(base.spiral, width_max=0.0017))
+    made = job.run(hill(edge=edge), settings, stop_after="simulate")
+    assert made.simulation is not None and made.simulation.equilibrium.converged
+    codes = {f.code for f in made.simulation.findings}
+    assert "beyond-model" not in codes
+    if edge > 0.05:
+        assert made.design is not None and (made.design.scale / made.design.width).max() > 55.0
+
+
+@pytest.mark.parametrize("model", ["arm", "rod"])
+def test_spirals_outside_the_model_are_named_and_simulated(model: str) -> None:
+    base = quick(model=model)
+    settings = replace(base, spiral=replace(base.spiral, thickness=0.0002))
+    made = job.run(hill(), settings, stop_after="simulate")
+    assert made.simulation is not None and made.simulation.equilibrium.converged
+    (found,) = [f for f in made.simulation.findings if f.code == "beyond-model" and "width / thickness" in f.message]
+    assert len(found.faces) == 16 and found.severity == "warning"
+    assert report.build(made, source="hill")["equilibrium"]["findings"]
+
+
+def laid_out(polygons: PolygonMesh, cut_at: float | None = None, supports: str | None = None) -> job.Result:
+    """One panel, or two with a seam along x = ``cut_at`` metres, simulated as it comes."""
+    settings = quick()
+    begun = job.begin(polygons, supports=supports)
+    mesh = begun.mesh
+    x = mesh.vertices[mesh.edges, 0]
+    cuts = np.zeros(len(mesh.edges), dtype=bool) if cut_at is None else (np.abs(x - cut_at) < 1e-9).all(axis=1)
+    flat = flatten.flatten(PatchLayout(mesh, cuts & ~mesh.border), settings.layout)
+    return job.go_on(replace(begun, flat=flat), settings, ("spirals", "simulate"))
+
+
+def test_a_seamless_dome_that_nothing_holds_is_said_to_stay_flat() -> None:
+    """No strain, every joint closed, and no success: the sentence offers supports and a cut, and both do help."""
+    dome = hill(10, height=0.4)
+    made = laid_out(dome)
+    assert made.simulation is not None and made.limits is not None
+    assert made.simulation.strain is not None and made.simulation.strain.max() < 1e-3
+    (found,) = made.simulation.findings
+    assert found.code == "stays-flat" and "supports" in found.message and "cut it" in found.message
+    assert (
+        len(found.edges) == 10
+        and np.ptp(made.mesh.vertices[made.mesh.edges[list(found.edges)]].reshape(-1, 3)[:, :2], axis=0).min() < 1e-9
+    )
+    assert "stays flat" in made.limits.advice and "narrower" not in made.limits.advice
+    rms = made.simulation.report()["rms_percent"]
+    for other in (laid_out(dome, supports="lowest"), laid_out(dome, cut_at=0.0)):
+        assert other.simulation is not None and other.limits is not None
+        assert other.simulation.report()["rms_percent"] < 0.5 * rms
+        assert "stays flat" not in other.limits.advice
+
+
+def test_no_cut_is_offered_where_none_would_help() -> None:
+    """A vault that is curved one way only: seams leave it flat, supports bend it."""
+    vault = hill(10)
+    points = vault.vertices.copy()
+    points[:, 2] = 0.06 * np.cos(np.pi * points[:, 0] / 0.2)
+    bent = PolygonMesh(points, vault.corners, vault.sizes)
+    for cut_at in (None, 0.0):
+        made = laid_out(bent, cut_at)
+        assert made.simulation is not None
+        (found,) = made.simulation.findings
+        assert found.code == "stays-flat" and "supports" in found.message and "cut" not in found.message
+    held = laid_out(bent, supports="lowest")
+    assert held.simulation is not None and held.simulation.findings == []
+
+
+def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
+    """A cube has 4 pi, in its corners, and none of it within its faces; the ball's skew quads add a little to it."""
+    points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
+    cube = QuadMesh(
+        points, np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    )
+    for mesh, slack in ((cube, 1e-12), (shapes.make("cubesphere"), 1.0)):
+        uncut, cut = (PatchLayout(mesh, np.full(len(mesh.edges), c)) for c in (False, True))
+        assert curvature_within(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
+        assert curvature_within(cut).sum() == pytest.approx(0.0, abs=slack)
