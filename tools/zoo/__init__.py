@@ -65,11 +65,12 @@ SURFACES: dict[str, Surface] = {
     # one irregular vertex
     "star3": _of(sm.star, 3, 9, 0.5),
     "star5": _of(sm.star, 5, 8, 0.5),
-    "star6-monkey": _of(sm.star, 6, 8, 0.4, "saddle"),
+    "star6-monkey": _of(sm.star, 6, 8, 0.3, "saddle"),
     "star7": _of(sm.star, 7, 7, 0.4),
-    "star8-saddle": _of(sm.star, 8, 8, 0.3, "saddle"),
+    "star8-saddle": _of(sm.star, 8, 8, 0.15, "saddle"),
     "star10": _of(sm.star, 10, 7, 0.6),
     "star12": _of(sm.star, 12, 7, 0.3),
+    "star12-flat-corners": _of(sm.star, 12, 7, 0.3, "dome", 50.0),
     # tubes
     "cylinder": _of(sm.cylinder, 24, 16, 4.2),
     "cylinder-slender": _of(sm.cylinder, 8, 40, 31.0),

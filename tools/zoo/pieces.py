@@ -43,13 +43,16 @@ def polar(place: Place, radii: np.ndarray, sectors: int, two_poles: bool = False
     return QuadMesh(points, np.concatenate(quads))
 
 
-def star(sectors: int, size: int, place: Place) -> QuadMesh:
-    """``sectors`` squares of ``size`` x ``size`` quads round one vertex; ``place`` is called with x and y of a unit disk."""
+def star(sectors: int, size: int, place: Place, power: float = 3.0) -> QuadMesh:
+    """``sectors`` squares of ``size`` x ``size`` quads round one vertex; ``place`` is called with x and y of a unit disk.
+
+    The larger ``power``, the rounder is the whole, and the flatter the outer corner of every square.
+    """
     steps = np.arange(size + 1.0) / size
     i, j = (a.ravel() for a in np.meshgrid(steps, steps, indexing="ij"))
-    # the outline of a sector is an arc rather than two sides of a rhomb, so that narrow sectors are not drawn out
+    # a sector ends between an arc and two sides of a rhomb, so that narrow ones are not drawn out
     share = np.arctan2(j, i) / (np.pi / 2)
-    radius = np.maximum(i, j)
+    radius = (i**power + j**power) ** (1.0 / power)
     index = np.arange(len(i)).reshape(size + 1, size + 1)
     points, quads = [], []
     for k in range(sectors):

@@ -62,12 +62,12 @@ def flower(petals: int, sectors: int, count: int, depth: float) -> QuadMesh:
     )
 
 
-def star(sectors: int, size: int, bend: float, kind: str = "dome") -> QuadMesh:
+def star(sectors: int, size: int, bend: float, kind: str = "dome", power: float = 3.0) -> QuadMesh:
     """Squares round one vertex of that valence, as a dome or as a saddle of as many waves as half the sectors."""
     if kind == "dome":
-        return pieces.star(sectors, size, lambda x, y: (x, y, bend * (1 - x**2 - y**2)))
+        return pieces.star(sectors, size, lambda x, y: (x, y, bend * (1 - x**2 - y**2)), power)
     waves = max(sectors // 2, 2)
-    return pieces.star(sectors, size, lambda x, y: (x, y, bend * ((x + 1j * y) ** waves).real))
+    return pieces.star(sectors, size, lambda x, y: (x, y, bend * ((x + 1j * y) ** waves).real), power)
 
 
 # -- tubes, tori, knots ------------------------------------------------------------------------------------------------
