@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from dataclasses import dataclass
+from heapq import heappop, heappush
 
 import numpy as np
 
@@ -40,43 +42,43 @@ def steps(layout: PatchLayout) -> list[Step]:
     Of the panels that can come next those nearest to the first one come first, and of these the one with the most joints to
     what is there. Cuts inside a patch, which join it to itself, are closed with it.
     """
-    sides = np.array([_sides(layout, edges) for edges in layout.seams], dtype=np.int64).reshape(-1, 2)
-    joints = np.array([len(edges) for edges in layout.seams], dtype=np.int64)
+    sides = [tuple(layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist()) for edges in layout.seams]
+    joints = [len(edges) for edges in layout.seams]
     areas = np.bincount(layout.patch_of, weights=layout.mesh.areas)
+    seams_of: list[list[int]] = [[] for _ in layout.patches]
+    for seam, ends in enumerate(sides):
+        for patch in set(ends):
+            seams_of[patch].append(seam)
+    first = iter(sorted(range(len(areas)), key=lambda p: (-round(float(areas[p]), 12), p)))
     depth: dict[int, int] = {}
+    there: list[int] = []
+    # what could come next: its nearest neighbour's depth, less its joints to what is there; the entry made last is the best
+    waiting: list[tuple[int, int, int]] = []
+    known: dict[int, tuple[int, int]] = {}
     found: list[Step] = []
     while len(depth) < len(layout.patches):
-        here = _next(sides, joints, depth)
-        if here is None:
-            here = max((p for p in range(len(areas)) if p not in depth), key=lambda p: (round(float(areas[p]), 12), -p))
-            depth[here] = 0
+        while waiting and waiting[0][2] in depth:
+            heappop(waiting)
+        if waiting:
+            nearest, _, here = heappop(waiting)
+            depth[here] = 1 + nearest
         else:
-            depth[here] = 1 + min(depth[q] for q in _beside(sides, here) if q in depth)
-        there = set(depth)
-        closing = [s for s, (a, b) in enumerate(sides.tolist()) if here in (a, b) and {a, b} <= there]
+            here = next(p for p in first if p not in depth)
+            depth[here] = 0
+        insort(there, here)
+        closing = []
+        for seam in seams_of[here]:
+            one, two = sides[seam]
+            other = one + two - here
+            if other in depth:
+                closing.append(seam)
+            else:
+                nearest, fewer = known.get(other, (depth[here], 0))
+                known[other] = min(nearest, depth[here]), fewer - joints[seam]
+                heappush(waiting, (*known[other], other))
         joins = tuple(
-            Join(s, seam_name(s), int(joints[s]), here, int(sides[s].sum() - here))
+            Join(s, seam_name(s), joints[s], here, sum(sides[s]) - here)
             for s in sorted(closing, key=lambda s: (-joints[s], s))
         )
-        found.append(Step(here, joins, tuple(sorted(there))))
+        found.append(Step(here, joins, tuple(there)))
     return found
-
-
-def _sides(layout: PatchLayout, edges: np.ndarray) -> list[int]:
-    return layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist()
-
-
-def _beside(sides: np.ndarray, patch: int) -> list[int]:
-    touching = sides[(sides == patch).any(axis=1)]
-    return [p for p in np.unique(touching).tolist() if p != patch]
-
-
-def _next(sides: np.ndarray, joints: np.ndarray, depth: dict[int, int]) -> int | None:
-    """The panel that comes next, ``None`` if no other one touches what is there."""
-    waiting: dict[int, list[int]] = {}
-    for (a, b), count in zip(sides.tolist(), joints.tolist(), strict=True):
-        for one, two in ((a, b), (b, a)):
-            if one not in depth and two in depth:
-                entry = waiting.setdefault(one, [depth[two], 0])
-                entry[0], entry[1] = min(entry[0], depth[two]), entry[1] + count
-    return min(waiting, key=lambda p: (waiting[p][0], -waiting[p][1], p)) if waiting else None

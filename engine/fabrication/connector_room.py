@@ -171,6 +171,16 @@ class Room:
         patches = [np.flatnonzero(owner == p) for p in range(len(self.design.flat.layout.patches))]
         return [(shapely.STRtree(every[rows]), which[rows]) for rows in patches]
 
+    def apart(self, shapes: np.ndarray, patch: np.ndarray) -> np.ndarray:
+        """Shapes (n,) in the frames of patches (n,), moved so that no two patches lie in the same place."""
+        import shapely
+
+        corners = self.design.flat.corners
+        pitch = 2.0 * (np.ptp(corners.reshape(-1, 2), axis=0).max() + _VIEW)
+        points, owner = shapely.get_coordinates(shapes, return_index=True)
+        points[:, 0] += pitch * patch[owner]
+        return shapely.set_coordinates(shapes.copy(), points)
+
     def near(self, through: Through) -> Any:
         """Polygons of all arms and hubs near a joint but its own two, in the frame of its first half, both panels side by side."""
         import shapely

@@ -174,11 +174,14 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
         chosen.append(_next(room, joint, 0))
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
     changed = set(range(count))
-    for _ in range(50):
+    for turn in range(50):
+        progress(0.95 + 0.001 * turn, "connectors that are too near to each other")
         giving = _crowded(room, chosen, changed)
         if not giving:
             break
-        for joint, number in giving.items():
+        for place, (joint, number) in enumerate(giving.items()):
+            if place % 8 == 0:
+                progress(0.95 + 0.001 * turn)
             chosen[joint] = _next(room, joint, number + 1)
         changed = set(giving)
     return chosen
@@ -208,12 +211,15 @@ def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> dic
     if not len(fresh):
         return {}
     polygons = np.array([t.polygon for t in tips])
-    tree, slot = shapely.STRtree(polygons), 0.999 * room.slot
-    one, two = tree.query(polygons[fresh], predicate="dwithin", distance=slot)
+    patch = np.array([t.patch for t in tips])
+    tree, slot = shapely.STRtree(room.apart(polygons, patch)), 0.999 * room.slot
+    one, two = tree.query(room.apart(polygons[fresh], patch[fresh]), predicate="dwithin", distance=slot)
     pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
-    near = {(a, b) for a, b in pairs if a != b and tips[a].patch == tips[b].patch}
+    near = {(a, b) for a, b in pairs if a != b}
     # and of two panels that lie side by side along their joint
-    one, two = tree.query([tips[a].beside for a in fresh.tolist()], predicate="dwithin", distance=slot)
+    beside = np.array([tips[a].beside for a in fresh.tolist()])
+    others = np.array([tips[a].through.other.patch for a in fresh.tolist()])
+    one, two = tree.query(room.apart(beside, others), predicate="dwithin", distance=slot)
     pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
-    near |= {(a, b) for a, b in pairs if owners[a] != owners[b] and tips[a].through.other.patch == tips[b].patch}
+    near |= {(a, b) for a, b in pairs if owners[a] != owners[b]}
     return dict(owners[a] if polygons[a].area > polygons[b].area else owners[b] for a, b in sorted(near))

@@ -26,6 +26,7 @@ ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single 
 FULLEST = 1.05  # share of a sheet that the convex hulls of a set of panels may have for the set to be tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
 TURN = 1  # seconds for one set of panels
+MANY = 400  # most panels that are searched for; the quick packing fills sheets with so many as well as time allows
 LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
 
 
@@ -37,7 +38,7 @@ def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SIL
     """
     sheet = (params.sheet_width, params.sheet_height)
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
-    if params.nesting != "TRUE" or not available() or len(shapes) < 2:
+    if params.nesting != "TRUE" or not available() or not 2 <= len(shapes) <= MANY:
         return rough
     search = _Search(shapes, params, progress.part(0.1, 1.0))
     try:
@@ -111,10 +112,16 @@ class _Search:
         self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
         self.separation = params.spacing + ROUNDING
         bay = min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes))
-        simple = [_simplified(s, max(bay, 0.5 * params.spacing)) for s in shapes]
+        simple = []
+        for s in shapes:
+            progress(0.0, "simplifying the panels")
+            simple.append(_simplified(s, max(bay, 0.5 * params.spacing)))
         self.hull = np.array([_hull_area(s) for s in simple])
         self.area = np.array([0.5 * abs(_twice_area(s)) for s in simple])
-        self.turns = [self._turns(s) for s in simple]
+        self.turns = []
+        for s in simple:
+            progress(0.0, "simplifying the panels")
+            self.turns.append(self._turns(s))
         self.large = [i for i, turns in enumerate(self.turns) if not turns]
         self.simple = simple
         fit = [i for i in range(len(shapes)) if self.turns[i]]

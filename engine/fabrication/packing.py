@@ -10,6 +10,9 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from ..progress import SILENT, Progress
 
 CELLS = 512  # cells of the raster along the longer side of a sheet
+# Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.
+TRIES = 500
+CLOSE = 1e-8  # metres by which a turn that just fits keeps off the margin, for rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,33 +57,104 @@ def pack(
 ) -> Packing:
     """Lay closed outlines (M, 2), in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
 
+    Of very many shapes the last and smallest ones are laid in rows, once ``TRIES`` places on sheets have been looked for.
+
     sheet : width and height in metres; ``margin`` stays free along its border, ``spacing`` between the shapes. A shape
     that is larger than the sheet gets a sheet of the size that it needs. Shapes are judged on a raster that can only make
     them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``.
     """
-    boxes = [least_box(s) for s in shapes]
+    boxes = []
+    for done, shape in enumerate(shapes):
+        progress(0.1 * done / len(shapes), "packing")
+        boxes.append(least_box(shape))
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / CELLS
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
     turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
     open_sheets: list[_Sheet] = []
     quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
+    tries, rest = 0, len(order)
     for done, i in enumerate(order):
-        progress(done / len(order), "packing")
+        if tries >= TRIES:
+            rest = done
+            break
         turn, size = boxes[i]
         if not fits(size + 4.0 * cell, sheet, margin, rotation):
             slanted = turn_that_fits(shapes[i], sheet, margin + 2.0 * cell, rotation)
             turn = turn if slanted is None else slanted
             size = _extent(shapes[i], turn)
         stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
-        place = next(((n, p) for n, s in enumerate(open_sheets) if (p := s.place(stamp)) is not None), None)
+        place = None
+        for number, opened in enumerate(open_sheets):
+            progress(0.1 + 0.9 * done / len(order), "packing")
+            if opened.may_hold(stamp):
+                tries += 1
+                found = opened.place(stamp)
+                if found is not None:
+                    place = number, found
+                    break
         if place is None:
+            tries += 1
             open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
             fresh = open_sheets[-1].place(stamp)
             assert fresh is not None  # the sheet was made for it
             place = len(open_sheets) - 1, fresh
         sheet_of[i], (turned[i], shift[i]) = place
-    return Packing(sheet_of, turned, shift, np.array([s.size for s in open_sheets]).reshape(-1, 2))
+    sizes = [s.size for s in open_sheets]
+    if rest < len(order):
+        last = _in_rows([shapes[i] for i in order[rest:]], sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
+        sheet_of[order[rest:]], turned[order[rest:]] = len(sizes) + last.sheet, last.rotation
+        shift[order[rest:]] = last.shift
+        sizes += [(width, height) for width, height in last.sizes.tolist()]
+    return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))
+
+
+def _in_rows(
+    shapes: list[np.ndarray],
+    sheet: tuple[float, float],
+    margin: float,
+    spacing: float,
+    progress: Progress,
+    rotation: str,
+) -> Packing:
+    """Shapes by their smallest boxes in rows, the highest first, each in the first row with room (Coffman et al. 1980)."""
+    free = np.array(sheet) - 2.0 * margin
+    laid: list[tuple[float, np.ndarray]] = []
+    for done, shape in enumerate(shapes):
+        progress(0.5 * done / len(shapes), "packing in rows")
+        turn, size = least_box(shape)
+        if rotation != "GRAIN" and (size > free).any():
+            turn, size = turn + 0.5 * np.pi, size[::-1]
+        slanted = turn_that_fits(shape, sheet, margin + CLOSE, rotation) if (size > free).any() else None
+        laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
+    count = len(shapes)
+    where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
+    rows: list[list[float]] = []  # sheet, height, lower border, used length
+    used: list[float] = []  # height of every sheet that rows take
+    for done, i in enumerate(sorted(range(count), key=lambda i: -float(laid[i][1][1]))):
+        progress(0.5 + 0.5 * done / count, "packing in rows")
+        turn, (wide, high) = laid[i]
+        if wide > free[0] or high > free[1]:
+            sizes.append(_large_enough(np.sort(laid[i][1])[::-1], sheet, margin, 0.0, rotation))
+            used.append(np.inf)
+            rows.append([len(sizes) - 1, np.inf, margin, np.inf])
+            row, turn = rows[-1], least_box(shapes[i])[0]
+            corner = np.array([margin, margin])
+        else:
+            row = next((r for r in rows if high <= r[1] and r[3] + wide <= free[0] + margin), [])
+            if not row:
+                on = next((k for k, top in enumerate(used) if top + high <= free[1] + margin), len(sizes))
+                if on == len(sizes):
+                    sizes.append(sheet)
+                    used.append(margin)
+                row = [on, high, used[on], margin]
+                rows.append(row)
+                used[on] += high + spacing
+            corner = np.array([row[3], row[2]])
+            row[3] += wide + spacing
+        laid[i] = turn, laid[i][1]
+        where[i], shift[i] = row[0], corner - (shapes[i] @ _turn(turn)).min(axis=0)
+    return Packing(where, np.array([turn for turn, _ in laid]), shift, np.array(sizes).reshape(-1, 2))
 
 
 def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
@@ -98,8 +172,13 @@ def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float
 
 
 def _extent(points: np.ndarray, turn: float) -> np.ndarray:
-    cos, sin = np.cos(turn), np.sin(turn)
-    return np.ptp(points @ np.array([[cos, sin], [-sin, cos]]), axis=0)
+    return np.ptp(points @ _turn(turn), axis=0)
+
+
+def _turn(angle: float) -> np.ndarray:
+    """The matrix (2, 2) by which points (M, 2) are multiplied to turn them by ``angle`` radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, sin], [-sin, cos]])
 
 
 def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float:
@@ -158,6 +237,7 @@ class _Stamp:
         rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
         mask = _filled([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
         self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
+        self.taken = int(mask.sum())
         self.box = cell * np.array([columns, rows])
 
     def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
@@ -179,6 +259,12 @@ class _Sheet:
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
         self._spectrum: np.ndarray | None = None
+        self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cells of shapes without a place
+
+    def may_hold(self, stamp: _Stamp) -> bool:
+        """Whether it is worth looking for a place: not where a shape no larger in any way has found none."""
+        box = np.sort(stamp.box)
+        return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
 
     def place(self, stamp: _Stamp) -> tuple[float, np.ndarray] | None:
         """Take the free place nearest to the left, then to the bottom; ``None`` if there is none."""
@@ -194,6 +280,7 @@ class _Sheet:
             found = (int(column[first]) + mask.shape[1], int(row[first]), int(column[first]), quarter)
             best = found if best is None else min(best, found)
         if best is None:
+            self._refused.append((np.sort(stamp.box), stamp.taken))
             return None
         _, row_, column_, quarter = best
         mask = stamp.masks[quarter]

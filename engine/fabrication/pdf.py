@@ -9,12 +9,14 @@ from __future__ import annotations
 import os
 import zlib
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from .. import PROGRAM
 from ..files import NewFile, replacing_many
+from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve
 from .series import numbered, numbered_before
 from .sheets import CutSheets
@@ -91,40 +93,45 @@ def text_width(text: str, size: float) -> float:
     return size * 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
 
 
+@lru_cache(maxsize=4096)
 def _colour(text: str) -> str:
     return " ".join(f"{int(text[i : i + 2], 16) / 255:.4g}" for i in (1, 3, 5))
 
 
 def path(curve: Curve, unit: float) -> str:
     """The path of a curve in units of ``unit`` metres; arcs as cubics of up to an eighth of a turn, within 1e-6 of the radius."""
-    points, bulge = curve.points / unit, curve.bulge
-    after = np.roll(points, -1, axis=0)
+    points = np.ascontiguousarray(curve.points).view(complex)[:, 0] / unit
     count = len(points) if curve.closed else len(points) - 1
-    parts = [f"{points[0, 0]:.10g} {points[0, 1]:.10g} m"]
-    for a, b, k in zip(points[:count], after[:count], bulge[:count].tolist()):
-        if abs(k) < 1e-9:
-            parts.append(f"{b[0]:.10g} {b[1]:.10g} l")
-        else:
-            parts.extend(_cubics(complex(*a), complex(*b), k))
-    return " ".join(parts)
+    start, end, bulge = points[:count], np.roll(points, -1)[:count], curve.bulge[:count]
+    first = f"{points[0].real:.10g} {points[0].imag:.10g} m "
+    if (np.abs(bulge) < 1e-9).all():
+        return first + " ".join([f"{x:.10g} {y:.10g} l" for x, y in zip(end.real.tolist(), end.imag.tolist())])
+    return first + " ".join(_segments(start, end, bulge))
 
 
-def _cubics(a: complex, b: complex, bulge: float) -> list[str]:
-    angle = 4.0 * np.arctan(bulge)
-    centre = a + 0.5 * (b - a) * (1.0 + 1.0j / np.tan(0.5 * angle))
-    pieces = int(np.ceil(abs(angle) / (0.25 * np.pi) - 1e-9))
-    turn = np.exp(1.0j * angle / pieces)
-    arm = 4.0 / 3.0 * np.tan(0.25 * angle / pieces) * 1.0j
-    found, spoke = [], a - centre
-    for piece in range(pieces):
-        following = b - centre if piece == pieces - 1 else spoke * turn
-        one, two, end = centre + spoke * (1 + arm), centre + following * (1 - arm), centre + following
-        found.append(" ".join(f"{z.real:.9g} {z.imag:.9g}" for z in (one, two, end)) + " c")
-        spoke = following
-    return found
+def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
+    """Lines and cubics from ``start`` to ``end`` (N,) complex, in order."""
+    straight = np.abs(bulge) < 1e-9
+    angle = 4.0 * np.arctan(np.where(straight, 1.0, bulge))
+    centre = start + 0.5 * (end - start) * (1.0 + 1.0j / np.tan(0.5 * angle))
+    pieces = np.where(straight, 1, np.ceil(np.abs(angle) / (0.25 * np.pi) - 1e-9).astype(int))
+    which = np.repeat(np.arange(len(start)), pieces)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    step = (angle / pieces)[which]
+    spoke = (start - centre)[which] * np.exp(1.0j * step * place)
+    following = spoke * np.exp(1.0j * step)
+    following[np.cumsum(pieces) - 1] = end - centre
+    arm = 4.0j / 3.0 * np.tan(0.25 * step)
+    middle = centre[which]
+    found = np.stack([middle + spoke * (1 + arm), middle + following * (1 - arm), middle + following], axis=1)
+    rows = np.ascontiguousarray(found).view(float).tolist()
+    return [
+        f"{x:.10g} {y:.10g} l" if flat else f"{a:.9g} {b:.9g} {c:.9g} {d:.9g} {x:.9g} {y:.9g} c"
+        for (a, b, c, d, x, y), flat in zip(rows, straight[which].tolist(), strict=True)
+    ]
 
 
-def document(pages: list[Page], title: str) -> bytes:
+def document(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
     """The whole file."""
     names = list(dict.fromkeys(name for page in pages for name in page.layers))
     first = 4 + len(names)  # 1 catalogue, 2 pages, 3 font, then the layers, then page and content in turns
@@ -135,7 +142,8 @@ def document(pages: list[Page], title: str) -> bytes:
     ]
     bodies += [f"<</Type/OCG/Name({name})>>".encode("latin-1") for name in names]
     for i, page in enumerate(pages):
-        content = zlib.compress("\n".join(["1 J 1 j", *page.commands]).encode("latin-1"), 9)
+        progress(0.95 + 0.05 * i / len(pages), "writing the pages")
+        content = zlib.compress("\n".join(["1 J 1 j", *page.commands]).encode("latin-1"), 6)
         used = "".join(f"/L{k} {4 + names.index(name)} 0 R" for k, name in enumerate(page.layers))
         scale = page.unit / POINT
         bodies.append(

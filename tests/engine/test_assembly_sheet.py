@@ -1,17 +1,20 @@
 """The order of assembly, and the sheet that shows it as PDFium reads it."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import assembly_sheet
+from flexmaps.engine.assembling import assembly_sheet, pictures
 from flexmaps.engine.assembling.assembly_order import steps
-from flexmaps.engine.fabrication import estimates, sheets
-from flexmaps.engine.fabrication.labels import seam_name
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.fabrication import estimates, pdf, sheets
+from flexmaps.engine.fabrication.labels import panel_name, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches import flatten, merge, trace
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 
@@ -87,14 +90,14 @@ def test_the_sheet_says_what_to_do(tmp_path):
 def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
     flat = flat_grid(4, 4)
     mesh = flat.layout.mesh
-    view = assembly_sheet._camera(np.array([0.0, 0.0, 1.0]))
+    view = pictures.camera(np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
-    assert assembly_sheet._seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
+    assert pictures.seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
     # a second sheet above hides the first one, seen from above
     places = np.concatenate([mesh.vertices, mesh.vertices + np.array([0.0, 0.0, 0.1])])
     quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
-    assert not assembly_sheet._seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
+    assert not pictures.seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
 
 
 def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
@@ -114,3 +117,24 @@ def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
     found = words(replace(made, connections=joints))
     assert f"Glue these joints: {one.name}." in found
     assert "These have plain ends: B7." in found
+
+
+def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
+    flat = flat_grid(6, 6, cut=lambda x, y: True)
+    spirals = design.uniform(flat, SpiralParams())
+    made = sheets.make_sheets(spirals, SheetParams(nesting="FAST", labels=False))
+    figures = estimates.estimate(made, spirals, MATERIALS["pom"])
+    monkeypatch.setattr(assembly_sheet, "SHOWN", 10 * 36)
+    seen = []
+    found = assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(lambda f, _: seen.append(f)))
+    assert seen == sorted(seen)
+    assert len(found) == 1 + 4 + 1  # the overview, ten pictures on pages of three, and words
+    document = pdfium.PdfDocument(pdf.document(found, "x"))
+    text = [" ".join(page.get_textpage().get_text_range().split()) for page in document]
+    order = steps(flat.layout)
+    assert [int(number) for number in re.findall(r"(\d+)\. Add panel", text[-1])] == list(range(11, 37))
+    for number, step in enumerate(order[10:], start=11):
+        joins = " ".join(f"{join.name} to {panel_name(join.other)}" for join in step.joins)
+        assert f"{number}. Add panel {panel_name(step.panel)} {joins}" in text[-1]
+    with pytest.raises(Cancelled):
+        assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(stopped=lambda: True))

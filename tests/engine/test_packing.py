@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from flexmaps.engine.fabrication import packing
 from flexmaps.engine.fabrication.packing import fits, least_box, pack
+from flexmaps.engine.progress import Progress
 from shapely import Polygon, affinity
 
 
@@ -84,3 +86,31 @@ def test_least_box_of_a_turned_rectangle():
 def test_fits_either_way_round():
     assert fits(np.array([0.1, 0.5]), (0.52, 0.12), 0.01)
     assert not fits(np.array([0.1, 0.51]), (0.52, 0.12), 0.01)
+
+
+@pytest.mark.parametrize("rotation", ["FREE", "QUARTER", "GRAIN"])
+def test_very_many_shapes_are_packed_too(rotation, monkeypatch):
+    rng = np.random.default_rng(3)
+    shapes = [_blob(rng, s) for s in rng.uniform(0.004, 0.012, 150)]
+    bar = np.array([[0, 0], [0.003, 0], [0.003, 0.1], [0, 0.1]])  # too long: only aslant, or on a sheet of its own
+    shapes += [bar, 2.0 * bar]
+    monkeypatch.setattr(packing, "TRIES", 60)
+    seen = []
+    progress = Progress(lambda fraction, text: seen.append((fraction, text)))
+    found = pack(shapes, (0.1, 0.06), 0.004, 0.003, progress, rotation)
+    assert "packing in rows" in {text for _, text in seen}
+    assert [f for f, _ in seen] == sorted(f for f, _ in seen)
+    sheets = _check(shapes, found, 0.004, 0.003)
+    assert sorted(sheets) == list(range(len(found.sizes)))
+    assert (found.sizes[:, 0] > 0.1).sum() == 2 - (rotation == "FREE")
+    covered = sum(Polygon(s).area for s in shapes)
+    assert covered > 0.25 * found.sizes.prod(axis=1).sum()  # not a sheet each
+
+
+def test_shapes_laid_in_rows_alone(monkeypatch):
+    rng = np.random.default_rng(4)
+    shapes = [_blob(rng, s) for s in rng.uniform(0.004, 0.03, 60)]
+    monkeypatch.setattr(packing, "TRIES", 0)
+    found = pack(shapes, (0.2, 0.15), 0.005, 0.002)
+    _check(shapes, found, 0.005, 0.002)
+    assert (found.sizes == [0.2, 0.15]).all()
