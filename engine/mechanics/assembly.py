@@ -145,14 +145,16 @@ class Assembly:
 def of_design(design: SpiralDesign) -> Assembly:
     """The assembly of a design: one joint for every edge between two quads, within patches and across seams alike.
 
-    Raises FlexMapsError with the faces that share an edge with no other quad.
+    Quads that share an edge with no other are spirals without a joint. Raises FlexMapsError with the faces if all are.
     """
     mesh, corners = design.flat.layout.mesh, design.flat.corners
     inner = ~mesh.border
     pairs = mesh.edge_quads[inner]
-    lonely = np.setdiff1d(np.arange(len(mesh.quads)), pairs)
-    if len(lonely):
-        raise FlexMapsError(f"{len(lonely)} quads are joined to no other quad; remove them or join them", faces=lonely)
+    if not len(pairs):
+        every = np.arange(len(mesh.quads))
+        raise FlexMapsError(
+            "No quad is joined to another one, so there is nothing that could bend; join some", faces=every
+        )
     lever, axes = rest_joints(mesh, corners)
     p = design.params
     return Assembly(pairs, lever, axes, design.width, design.twist, p.thickness, p.clockwise)

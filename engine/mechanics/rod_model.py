@@ -187,7 +187,7 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
 
 
 def _scale(assembly: Assembly) -> np.ndarray:
-    """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints."""
+    """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints; without one, any length."""
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
-    return 2.0 * reach / np.maximum(arms, 1)
+    return np.where(arms > 0, 2.0 * reach / np.maximum(arms, 1), 10.0 * assembly.thickness)

@@ -103,6 +103,10 @@ class Simulation:
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
             found.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
+        alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
+        if len(alone):
+            text = f"{len(alone)} quads are joined to no other quad: they bend nothing; remove them or join them"
+            found.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
                 f"{len(part.spirals)} spirals lie outside of what the elastic model knows ({part}): they count as their nearest "

@@ -64,7 +64,8 @@ def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
 
     Smoothly capped near 600 degrees. The condition on the slot is (pi/4) s / sqrt(1 + twist^2) - w.
     """
-    return _twist_limit(np.asarray(ratio, dtype=float))[0]
+    # beyond that no twist is bounded by anything but the cap
+    return _twist_limit(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
 
 
 def _twist_limit(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

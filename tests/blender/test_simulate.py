@@ -476,15 +476,17 @@ def test_a_mistake_is_named_and_nothing_changes(
     assert sum(p.select for p in piece.data.polygons) == culprits
 
 
-def test_a_quad_joined_to_nothing_is_shown(add: Any) -> None:
+def test_a_quad_joined_to_nothing_is_told_and_the_rest_simulated(add: Any) -> None:
     whole = arch()
     lonely = np.array([[0, 0, 0], [EDGE, 0, 0], [EDGE, EDGE, 0], [0, EDGE, 0]]) + np.array([0, 0, 0.2])
     obj = add((np.concatenate([whole.vertices, lonely]), [*whole.quads.tolist(), [36, 37, 38, 39]]))
     press("flatten")
     press("spirals")
-    with pytest.raises(RuntimeError, match="joined to no other"):
-        bpy.ops.flexmaps.simulate()
-    assert [p.index for p in obj.data.polygons if p.select] == [LENGTH * WIDTH]
+    press("simulate")
+    block = notes.read(obj.data)["equilibrium"]
+    assert block["converged"]
+    (found,) = [f for f in block["findings"] if f["code"] == "joined-to-nothing"]
+    assert found["faces"] == [LENGTH * WIDTH] and found["message"] in equilibrium.sentences(block)[0]
 
 
 def test_spirals_come_first(dome: Any) -> None:

@@ -90,6 +90,27 @@ def test_spirals_outside_the_model_are_named_and_simulated(model: str) -> None:
     assert report.build(made, source="hill")["equilibrium"]["findings"]
 
 
+def test_one_quad_by_itself_takes_nothing_from_the_others() -> None:
+    """It is named, and the other body comes to rest as if it were not there; supports of one body are none of the other."""
+    dome = hill(5, height=0.3)
+    beside = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * 0.02 + 0.2
+    points, corners = (
+        np.concatenate([dome.vertices, beside]),
+        np.append(dome.corners, len(dome.vertices) + np.arange(4)),
+    )
+    both = PolygonMesh(points, corners, np.append(dome.sizes, 4))
+    shapes_found = []
+    for polygons in (dome, both):
+        made = job.run(polygons, quick(), stop_after="optimise", supports=[0, 4])
+        assert made.optimisation is not None
+        shapes_found.append(made.optimisation.before)
+    alone, together = shapes_found
+    assert together.equilibrium.pose.centres[:25] == pytest.approx(alone.equilibrium.pose.centres, abs=1e-9)
+    assert [f.faces for f in together.findings if f.code == "joined-to-nothing"] == [(25,)]
+    with pytest.raises(FlexMapsError, match="nothing that could bend"):
+        job.run(PolygonMesh(beside, np.arange(4), np.array([4])), quick(), stop_after="simulate")
+
+
 def laid_out(polygons: PolygonMesh, cut_at: float | None = None, supports: str | None = None) -> job.Result:
     """One panel, or two with a seam along x = ``cut_at`` metres, simulated as it comes."""
     settings = quick()
