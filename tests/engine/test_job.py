@@ -105,7 +105,7 @@ def test_one_quad_by_itself_takes_nothing_from_the_others() -> None:
         assert made.optimisation is not None
         shapes_found.append(made.optimisation.before)
     alone, together = shapes_found
-    assert together.equilibrium.pose.centres[:25] == pytest.approx(alone.equilibrium.pose.centres, abs=1e-9)
+    assert together.equilibrium.pose.centres[:25] == pytest.approx(alone.equilibrium.pose.centres, abs=1e-5)
     assert [f.faces for f in together.findings if f.code == "joined-to-nothing"] == [(25,)]
     with pytest.raises(FlexMapsError, match="nothing that could bend"):
         job.run(PolygonMesh(beside, np.arange(4), np.array([4])), quick(), stop_after="simulate")
