@@ -125,6 +125,9 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
     whole = np.bincount(body)[body] == 1  # quads that are a body by themselves
     alone = np.array([q[0] for q in layout.patches if len(q) == 1 and not whole[q[0]]], dtype=int)
     bad = result.flat.energy[alone] > settings.layout.distortion_limit
+    found = list(full["checks"])
+    if result.simulation is not None:
+        found += [finding.as_dict() for finding in result.simulation.findings]
     record = {
         "quads": full["input"]["quads"],
         "genus": full["input"]["genus"],
@@ -138,8 +141,8 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
         "e_max": block["energy_max"],
         "symmetry": block.get("symmetry", f"{block.get('symmetries_kept', 1)} of {block.get('symmetries', 1)}"),
         "forced": block.get("forced", []),
-        "findings": [finding.code for finding in result.findings],
-        "left_out": [f.message for f in result.findings if f.code in PHYSICS],
+        "findings": [check["code"] for check in found],
+        "left_out": [check["message"] for check in found if check["code"] in PHYSICS],
         "sheets": full.get("sheets", {}).get("sheets", 0),
         "memory_mb": memory(),
     }
