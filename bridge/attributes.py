@@ -19,11 +19,11 @@ from ..engine.errors import FlexMapsError
 PREFIX = "flexmaps_"
 LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
 
-# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers)
+# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers); not BOOLEAN, whose
+# layers no script reaches in edit mode before Blender 4.5
 KINDS: dict[str, tuple[str, int, type, str]] = {
     "FLOAT": ("value", 1, np.float32, "float"),
     "INT": ("value", 1, np.int32, "int"),
-    "BOOLEAN": ("value", 1, np.bool_, "bool"),
     "FLOAT2": ("vector", 2, np.float32, "uv"),
     "FLOAT_VECTOR": ("vector", 3, np.float32, "float_vector"),
     "FLOAT_COLOR": ("color", 4, np.float32, "float_color"),
@@ -61,10 +61,7 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
 def has(obj: bpy.types.Object, name: str) -> bool:
     """Whether there is an attribute of that name, edit mode included."""
-    if not obj.data.is_editmode:
-        return name in obj.data.attributes
-    bm = bmesh.from_edit_mesh(obj.data)
-    return any(name in layers for layers in _layers(bm))
+    return name in obj.data.attributes
 
 
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
@@ -102,7 +99,8 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
     layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
     layer = layers.get(name)
     if layer is None:
-        _remove_bmesh(bm, name)
+        if name in mesh.attributes:  # of another kind or domain
+            mesh.attributes.remove(mesh.attributes[name])
         layer = layers.new(name)
     rows = np.asarray(values, dtype=KINDS[kind][2]).tolist()
     if domain == "CORNER":
@@ -120,27 +118,11 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
 
 
 def remove(obj: bpy.types.Object, name: str) -> None:
-    """Remove an attribute where there is one."""
-    if obj.data.is_editmode:
-        _remove_bmesh(bmesh.from_edit_mesh(obj.data), name)
-        bmesh.update_edit_mesh(obj.data)
-    elif name in obj.data.attributes:
+    """Remove an attribute where there is one, edit mode included."""
+    if name in obj.data.attributes:
         obj.data.attributes.remove(obj.data.attributes[name])
-
-
-def _remove_bmesh(bm: bmesh.types.BMesh, name: str) -> None:
-    for layers in _layers(bm):
-        if name in layers:
-            layers.remove(layers[name])
-
-
-def _layers(bm: bmesh.types.BMesh) -> Iterator[Any]:
-    """The collections of layers that our attributes can be in."""
-    for domain in ("POINT", "EDGE", "FACE", "CORNER"):
-        for _, _, _, kind in KINDS.values():
-            layers = getattr(_sequence(bm, domain).layers, kind, None)
-            if layers is not None:
-                yield layers
+        if obj.data.is_editmode:
+            bmesh.update_edit_mesh(obj.data)
 
 
 def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:

@@ -4,8 +4,7 @@ Blender's mesh is the store between two buttons: UV seams are the cuts of the la
 attributes hold what belongs to a quad:
 
     seams             edge    where the surface is cut, to be edited by hand
-    flexmaps_cut      edge    the cuts that the flat patches were made for
-    flexmaps_seam     edge    the number of the seam that a cut belongs to, -1 elsewhere: its colour
+    flexmaps_seam     edge    the number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
     flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
     flexmaps_patch    face    number of the patch
     flexmaps_energy   face    distortion E
@@ -38,7 +37,7 @@ from . import attributes, equilibrium
 from .objects import changed_by_modifiers, unusable
 from .surface import Surface
 
-FLAT_NAMES = ("cut", "flat", "patch", "energy", "square")
+FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES
@@ -132,7 +131,7 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     """
     if any(name not in surface.values for name in FLAT_NAMES):
         return None
-    layout = PatchLayout(mesh, surface.values["cut"][surface.edge_of] & ~mesh.border)
+    layout = PatchLayout(mesh, (surface.values["seam"][surface.edge_of] >= 0) & ~mesh.border)
     corners = surface.values["flat"].astype(float)[surface.loops].reshape(-1, 4, 2) * 1e-3
     points = np.zeros((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = corners
@@ -222,7 +221,6 @@ def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centr
     attributes.put(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
     seam = np.full(len(cut), -1)
     seam[surface.edge_of] = flat.layout.seam_of
-    attributes.put(obj, "flexmaps_cut", "EDGE", "BOOLEAN", cut)
     attributes.put(obj, "flexmaps_seam", "EDGE", "INT", seam)
     attributes.put(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
     attributes.put(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
