@@ -188,16 +188,20 @@ def check(piece: Piece) -> list[Finding]:
     return checking.findings(piece.source)
 
 
-def remesh(piece: Piece, *, quads: int | None = None) -> Piece:
+def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
     """Quads in the shape of any mesh, by Blender's own tools, in the size that was asked for; the object itself stays.
 
-    quads : about how many; else as the settings say. Raises ``FlexMapsError`` where Blender finds none.
+    quads : about how many; else as the settings say. What had to be left out or joined is among the findings of ``check``.
+    Raises ``FlexMapsError`` where Blender finds none.
     """
     from .bridge import remesh as remeshing
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
-    found = remeshing.polygons_from(piece.source, wanted.remesh.quads, wanted.remesh.smooth)
-    return _begun(Piece(piece.name, found, piece.settings), piece.edge, piece.height)
+    found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted.remesh.smooth, _progress(progress))
+    made = _begun(Piece(piece.name, found.polygons, piece.settings), piece.edge, piece.height)
+    if made.made is None:
+        return made
+    return replace(made, made=replace(made.made, findings=[*made.made.findings, *found.findings]))
 
 
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from typing import Any
 
 from ..engine.errors import Cancelled
@@ -86,45 +86,6 @@ class Job:
 
     def _show(self, value: Any) -> None:
         self.shown = value
-
-
-class Steps(Job):
-    """Work that only Blender's main thread can do, in pieces: a generator of (fraction, text) that returns the result.
-
-    Call ``step`` until it is finished; between two pieces the window is drawn and a stop is heard.
-    """
-
-    def __init__(self, title: str, pieces: Generator[tuple[float, str], None, Any]):
-        super().__init__(title, lambda progress: None)
-        self._pieces = pieces
-        self._ended = False
-
-    def start(self) -> None:
-        if _running:
-            raise RuntimeError(f"{_running[0].title} is still running")
-        _running.append(self)
-
-    @property
-    def finished(self) -> bool:
-        return self._ended
-
-    def step(self) -> None:
-        """Do the next piece, or what a stop leaves to be done."""
-        try:
-            if self.stopping:
-                self._pieces.close()
-                raise Cancelled(self.title)
-            self._report(*next(self._pieces))
-        except StopIteration as last:
-            self.result, self._ended = last.value, True
-        except BaseException as error:
-            self.error, self._ended = error, True
-
-    def end(self) -> None:
-        """Leave what is still to be done; the generator tidies up."""
-        self._pieces.close()
-        self._ended = True
-        super().end()
 
 
 class Ticks:

@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
 
 from ..bridge import job, notes, settings, warm
 from ..bridge.objects import find, unusable
-from ..bridge.words import named, told
-from ..engine.errors import Cancelled, FlexMapsError
+from ..bridge.words import told
+from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work, redraw, show_progress, still_running
+from .stage import Stage, Work, redraw, still_running
 
 
-class QuadRemesh(bpy.types.Operator):
+class QuadRemesh(Stage, bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"
     bl_label = "Quad remesh"
-    bl_options = {"REGISTER", "UNDO"}
 
-    _work: job.Steps
-    _timer: Any = None
     _source = 0  # Blender's id of the object that is remeshed
 
     @classmethod
@@ -37,76 +35,34 @@ class QuadRemesh(bpy.types.Operator):
             cls.poll_message_set(told(problem))
         return problem is None
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        work = self._begin(context)
-        while not work.finished:
-            work.step()
-        return self._end(context, work)
-
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        if bpy.app.background:
-            return self.execute(context)
-        self._work = self._begin(context)
-        manager = context.window_manager
-        self._timer = manager.event_timer_add(0.05, window=context.window)
-        manager.progress_begin(0, 100)
-        manager.modal_handler_add(self)
-        show_progress(context, self._work)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
-        """Only the stop is heard: what Blender works on must not be edited meanwhile."""
-        if event.type == "ESC" and event.value == "PRESS":
-            self._work.stop()
-        elif event.type == "TIMER":
-            self._work.step()
-            if self._work.finished:
-                return self._end(context, self._work)
-        show_progress(context, self._work)
-        return {"RUNNING_MODAL"}
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        """Called by Blender when the window closes meanwhile."""
-        self._clear(context, self._work)
-
-    def _begin(self, context: bpy.types.Context) -> job.Steps:
+    def _read(self, context: bpy.types.Context) -> Work:
+        """Of what is seen: modifiers are no obstacle, other than to stages that write into the mesh itself."""
         warm.wait()
         from ..bridge import remesh
 
         self._source = context.object.session_uid
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
-        work = job.Steps(self.bl_label, remesh.quads_in_pieces(context.object, context, wanted.quads, wanted.smooth))
-        work.start()
-        return work
+        polygons = remesh.seen(context.object, context)
+        return lambda progress: remesh.quads_of(polygons, wanted.quads, wanted.smooth, progress)
 
-    def _end(self, context: bpy.types.Context, work: job.Steps) -> set[str]:
-        self._clear(context, work)
-        if isinstance(work.error, Cancelled):
-            self.report({"WARNING"}, told("{} was stopped; nothing was changed", named(self.bl_label)))
-            return {"CANCELLED"}
-        if isinstance(work.error, FlexMapsError):
-            self.report({"ERROR"}, str(work.error))
-            return {"CANCELLED"}
-        if work.error is not None:
-            raise work.error
-        self.report({"INFO"}, _take_over(context, find(self._source), work.result))
-        return {"FINISHED"}
+    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+        from ..bridge import remesh
+        from ..engine.surface import check
 
-    def _clear(self, context: bpy.types.Context, work: job.Steps) -> None:
-        work.end()
-        if self._timer is not None:
-            context.window_manager.event_timer_remove(self._timer)
-            context.window_manager.progress_end()
-            self._timer = None
-        if context.workspace is not None:
-            context.workspace.status_text_set(None)
+        obj = find(self._source)
+        made = remesh.as_object(result.polygons, obj, context.scene)
+        _take_over(context, obj, made)
+        edge = check.median_edge(result.polygons)
+        said = [told("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
+        said += [finding.message for finding in result.findings]
+        self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
         redraw(context)
+        yield
 
 
-def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> str:
-    """The new object takes the place of the old one, with its settings; returns what there is to say."""
-    from ..bridge import beside, mesh
-    from ..engine.surface import check
+def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
+    """The new object takes the place of the old one, with its settings."""
+    from ..bridge import beside
 
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     beside.clear(obj)
@@ -115,9 +71,6 @@ def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.type
     obj.hide_render = True
     context.view_layer.objects.active = made
     made.select_set(True)
-    redraw(context)
-    edge = check.median_edge(mesh.read_surface(made, context.scene).polygons)
-    return told("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)
 
 
 class SetSize(Stage, bpy.types.Operator):

@@ -62,16 +62,20 @@ def bodies(sides: Sides, faces: int) -> np.ndarray:
     return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
 
 
-def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """Vertices whose corners fall into several fans, none of which shares an edge with another."""
+def fans(sides: Sides) -> np.ndarray:
+    """(C,) int: the fan of every corner, numbered from 0: corners at one vertex whose faces hang together over its edges."""
     start, end = np.arange(len(sides.face)), sides.after
     one, two = sides.pairs.T
     flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
     a = np.concatenate([start[one], end[one]])
     b = np.concatenate([np.where(flipped, end[two], start[two]), np.where(flipped, start[two], end[two])])
-    fan = _components(len(start), a, b)
-    fans = np.unique(np.stack([polygons.corners, fan], axis=1), axis=0)[:, 0]
-    return np.flatnonzero(np.bincount(fans) > 1)
+    return _components(len(start), a, b)
+
+
+def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
+    """Vertices whose corners fall into several fans, none of which shares an edge with another."""
+    found = np.unique(np.stack([polygons.corners, fans(sides)], axis=1), axis=0)[:, 0]
+    return np.flatnonzero(np.bincount(found) > 1)
 
 
 def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

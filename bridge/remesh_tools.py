@@ -1,0 +1,119 @@
+"""Runs in a Blender of its own, as a script: makes triangles, voxels and quads of the meshes that ``second`` sends it.
+
+A line of JSON comes for every mesh; it names the file with the mesh, the file for the answer, and what is to be done. By
+itself, without the package around it: it must start soon.
+"""
+
+import json
+import os
+import sys
+
+import bpy  # isort: skip  # before the others: where Blender is a module, it brings them
+import bmesh
+import numpy as np
+from mathutils.bvhtree import BVHTree
+
+
+def triangles(obj, near):
+    """Corners nearer than ``near`` joined, triangles all over, without what has no area."""
+    bm = bmesh.new()
+    bm.from_mesh(obj.data)
+    bmesh.ops.remove_doubles(bm, verts=bm.verts, dist=near)
+    bmesh.ops.dissolve_degenerate(bm, edges=bm.edges, dist=near)
+    # two quads that share two sides could get the same diagonal, an edge of four triangles
+    doublets = [v for v in bm.verts if len(v.link_edges) == 2 and [len(f.verts) for f in v.link_faces] == [4, 4]]
+    bmesh.ops.dissolve_verts(bm, verts=doublets)
+    bmesh.ops.triangulate(bm, faces=bm.faces)
+    bmesh.ops.delete(bm, geom=[v for v in bm.verts if not v.link_faces], context="VERTS")
+    bm.to_mesh(obj.data)
+    bm.free()
+
+
+def voxels(obj, size):
+    obj.data.remesh_voxel_size, obj.data.remesh_voxel_adaptivity = size, 0.0
+    return "FINISHED" in bpy.ops.object.voxel_remesh()
+
+
+def quads(obj, count, seed, smooth):
+    return "FINISHED" in bpy.ops.object.quadriflow_remesh(
+        mode="FACES",
+        target_faces=count,
+        use_mesh_symmetry=False,
+        use_preserve_sharp=False,
+        use_preserve_boundary=True,
+        smooth_normals=smooth,
+        seed=seed,
+    )
+
+
+def touching(vertices, corners, body):
+    """(n, 2) pairs of bodies whose triangles cut each other."""
+    trees = []
+    for k in range(int(body.max()) + 1):
+        trees.append(BVHTree.FromPolygons(vertices.tolist(), corners.reshape(-1, 3)[body == k].tolist()))
+    low = np.array([vertices[corners.reshape(-1, 3)[body == k]].min(axis=(0, 1)) for k in range(len(trees))])
+    high = np.array([vertices[corners.reshape(-1, 3)[body == k]].max(axis=(0, 1)) for k in range(len(trees))])
+    found = []
+    for a in range(len(trees)):
+        near = ((low[a] <= high[a + 1 :]) & (high[a] >= low[a + 1 :])).all(axis=1)
+        found += [(a, int(b)) for b in a + 1 + np.flatnonzero(near) if trees[a].overlap(trees[b])]
+    return np.array(found, int).reshape(-1, 2)
+
+
+def as_object(vertices, corners, sizes):
+    mesh = bpy.data.meshes.new("mesh")
+    mesh.vertices.add(len(vertices))
+    mesh.loops.add(len(corners))
+    mesh.polygons.add(len(sizes))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
+    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
+    mesh.update(calc_edges=True)
+    mesh.validate()
+    obj = bpy.data.objects.new("mesh", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    return obj
+
+
+def as_arrays(mesh):
+    vertices = np.empty(3 * len(mesh.vertices), np.float32)
+    corners, sizes = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.polygons), np.int32)
+    mesh.vertices.foreach_get("co", vertices)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    return {"vertices": vertices.reshape(-1, 3), "corners": corners, "sizes": sizes}
+
+
+TOOLS: dict = {"triangles": triangles, "voxels": voxels, "quads": quads}
+
+
+def answer(wanted, given):
+    """What is asked for; nothing where Blender refuses."""
+    if wanted["tool"] == "touching":
+        return {"pairs": touching(given["vertices"], given["corners"], given["body"])}
+    obj = as_object(given["vertices"], given["corners"], given["sizes"])
+    mesh = obj.data
+    try:
+        return as_arrays(mesh) if TOOLS[wanted["tool"]](obj, **wanted["options"]) is not False else {}
+    except RuntimeError:  # an operator says no
+        return {}
+    finally:
+        bpy.data.objects.remove(obj)
+        bpy.data.meshes.remove(mesh)
+
+
+def main():
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    for line in sys.stdin:  # ends with the Blender that started this one
+        wanted = json.loads(line)
+        with np.load(wanted["given"]) as given:
+            found = answer(wanted, given)
+        unfinished = wanted["answer"] + ".part.npz"
+        np.savez(unfinished, **found)
+        os.replace(unfinished, wanted["answer"])
+    os._exit(0)
+
+
+main()

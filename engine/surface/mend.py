@@ -1,0 +1,232 @@
+"""Mends quads that a remesher left folded, without length or far from flat: moves their corners over the surface that they
+stand for, and takes out those that no move can save."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from .check import findings
+from .check_topology import sides_of, split_vertices
+from .mesh import PolygonMesh
+
+POOR = {"zero-edge", "zero-area", "crossed", "concave", "warped"}
+FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
+ROUNDS = 6  # of moving and taking out
+MOVES = 12  # of every corner in a round
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A surface of triangles that points are brought back to: vertices (V, 3) metres, triangles (T, 3) int."""
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+    @cached_property
+    def _tree(self) -> Any:
+        import igl
+
+        tree = igl.AABB()
+        tree.init(self.vertices, self.triangles)
+        return tree
+
+    @cached_property
+    def _normals(self) -> np.ndarray:
+        a, b, c = self.vertices[self.triangles.T]
+        normals = np.cross(b - a, c - a)
+        return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+
+    @cached_property
+    def area(self) -> float:
+        a, b, c = self.vertices[self.triangles.T]
+        return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The nearest points of the surface and its unit normals there, (n, 3) each."""
+        _, triangle, found = self._tree.squared_distance(self.vertices, self.triangles, np.ascontiguousarray(points))
+        return np.asarray(found).reshape(-1, 3), self._normals[np.asarray(triangle).ravel()]
+
+    @cached_property
+    def border(self) -> np.ndarray:
+        """(B, 2) int: the edges of one triangle only."""
+        sides = np.sort(np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        edges, uses = np.unique(sides, axis=0, return_counts=True)
+        return np.ascontiguousarray(edges[uses == 1])
+
+    def to_border(self, points: np.ndarray) -> np.ndarray:
+        """(n,) metres: from points (n, 3) to the border; infinite where there is none."""
+        if not len(self.border):
+            return np.full(len(points), np.inf)
+        import igl
+
+        return np.sqrt(igl.point_mesh_squared_distance(points, self.vertices, self.border)[0])
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """(n,) metres: from points (n, 3) to the surface."""
+        return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
+
+
+def mended(quads: PolygonMesh, target: Target) -> PolygonMesh:
+    """The quads with their poor ones mended as far as it goes; ``check.findings`` tells what is left.
+
+    quads : faces of four corners, at most two at an edge
+    """
+    best = quads = _without_doublets(quads)
+    fewest = _poor(best)
+    for _ in range(ROUNDS):
+        if not len(fewest[1]):
+            break
+        quads = _moved(quads, fewest[1] if quads is best else _poor(quads)[1], target)
+        found = _poor(quads)
+        if len(found[0]):
+            collapsed = _collapsed(quads, found[0], target)
+            if collapsed is not None:
+                quads, found = collapsed, _poor(collapsed)
+        if (len(found[0]), len(found[1])) < (len(fewest[0]), len(fewest[1])):
+            best, fewest = quads, found
+    return best
+
+
+def _poor(quads: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Faces that make the mesh unfit, and those with the ones that are merely poor."""
+    found = findings(quads)
+    folded = [f.faces for f in found if f.code in FOLDED]
+    poor = [f.faces for f in found if f.code in POOR | FOLDED]
+    return tuple(
+        np.unique(np.concatenate([np.zeros(0, int), *map(np.asarray, faces)])).astype(int) for faces in (folded, poor)
+    )  # type: ignore[return-value]
+
+
+# -- moving --------------------------------------------------------------------------------------------------------------
+
+
+def _moved(quads: PolygonMesh, poor: np.ndarray, target: Target) -> PolygonMesh:
+    """Corners of poor quads, and two rings round them, drawn to the middles of their neighbours along the surface.
+
+    Corners on the border move along it; where it turns sharply they stay.
+    """
+    corners = quads.corners.reshape(-1, 4)
+    points, sides = np.array(quads.vertices, float), sides_of(quads)
+    near = np.zeros(len(points), bool)
+    near[corners[poor]] = True
+    for _ in range(2):
+        near[corners[near[corners].any(axis=1)]] = True
+    on_border = np.zeros(len(points), bool)
+    border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
+    on_border[border] = True
+    links = np.concatenate([sides.edges[~on_border[sides.edges].all(axis=1)], border])
+    one, two = np.concatenate([links, links[:, ::-1]]).T
+    counts = ~on_border[one] | on_border[two]  # what is on the border follows the border alone
+    one, two = one[counts], two[counts]
+    moving = near & (np.bincount(one, minlength=len(points)) > 1) & ~_border_corners(points, border)
+    line = points.copy()
+    _, normals = target.nearest(points)
+    for _ in range(MOVES):
+        degree = np.maximum(np.bincount(one, minlength=len(points)), 1)
+        mean = np.stack([np.bincount(one, points[two, k], minlength=len(points)) for k in range(3)], axis=1)
+        wanted = np.where(moving[:, None], mean / degree[:, None], points)
+        inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
+        found, there = target.nearest(wanted[inner])
+        same_side = np.einsum("ni,ni->n", there, normals[inner]) > -0.5  # on a thin part the far side may be nearer
+        points[inner[same_side]], normals[inner[same_side]] = found[same_side], there[same_side]
+        if len(outer):
+            import igl
+
+            points[outer] = igl.point_mesh_squared_distance(wanted[outer], line, border)[2]
+    return PolygonMesh(points, quads.corners, quads.sizes)
+
+
+def _border_corners(points: np.ndarray, border: np.ndarray) -> np.ndarray:
+    """(V,) bool: where the border turns by more than 50 degrees, or meets itself."""
+    sums = np.zeros_like(points)
+    directions = points[border[:, 1]] - points[border[:, 0]]
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
+    np.add.at(sums, border[:, 0], directions)
+    np.add.at(sums, border[:, 1], -directions)
+    count = np.bincount(border.ravel(), minlength=len(points))
+    # two unit vectors away from a corner that turns by the angle t have a sum of length 2 sin(t / 2)
+    return (count > 2) | ((count == 2) & (np.linalg.norm(sums, axis=1) > 2 * np.sin(np.radians(25.0))))
+
+
+# -- taking out ----------------------------------------------------------------------------------------------------------
+
+
+def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
+    """Two quads that share two sides become one: the corner between these sides goes."""
+    for _ in range(100):
+        sides, corners = sides_of(quads), quads.corners.reshape(-1, 4)
+        ends = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 2]
+        inner = np.bincount(ends.ravel(), minlength=len(quads.vertices))
+        every = np.bincount(sides.edges.ravel(), minlength=len(quads.vertices))
+        doublets = np.flatnonzero((inner == 2) & (every == 2))
+        if not len(doublets):
+            return quads
+        gone, used = np.zeros(len(corners), bool), np.zeros(len(corners), bool)
+        corners = corners.copy()
+        for vertex in doublets:
+            faces = np.flatnonzero((corners == vertex).any(axis=1))
+            if len(faces) != 2 or used[faces].any():
+                continue
+            first, second = corners[faces]
+            opposite = second[(np.flatnonzero(second == vertex)[0] + 2) % 4]
+            if opposite in first:  # the two quads lie upon each other, and nothing else hangs on them
+                continue
+            corners[faces[0]] = np.where(first == vertex, opposite, first)
+            gone[faces[1]], used[faces] = True, True
+        if not gone.any():
+            return quads
+        quads = of_rows(quads.vertices, corners[~gone])
+    return quads
+
+
+def _collapsed(quads: PolygonMesh, folded: np.ndarray, target: Target) -> PolygonMesh | None:
+    """Without folded quads: of each, two opposite corners become one, if the mesh is then as sound; ``None`` if none could go."""
+    points, corners = np.array(quads.vertices, float), quads.corners.reshape(-1, 4).copy()
+    sides = sides_of(quads)
+    on_border = np.zeros(len(points), bool)
+    on_border[sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]] = True
+    kept, touched, done = np.ones(len(corners), bool), np.zeros(len(points), bool), False
+    for face in folded:
+        quad = corners[face]
+        if touched[quad].any():
+            continue
+        valence = np.array([(corners[kept] == v).any(axis=1).sum() for v in quad])
+        for k in np.argsort(valence[:2] + valence[2:]):  # the two that have the fewer quads
+            a, c = quad[k], quad[k + 2]
+            if on_border[a] and on_border[c]:
+                continue
+            stay, go = (a, c) if on_border[a] else (c, a)
+            trial = np.where(corners == go, stay, corners)
+            trial_kept = kept.copy()
+            trial_kept[face] = False
+            if not _sound(points, trial[trial_kept]):
+                continue
+            if not on_border[stay]:
+                points[stay] = target.nearest(0.5 * (points[a] + points[c])[None])[0][0]
+            around = (corners == go).any(axis=1) | (corners == stay).any(axis=1)
+            touched[corners[around]] = True
+            corners, kept, done = trial, trial_kept, True
+            break
+    return _without_doublets(of_rows(points, corners[kept])) if done else None
+
+
+def _sound(points: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether no quad has a corner twice, no edge a third quad, and no vertex two fans."""
+    row = np.sort(corners, axis=1)
+    if (row[:, 1:] == row[:, :-1]).any():
+        return False
+    mesh = of_rows(points, corners)
+    sides = sides_of(mesh)
+    return bool(np.bincount(sides.edge).max() <= 2) and not len(split_vertices(mesh, sides))
+
+
+def of_rows(points: np.ndarray, rows: np.ndarray) -> PolygonMesh:
+    """Faces of equally many corners, rows (F, n) int of points (V, 3), without the points that belong to none."""
+    used, fresh = np.unique(rows, return_inverse=True)
+    return PolygonMesh(
+        np.asarray(points, float)[used], fresh.reshape(-1).astype(np.int64), np.full(len(rows), rows.shape[1])
+    )

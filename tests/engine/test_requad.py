@@ -1,0 +1,207 @@
+"""Quads of any mesh: what is done with bodies, holes and folded quads, whatever tool makes them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.progress import SILENT, Progress
+from flexmaps.engine.surface import check, requad
+from flexmaps.engine.surface.check_topology import bodies, sides_of
+from flexmaps.engine.surface.mend import Target, mended, of_rows
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+RADIUS = 0.5
+
+
+def box(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """A cube's surface in n x n quads a side, about the origin: vertices and quads."""
+    grid = np.arange(n + 1)
+    a, b = (x.ravel() for x in np.meshgrid(grid, grid, indexing="ij"))
+    points, rows = [], []
+    for axis in range(3):
+        for end in (0, n):
+            p = np.stack([np.full(len(a), end), a, b], axis=1)
+            first = len(np.concatenate(points)) if points else 0
+            points.append(np.roll(p, axis, axis=1))
+            k = first + (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+            quad = np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)
+            rows.append(quad if end else quad[:, ::-1])
+    places, index = np.unique(np.concatenate(points), axis=0, return_inverse=True)
+    return 2.0 * places / n - 1.0, index.reshape(-1)[np.concatenate(rows)]
+
+
+def ball(n: int, centre: tuple[float, float, float] = (0.0, 0.0, 0.0), radius: float = RADIUS) -> PolygonMesh:
+    points, rows = box(n)
+    return of_rows(radius * points / np.linalg.norm(points, axis=1)[:, None] + centre, rows)
+
+
+def halved(mesh: PolygonMesh) -> PolygonMesh:
+    rows = mesh.corners.reshape(-1, 4)
+    return of_rows(mesh.vertices, np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]]))
+
+
+def both(*meshes: PolygonMesh) -> PolygonMesh:
+    return requad._joined(list(meshes))
+
+
+class Balls:
+    """A tool that knows balls alone, and notes what it was given."""
+
+    def __init__(self, cutting: tuple[tuple[int, int], ...] = (), hopeless: int = 0):
+        self.given: list[tuple[float, int]] = []
+        self.cutting, self.hopeless = list(cutting), hopeless
+
+    def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh:
+        return mesh if (mesh.sizes == 3).all() else halved(mesh)
+
+    def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
+        return self.cutting
+
+    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
+        extent = float(np.ptp(body.vertices, axis=0).max())
+        self.given.append((extent, count))
+        if len(self.given) <= self.hopeless:
+            return None
+        middle = 0.5 * (body.vertices.max(axis=0) + body.vertices.min(axis=0))
+        return ball(max(2, round((count / 6) ** 0.5)), tuple(middle), extent / 2)
+
+    def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
+        return None
+
+
+def spread(quads: PolygonMesh) -> np.ndarray:
+    return np.bincount(bodies(sides_of(quads), len(quads.sizes)))
+
+
+def test_every_body_gets_its_share_by_area() -> None:
+    mesh = both(ball(8), ball(8, (3.0, 0.0, 0.0), RADIUS / 2))
+    found = requad.requad(mesh, 5 * 150, Balls())
+    assert sorted(spread(found.polygons)) == [150, 600] and not found.findings
+    assert not [f for f in check.findings(found.polygons) if f.is_error]
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_the_tool_works_at_one_size(size: float) -> None:
+    mesh = ball(6, (4.0, 5.0, 6.0))
+    tool = Balls()
+    found = requad.requad(PolygonMesh(size * mesh.vertices, mesh.corners, mesh.sizes), 96, tool).polygons
+    assert [given[0] for given in tool.given] == pytest.approx([requad.EXTENT])
+    assert np.linalg.norm(found.vertices / size - (4.0, 5.0, 6.0), axis=1) == pytest.approx(RADIUS, rel=1e-5)
+
+
+def test_what_is_too_small_for_quads_is_left_out_and_named() -> None:
+    mesh = both(ball(8), ball(4, (2.0, 0.0, 0.0), RADIUS / 20))
+    found = requad.requad(mesh, 300, Balls())
+    assert len(spread(found.polygons)) == 1
+    assert [f.code for f in found.findings] == ["bodies-left-out"] and "1 of 2" in found.findings[0].message
+
+
+def test_what_fails_once_is_tried_again_and_in_the_end_named() -> None:
+    tool = Balls(hopeless=2)
+    assert len(requad.requad(ball(6), 96, tool).polygons.sizes) and len(tool.given) == 3
+    with pytest.raises(FlexMapsError, match="No sound quads") as error:
+        requad.requad(ball(6), 96, Balls(hopeless=10**6))
+    assert "remesh" not in str(error.value)
+
+
+def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
+    points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
+    rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])
+    parts, said = requad._parts(of_rows(np.array(points, float), rows), Balls(), SILENT)
+    assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
+    assert all(requad._is_clean(part) for part in parts)
+
+
+def tube(around: int = 12, rings: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """An open tube with quads over one end, which have no corners but those of the rim: vertices, tube and filling."""
+    turns = 2 * np.pi * np.arange(around) / around
+    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    points = np.concatenate([np.column_stack([circle, np.full(around, 0.5 * k)]) for k in range(rings)])
+    k, j = (g.ravel() for g in np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij"))
+    after = (j + 1) % around
+    wall = np.stack([k * around + j, k * around + after, (k + 1) * around + after, (k + 1) * around + j], axis=1)
+    end = np.arange(around // 2 - 1)
+    return points, wall, np.stack([end + 1, end, around - 1 - end, around - 2 - end], axis=1)
+
+
+def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A flat strip of 2 x n quads with quads on its back, from rim to rim."""
+    points = np.array([(x, y, 0) for x in range(n + 1) for y in range(3)], float)
+    k = 3 * np.arange(n)[:, None]
+    own = np.concatenate([np.column_stack([k + a, k + a + 3, k + a + 4, k + a + 1]) for a in (0, 1)])
+    return points, own, np.column_stack([k, k + 2, k + 5, k + 3])
+
+
+@pytest.mark.parametrize("filled", [tube(), sheet()], ids=["tube", "sheet"])
+def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    points, own, filling = filled
+    target = requad._target(halved(of_rows(points, own)))
+    opened = requad._opened(of_rows(points, np.concatenate([own, filling])), target)
+    assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
+
+
+# -- mending -------------------------------------------------------------------------------------------------------------
+
+
+def poor(quads: PolygonMesh) -> set[str]:
+    return {f.code for f in check.findings(quads) if f.is_error}
+
+
+def sphere_target() -> Target:
+    return requad._target(halved(ball(24)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_folded_quads_are_unfolded_on_the_surface(seed: int) -> None:
+    quads = ball(8)
+    points = quads.vertices.copy()
+    rng = np.random.default_rng(seed)
+    rows = quads.corners.reshape(-1, 4)
+    for face in rng.choice(len(rows), 3, replace=False):
+        a, b = rows[face][:2]
+        points[[a, b]] = points[[b, a]]  # two corners changed places
+    folded = PolygonMesh(points, quads.corners, quads.sizes)
+    assert "crossed" in poor(folded)
+    good = mended(folded, sphere_target())
+    assert not poor(good)
+    assert np.linalg.norm(good.vertices, axis=1) == pytest.approx(RADIUS, rel=5e-3)
+
+
+def test_corners_at_one_place_are_drawn_apart() -> None:
+    quads = ball(8)
+    points = quads.vertices.copy()
+    a, b = quads.corners[:2]
+    points[a] = points[b]
+    squeezed = PolygonMesh(points, quads.corners, quads.sizes)
+    assert "zero-edge" in poor(squeezed)
+    good = mended(squeezed, sphere_target())
+    assert not poor(good) and len(good.sizes) == len(quads.sizes)
+
+
+def test_two_quads_that_share_two_sides_become_one() -> None:
+    quads = ball(6)
+    rows, points = quads.corners.reshape(-1, 4), quads.vertices
+    a, b, c, d = rows[0]
+    extra = len(points)
+    middle = points[rows[0]].mean(axis=0)
+    doubled = of_rows(
+        np.concatenate([points, [middle]]), np.concatenate([[(a, b, c, extra), (a, extra, c, d)], rows[1:]])
+    )
+    good = mended(doubled, sphere_target())
+    assert len(good.sizes) == len(quads.sizes) and len(good.vertices) == len(points)
+    assert not poor(good)
+
+
+def test_a_border_keeps_its_corners_and_its_line() -> None:
+    n = 8
+    x, y = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
+    points = sheet.vertices.copy()
+    points[[1, n + 2]] = points[[n + 2, 1]]  # a corner of the border and one within
+    target = requad._target(halved(sheet))
+    good = mended(PolygonMesh(points, sheet.corners, sheet.sizes), target)
+    assert not poor(good)
+    for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):
+        assert np.abs(good.vertices - corner).sum(axis=1).min() < 1e-9
