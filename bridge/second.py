@@ -77,8 +77,8 @@ class SecondBlender:
         found = self._ask(tool, given, options, progress)
         if not found:
             return None
-        integers = (found[name].astype(np.int64) for name in ("corners", "sizes"))
-        return PolygonMesh(found["vertices"].astype(float), *integers)
+        corners, sizes = found["corners"].astype(np.int64), found["sizes"].astype(np.int64)
+        return PolygonMesh(found["vertices"].astype(float), corners, sizes)
 
     def _ask(
         self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
