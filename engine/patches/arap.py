@@ -17,8 +17,9 @@ from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from ..surface.mesh import QuadMesh
+from .loops import NEXT
 
-NEXT = np.array([1, 2, 3, 0])
+SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
 PREVIOUS = np.array([3, 0, 1, 2])
 
 
@@ -186,10 +187,15 @@ class PatchProblem:
             values = np.concatenate([values, stiff, stiff, -stiff])
         band = np.bincount(slots, weights=values, minlength=size)
         band[0] += band[0]
-        factor, info = dpbtrf(band.reshape(self.band + 1, self.count, order="F"), lower=1, overwrite_ab=1)
-        if info != 0:
-            raise np.linalg.LinAlgError("the Laplacian of a patch is singular")
-        return factor
+        band = band.reshape(self.band + 1, self.count, order="F")
+        # quads without area leave their corners where they like: hold them by next to nothing
+        for shift in (0.0, *SHIFTS):
+            held = band.copy(order="F")
+            held[0] += shift * np.nan_to_num(band[0]).max()
+            factor, info = dpbtrf(held, lower=1, overwrite_ab=1)
+            if info == 0:
+                return factor
+        return np.full_like(band, np.nan)
 
     def maps(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """a and b (q, 4) of every corner triangle."""
@@ -283,7 +289,9 @@ class PatchProblem:
         size_a, size_b = np.abs(a), np.abs(b)
         energy = quad_energy(self.tri, a, b)
         rotation = a / np.maximum(size_a, 1e-300)
-        return FlatPatch(points, rotation, energy, int((size_b >= size_a).sum()))
+        # a flattening that is no number at all is the worst there is
+        energy = np.where(np.isfinite(energy), energy, np.inf)
+        return FlatPatch(points, rotation, energy, int((~(size_b < size_a)).sum()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ..params import LayoutParams
+from ..surface.curvature import corner_angles
 from ..surface.symmetry import Symmetry
 from .arap import NEXT, FlatPatch, PatchProblem, minimax, settle
-from .layout import PatchLayout, groups, straight_on
+from .layout import PatchLayout, drawn_lengths, groups, straight_on
+from .loops import Loops, longest, loops_of
 from .outline import narrowness, simple
+from .regions import ROOM
 
-ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
 NECK = 1.1  # over the largest waist: the smallest width of an isthmus over the outline behind it
 SMALL = 120  # quads: patches up to this are given more chances
 REACH = 8  # quads: isthmuses wider than this are none
+LENIENT = 1.25  # over the limit: the compactness that a patch may have that takes a too small one in
+# work in quads times solves: that of an attempt before anything is flattened, and solves of one flattening
+ATTEMPT, SOLVES = 300.0, 10.0
 WAIST = 5.0  # largest outline behind an isthmus, over its width: a rectangle four times as long as wide has 5
 NOTHING = np.zeros(0, dtype=np.int64)
 
@@ -27,13 +32,15 @@ class Sketch:
     """A patch before it is flattened.
 
     quads : (q,) int; corners : (q, 4) int local flat vertices; sides : (q, 4) bool outline sides
-    perimeter, area : metres and square metres on the surface; necks : number of too narrow isthmuses
+    loops : the closed loops of its outline; perimeter : metres on the surface, of the longest of them
+    area : square metres on the surface; necks : number of too narrow isthmuses
     waist : the longest outline that hangs on one straight line through the patch, over the length of that line, in edges
     """
 
     quads: np.ndarray
     corners: np.ndarray
     sides: np.ndarray
+    loops: Loops
     perimeter: float
     area: float
     necks: int
@@ -42,6 +49,13 @@ class Sketch:
     @property
     def compactness(self) -> float:
         return self.perimeter / self.area**0.5
+
+    @property
+    def planar(self) -> bool:
+        """Is the patch a disk, apart from holes?"""
+        inner = (self.sides.size - int(self.sides.sum())) // 2
+        euler = int(self.corners.max()) + 1 - (4 * len(self.quads) - inner) + len(self.quads)
+        return euler == 2 - len(self.loops)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +69,8 @@ class Piece:
     @cached_property
     def neck(self) -> float:
         """Width of the narrowest isthmus of the flat outline over the shorter outline behind it."""
-        where, count = _along_outline(self.sketch.corners, self.sketch.sides)
-        vertices = np.flatnonzero(where >= 0)
-        loop = np.empty(count, dtype=np.int64)
-        loop[where[vertices]] = vertices
-        return narrowness(self.flat.points[loop])
+        loops = self.sketch.loops
+        return narrowness(self.flat.points[loops.vertices(int(np.argmax(loops.lengths)))])
 
     @property
     def quads(self) -> np.ndarray:
@@ -75,20 +86,45 @@ class Change:
     pieces: list[Piece]
 
 
+class Effort:
+    """How much flattening may still be done: the same work everywhere, whatever the machine, so that results repeat.
+
+    left : quads times solves
+    """
+
+    def __init__(self, left: float = np.inf):
+        self.left = left
+
+    @property
+    def over(self) -> bool:
+        return self.left <= 0
+
+
 class Board:
     """The state of merging: cuts, pieces, and the symmetries that every change must keep.
 
     ``cut`` is (E,) bool, ``marked`` the set of all edges that are cut or on the border, ``piece_of`` (F,) serials.
+    ``lenient`` lets changes go beyond the limits on necks, sizes and compactness; ``tick`` is called at every attempt.
     """
 
-    def __init__(self, layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = ()):
+    def __init__(
+        self,
+        layout: PatchLayout,
+        params: LayoutParams,
+        symmetries: Sequence[Symmetry] = (),
+        effort: Effort | None = None,
+    ):
         self.mesh, self.params, self.symmetries = layout.mesh, params, list(symmetries)
+        self.angles = corner_angles(layout.mesh)
         self.cut = layout.cut.copy()
         self.marked = set(np.flatnonzero(layout.cut | layout.mesh.border).tolist())
         self.piece_of = -1 - layout.patch_of
         self.place = np.full(len(layout.mesh.quads), -1, dtype=np.int64)
         self.waist = WAIST
         self.room = ROOM
+        self.lenient = False
+        self.effort = effort or Effort()
+        self.tick: Callable[[], None] = lambda: None
         self.serial = 0
         # what straightening has looked at and what it was refused, under these symmetries and limits
         self.swept: set[tuple[object, ...]] = set()
@@ -132,6 +168,10 @@ class Board:
 
         Images that touch the same pieces are done together, the others are left to ``apply``.
         """
+        self.tick()
+        if self.effort.over:
+            return None
+        self.effort.left -= ATTEMPT
         if not self.symmetries:
             return self._attempt(opens, closes)
         images = [(s.edges[opens], s.edges[closes]) for s in self.symmetries]
@@ -216,18 +256,19 @@ class Board:
     def _allowed(self, quads: np.ndarray, cut: np.ndarray, parents: list[Piece]) -> Sketch | None:
         """The sketch of a patch if it passes all that can be said without flattening it."""
         mesh, params = self.mesh, self.params
-        sides = (cut | mesh.border)[mesh.quad_edges[quads]]
-        perimeter = float((mesh.edge_lengths[mesh.quad_edges[quads]] * sides).sum())
-        area = float(mesh.areas[quads].sum())
-        allowed = max(params.compactness_limit, min(p.sketch.compactness for p in parents))
-        if perimeter / area**0.5 > allowed * (1 + 1e-9):
-            return None
         if len(quads) < min(params.patch_min, *(len(p.quads) for p in parents)):
             return None
         sketch = self.sketch(quads, cut)
-        inner = (sides.size - int(sides.sum())) // 2
-        if int(sketch.corners.max()) + 1 - (4 * len(quads) - inner) + len(quads) != 1:
+        allowed = max(params.compactness_limit, min(p.sketch.compactness for p in parents))
+        if self.lenient:
+            allowed = max(LENIENT * params.compactness_limit, *(p.sketch.compactness for p in parents))
+        if sketch.compactness > allowed * (1 + 1e-9):
             return None
+        border = mesh.border[mesh.quad_edges[quads]]
+        if not sketch.planar or not sketch.loops.mere_holes(sketch.corners, self.angles[quads], border):
+            return None
+        if self.lenient:
+            return sketch
         if sketch.necks > sum(p.sketch.necks for p in parents):
             return None
         return None if sketch.waist > max(self.waist, *(p.sketch.waist for p in parents)) else sketch
@@ -246,17 +287,21 @@ class Board:
         if key not in self.solved:
             return None
         piece = self._named(sketch, self.solved[key])
+        if self.lenient:
+            return piece
         # an isthmus may only be as narrow as those of the parents, or as the limit
         return None if piece.neck < min(NECK / self.waist, *(p.neck for p in parents)) else piece
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners)
+        self.effort.left -= SOLVES * len(sketch.quads)
         # weighing the bad quads brings the worst energy down by a half; by far more where a few quads hold it all
         bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)
         flat = settle(problem, self._turned(parents, sketch.quads, opens), tolerance=0.01, hopeless=bar)
         if flat.worst > bar:
             return None
         if flat.worst > limit or flat.flips:
+            self.effort.left -= 3 * SOLVES * len(sketch.quads)
             flat = minimax(problem, flat, target=0.97 * limit)
         if flat.worst > limit or flat.flips or not simple(flat.points, sketch.corners, sketch.sides):
             return None
@@ -270,13 +315,14 @@ class Board:
         """Measures of the patch that some quads make under some cuts (E,) bool."""
         mesh = self.mesh
         sides = (cut | mesh.border)[mesh.quad_edges[quads]]
-        perimeter = float((mesh.edge_lengths[mesh.quad_edges[quads]] * sides).sum())
         qa, ka, qb, kb = self._joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
         b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
         corners = groups(4 * len(quads), a, b).reshape(-1, 4)
-        necks, waist = self._necks(quads, corners, sides)
-        return Sketch(quads, corners, sides, perimeter, float(mesh.areas[quads].sum()), necks, waist)
+        loops = loops_of(corners, sides)
+        perimeter = longest(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]])
+        necks, waist = self._necks(quads, corners, sides, loops)
+        return Sketch(quads, corners, sides, loops, perimeter, float(mesh.areas[quads].sum()), necks, waist)
 
     def _joints(self, quads: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Uncut sides among some quads: local quad, side, local other quad, its side; each side once."""
@@ -297,20 +343,28 @@ class Board:
         labels = groups(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
 
-    def _necks(self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> tuple[int, float]:
-        """Straight lines from outline to outline: how many are too short, and the longest outline behind one, relative."""
-        where, total = _along_outline(corners, sides)
+    def _necks(self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray, loops: Loops) -> tuple[int, float]:
+        """Straight lines from outline to outline: how many are too short, and the longest outline behind one, relative.
+
+        Lines from border to border are never too short: there the surface itself is narrow. Those between two loops have
+        nothing behind them.
+        """
+        where, rim = loops.where, np.zeros(len(loops.loop), dtype=bool)
+        rim[corners] = self.mesh.on_border[self.mesh.quads[quads]]
         q, k = np.nonzero(~sides & (where[corners] >= 0))
-        begin = where[corners[q, k]]
+        begin = corners[q, k]
         found, waist = 0, 0.0
         self.place[quads] = np.arange(len(quads))
         for steps in range(1, REACH + 1):
-            at = where[corners[q, NEXT[k]]]
-            end = at >= 0
+            at = corners[q, NEXT[k]]
+            end = where[at] >= 0
             if end.any():
-                behind = np.abs(at[end] - begin[end])
-                waist = max(waist, float(np.minimum(behind, total - behind).max()) / steps)
-                found += int(end.sum()) if steps < self.params.neck_min else 0
+                one, two = begin[end], at[end]
+                behind = np.abs(where[two] - where[one])
+                behind = np.minimum(behind, loops.lengths[loops.loop[one]] - behind)
+                behind[loops.loop[one] != loops.loop[two]] = 0
+                waist = max(waist, float(behind.max()) / steps)
+                found += int((~rim[one] | ~rim[two]).sum()) if steps < self.params.neck_min else 0
             if end.all():
                 break
             q, k, begin = q[~end], k[~end], begin[~end]
@@ -344,24 +398,6 @@ class Board:
             rotation *= _spread(link)[owner][:, None]
         place[quads] = -1
         return rotation
-
-
-def _along_outline(corners: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, int]:
-    """Position of every flat vertex along its patch's outline, in edges, -1 for inner ones; and the outline's length."""
-    count = int(corners.max()) + 1
-    following = np.full(count, -1, dtype=np.int64)
-    following[corners[sides]] = corners[:, NEXT][sides]
-    where = np.full(count, -1, dtype=np.int64)
-    step = following.tolist()
-    vertex = first = int(np.argmax(following >= 0))
-    walk = []
-    for _ in range(count + 1):
-        walk.append(vertex)
-        vertex = step[vertex]
-        if vertex == first or vertex < 0:
-            break
-    where[walk] = np.arange(len(walk))
-    return where, len(walk)
 
 
 def _spread(link: np.ndarray) -> np.ndarray:

@@ -15,24 +15,24 @@ from .layout import PatchLayout
 def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
     """Join the surface along cut edges: patches on both sides become one, or an inner cut grows shorter.
 
-    Raises FlexMapsError where a patch would be no disk any more; any other limit is the user's own choice.
+    Raises FlexMapsError where a patch could not be laid flat in one piece any more; any other limit is the user's own choice.
     """
     return _flipped(flat, edges, False, params)
 
 
 def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
-    """Cut the surface along edges. Raises FlexMapsError where a patch would be no disk any more."""
+    """Cut the surface along edges. Raises FlexMapsError where a patch could not be laid flat in one piece any more."""
     return _flipped(flat, edges, True, params)
 
 
 def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams) -> FlatPatches:
     """The flat patches of the same mesh under other cuts (E,) bool; unchanged patches are taken over as they are.
 
-    Raises FlexMapsError naming the quads of a patch that is no disk.
+    Raises FlexMapsError naming the quads of a patch that cannot be laid flat in one piece.
     """
     mesh = flat.layout.mesh
     layout = PatchLayout(mesh, np.asarray(cut, dtype=bool) & ~mesh.border)
-    bad = np.flatnonzero(layout.euler != 1)
+    bad = np.flatnonzero(~layout.planar)
     if len(bad):
         quads = layout.patches[bad[0]]
         raise FlexMapsError(

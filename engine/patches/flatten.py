@@ -40,7 +40,7 @@ class FlatPatches:
 
     @cached_property
     def outlines(self) -> tuple[np.ndarray, ...]:
-        """Flat vertices of every patch's outline, (m,) int, counter-clockwise, each once."""
+        """Flat vertices of every patch's outline, (m,) int, counter-clockwise, each once; holes are left out."""
         return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
 
 
@@ -120,9 +120,11 @@ def _known(previous: FlatPatches | None, layout: PatchLayout) -> dict[bytes, int
 
 
 def outline(layout: PatchLayout, patch: int) -> np.ndarray:
-    """(m,) int: the flat vertices on the outline of a disk patch, counter-clockwise, from its smallest one on."""
+    """(m,) int: the flat vertices on the outer loop of a patch, counter-clockwise, from its smallest one on."""
     quads = layout.patches[patch]
-    quad, side = np.nonzero(layout.outline_sides[quads])
+    loop = layout.loop_of[quads]
+    outer = np.flatnonzero(layout.loop_patch == patch)
+    quad, side = np.nonzero(loop == outer[np.argmax(layout.loop_lengths[outer])])
     corners = layout.flat_corners[quads]
     start, end = corners[quad, side], corners[quad, (side + 1) % 4]
     following = dict(zip(start.tolist(), end.tolist(), strict=True))
@@ -142,12 +144,12 @@ def seam_mismatch(flat: FlatPatches) -> np.ndarray:
 
 
 def overlapping(flat: FlatPatches) -> list[int]:
-    """Patches that are not proven injective: a flip in either triangulation, no disk, or an outline that is not simple."""
+    """Patches that are not proven injective: a flip in either triangulation, a handle, or an outline that is not simple."""
     layout = flat.layout
     points = flat.points[:, 0] + 1j * flat.points[:, 1]
     corners = flat.layout.flat_corners
     flipped = np.bincount(layout.patch_of, weights=flips(points[corners]), minlength=len(layout.patches)) > 0
-    bad = np.flatnonzero(flipped | (layout.euler != 1)).tolist()
+    bad = np.flatnonzero(flipped | ~layout.planar).tolist()
     sides = layout.outline_sides
     return sorted(
         bad
@@ -179,9 +181,9 @@ def layout_report(flat: FlatPatches) -> dict[str, object]:
         "square_median": float(np.median(flat.square)),
         "flips": int(flips(points).sum()),
         "overlaps": len(overlapping(flat)),
-        "disks": bool((layout.euler == 1).all()),
+        "disks": bool(layout.planar.all()),
         "compactness_max": float(layout.compactness.max()),
-        "neck_min_quads": int(layout.necks().min()),
+        "neck_min_quads": int(layout.necks(own=False).min()),
         "smallest_patch": min(len(quads) for quads in layout.patches),
         "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
         "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,

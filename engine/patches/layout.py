@@ -7,13 +7,15 @@ sphere becomes one patch.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..surface.curvature import corner_angles
 from ..surface.mesh import QuadMesh
+from .loops import loops_of
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -46,11 +48,14 @@ class PatchLayout:
     mesh : the surface
     cut : (E,) bool, True where the surface is cut; border edges are never marked
     notes : sentences for the report about how the layout came about (symmetry, forced small patches)
+    origin : how the program itself cut it: along "lines" of quads or between "regions"; "" where the cuts are someone's choice,
+        which merging has to begin with
     """
 
     mesh: QuadMesh
     cut: np.ndarray
     notes: dict[str, object] = field(default_factory=dict)
+    origin: str = ""
 
     @cached_property
     def joined(self) -> np.ndarray:
@@ -87,7 +92,7 @@ class PatchLayout:
 
     @cached_property
     def euler(self) -> np.ndarray:
-        """(N,) int: Euler number of every patch, its inner cuts taken as outline; 1 is a disk."""
+        """(N,) int: Euler number of every patch, its inner cuts taken as outline; 1 is a disk, one less for every hole."""
         n = len(self.patches)
         patch = np.repeat(self.patch_of, 4)
         _, first = np.unique(self.flat_corners, return_index=True)
@@ -102,10 +107,50 @@ class PatchLayout:
         return (self.cut | self.mesh.border)[self.mesh.quad_edges]
 
     @cached_property
+    def loop_of(self) -> np.ndarray:
+        """(F, 4) int: the loop of the outline that a side of a quad lies on, -1 for inner sides. Numbered 0.. ."""
+        quad, side = np.nonzero(self.outline_sides)
+        start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
+        used, ends = np.unique(np.stack([start, end]), return_inverse=True)
+        ends = ends.reshape(2, -1)
+        result = np.full(self.outline_sides.shape, -1, dtype=np.int64)
+        result[quad, side] = groups(len(used), ends[0], ends[1])[ends[0]]
+        return result
+
+    @cached_property
+    def loop_patch(self) -> np.ndarray:
+        """(L,) int: the patch of every loop."""
+        quad, side = np.nonzero(self.outline_sides)
+        patch = np.empty(int(self.loop_of.max()) + 1, dtype=np.int64)
+        patch[self.loop_of[quad, side]] = self.patch_of[quad]
+        return patch
+
+    @cached_property
+    def loop_lengths(self) -> np.ndarray:
+        """(L,) metres on the surface, ragged rims as if smooth; cuts inside a patch count twice, once for each side."""
+        sides = self.outline_sides
+        return np.bincount(self.loop_of[sides], weights=drawn_lengths(self.mesh)[self.mesh.quad_edges][sides])
+
+    @cached_property
+    def planar(self) -> np.ndarray:
+        """(N,) bool: patches that can be laid flat: disks, or disks with holes that are no openings of a tube."""
+        loops = np.bincount(self.loop_patch, minlength=len(self.patches))
+        good = self.euler == 2 - loops
+        for patch in np.flatnonzero(good & (loops > 1)).tolist():
+            quads = self.patches[patch]
+            corners = np.unique(self.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+            found = loops_of(corners, self.outline_sides[quads])
+            good[patch] = found.mere_holes(
+                corners, corner_angles(self.mesh)[quads], self.mesh.border[self.mesh.quad_edges[quads]]
+            )
+        return good
+
+    @cached_property
     def perimeters(self) -> np.ndarray:
-        """(N,) metres on the surface; cuts inside a patch count twice, once for each of their sides."""
-        lengths = (self.mesh.edge_lengths[self.mesh.quad_edges] * self.outline_sides).sum(axis=1)
-        return np.bincount(self.patch_of, weights=lengths)
+        """(N,) metres on the surface: the longest loop of every patch, for the others are holes of the surface."""
+        result = np.zeros(len(self.patches))
+        np.maximum.at(result, self.loop_patch, self.loop_lengths)
+        return result
 
     @cached_property
     def compactness(self) -> np.ndarray:
@@ -121,10 +166,11 @@ class PatchLayout:
         mask[self.flat_corners[quad, (side + 1) % 4]] = True
         return mask
 
-    def necks(self, widest: int = 8) -> np.ndarray:
+    def necks(self, widest: int = 8, *, own: bool = True) -> np.ndarray:
         """(N,) int: quads across the narrowest isthmus of every patch, at most ``widest``.
 
-        An isthmus is a straight line of uncut edges through the patch with both ends on the outline.
+        An isthmus is a straight line of uncut edges through the patch with both ends on the outline. Those from border to
+        border, where the surface itself is narrow, count only with ``own``.
         """
         mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
         result = np.full(len(self.patches), widest, dtype=np.int64)
@@ -133,12 +179,14 @@ class PatchLayout:
             q, k = quad[:, way].copy(), side[:, way].copy()
             begins = outline[corners[q, k]]
             q, k = q[begins], k[begins]
+            rim = mesh.on_border[mesh.quads[q, k]]
             for steps in range(1, widest):
                 end = outline[corners[q, (k + 1) % 4]]
-                np.minimum.at(result, self.patch_of[q[end]], steps)
-                q, k = q[~end], k[~end]
+                counts = end & (own | ~(rim & mesh.on_border[mesh.quads[q, (k + 1) % 4]]))
+                np.minimum.at(result, self.patch_of[q[counts]], steps)
+                q, k, rim = q[~end], k[~end], rim[~end]
                 q, k, valid = straight_on(mesh, q, k)
-                q, k = q[valid], k[valid]
+                q, k, rim = q[valid], k[valid], rim[valid]
         return result
 
     # -- seams -----------------------------------------------------------------------------------------------------
@@ -196,6 +244,30 @@ class PatchLayout:
         return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
 
 
+@lru_cache(maxsize=4)
+def drawn_lengths(mesh: QuadMesh) -> np.ndarray:
+    """(E,) metres: what every edge counts in an outline. A ragged rim of the surface counts as if it were smooth.
+
+    At a reflex corner of the border both edges count like the straight line that leaves the corner out.
+    """
+    lengths = mesh.edge_lengths
+    reflex = np.flatnonzero(mesh.on_border & (mesh.valence > 3))
+    if not len(reflex):
+        return lengths
+    result = lengths.copy()
+    edges = np.flatnonzero(mesh.border & np.isin(mesh.edges, reflex).any(axis=1))
+    at: dict[int, list[int]] = {}
+    for e in edges.tolist():
+        for v in mesh.edges[e].tolist():
+            at.setdefault(v, []).append(e)
+    for v in reflex.tolist():
+        if len(at[v]) == 2:
+            ends = mesh.edges[at[v]].sum(axis=1) - v
+            share = np.linalg.norm(mesh.vertices[ends[0]] - mesh.vertices[ends[1]]) / lengths[at[v]].sum()
+            result[at[v]] = np.minimum(result[at[v]], share * lengths[at[v]])
+    return result
+
+
 def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
     """The layout of some quads (n,), ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
     mesh = layout.mesh
@@ -203,7 +275,7 @@ def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarr
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
     # vertices keep their order, and so do the edges
     edges = np.unique(mesh.quad_edges[quads])
-    return PatchLayout(part, layout.cut[edges] & ~part.border), edges
+    return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 
 
 def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,14 +11,21 @@ from ..params import LayoutParams
 from ..progress import SILENT, Progress
 from ..surface.symmetry import Symmetry, keeping, subgroups, symmetries
 from ..threads import one_thread
-from .board import WAIST, Board, Change
+from .board import WAIST, Board, Change, Effort
 from .flatten import FlatPatches, flatten, overlapping, seam_mismatch
 from .layout import PatchLayout, alone
-from .tidy import drawing_cost, natural_stops, tidy, widen
+from .regions import Halving
+from .reroute import reroute
+from .rescue import rescue
+from .tidy import badness, drawing_cost, natural_stops, tidy, widen
 from .trace import middle_line
 
 WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
 MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
+HALF = 0.5
+FEW = 40  # median quads a patch below which another way of laying out is tried
+WORK_LEAST, WORK_EACH = 4e6, 1e4  # work, see ``Effort``: at least, and for every quad
+STOPS = 12  # most places where a part of a seam may begin or end
 TRIES = 5  # most groups of symmetries that are tried
 
 
@@ -79,30 +86,54 @@ def _merge_body(
     progress(0.0, "Looking for symmetries")
     found = symmetries(layout.mesh) if params.symmetric else []
     kept = keeping(found, layout.cut)
-    start = Board(layout, params)
+    effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
+    start = Board(layout, params, effort=effort)
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
     groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 3)), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
 
-    def attempt(group: list[Symmetry], way: Way) -> None:
-        number = len(ranked)
-        # where trying is dear, go on from what the larger group has left
-        board = (ranked[-1][2] if ranked and dear else start).copy()
+    def attempt(board: Board, group: list[Symmetry], way: Way) -> None:
+        part = progress.part(len(ranked) / 16, (len(ranked) + 1) / 16)
         board.symmetries, board.waist = group, way.waist
-        run(board, LAST if ranked and dear else way, progress.part(number / 16, (number + 1) / 16))
-        ranked.append((round(worth(board), 9), number, board))
+        run(board, way, part)
+        ranked.append((round(worth(board), 9), len(ranked), board))
 
-    for way in WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]:
+    ways = WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
+    for way in [replace(w, redraw=layout.origin == "regions") for w in ways]:
         for group in groups:
-            attempt(group, way)
+            # where trying is dear, go on from what the larger group has left
+            again = bool(ranked) and dear
+            attempt((ranked[-1][2] if again else start).copy(), group, LAST if again else way)
+    board = _best(ranked, progress.part(0.7, 0.75))
+    if layout.origin and _poor(board):
+        parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
+        if (parts.cut != layout.cut).any():
+            own, ranked = ranked, []
+            attempt(Board(parts, params, effort=effort), [], FACES)
+            other = _best(ranked, progress.part(0.95, 1.0))
+            ranked = own
+            # what is symmetric gives way only to less than half as many patches
+            share = HALF if keeping(found, board.cut) else 1.0
+            if (not _fits(other), worth(other)) < (not _fits(board), share * worth(board)):
+                board = other
+    return board, symmetry_notes(found, kept, ranked, board)
+
+
+def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
+    """The best merged layout whose seams can be fitted, merged on as far as the whole distortion limit lets it."""
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
     board = next((b for b in ordered if _fits(b)), ordered[0])
     tighter = board.copy()
     tighter.room = 1.0
-    run(tighter, LAST, progress.part(0.9, 1.0))
-    if len(tighter.pieces) < len(board.pieces) and _fits(tighter):
-        board = tighter
-    return board, symmetry_notes(found, kept, ranked, board)
+    run(tighter, LAST, progress)
+    return tighter if len(tighter.pieces) < len(board.pieces) and _fits(tighter) else board
+
+
+def _poor(board: Board) -> bool:
+    """Does a merged layout leave so much to be desired that another way is worth trying?"""
+    sizes = np.array([len(p.quads) for p in board.pieces.values()])
+    necks = sum(p.sketch.necks for p in board.pieces.values())
+    return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < FEW)
 
 
 def _fits(board: Board) -> bool:
@@ -152,7 +183,7 @@ def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     """Where a limit could not be kept, because every change within the other limits was tried and refused."""
     layout = flat.layout
-    mesh, necks = layout.mesh, layout.necks()
+    mesh, necks = layout.mesh, layout.necks(own=False)
     listed = []
     for patch, quads in enumerate(layout.patches):
         reasons = []
@@ -179,36 +210,49 @@ class Way:
 
     shared : how much a long common seam counts; waist : see Board;
     short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion;
+    redraw : draw seams anew from end to end, for layouts whose seams follow no lines;
     again : on a layout that was merged before: nothing more is done if nothing more can be merged
     """
 
     shared: float = 3.0
     waist: float = WAIST
     short: bool = False
+    redraw: bool = False
     again: bool = False
 
 
 WAYS = (Way(), Way(waist=2 * WAIST, short=True))
 
+FACES = Way(redraw=True)
 LAST = Way(again=True)
 
 
 def run(board: Board, way: Way, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
+    board.tick = lambda: progress(0.0, f"Merging: {len(board.pieces)} patches")
     merged = greedy(board, way, progress.part(0.0, 0.5))
     if way.again:
         merged |= open_parts(board, way, progress.part(0.5, 0.6))
         if not merged:
             return
+    _in_turns(board, way, progress.part(0.6, 0.9))
+    widen(board)
+    if rescue(board):
+        # the patches that are left have other neighbours now
+        greedy(board, way, progress.part(0.9, 0.95))
+        _in_turns(board, way, progress.part(0.95, 1.0))
+
+
+def _in_turns(board: Board, way: Way, progress: Progress) -> None:
     for turn in range(4):
-        part = progress.part(0.6 + turn / 10, 0.7 + turn / 10)
+        part = progress.part(turn / 4, (turn + 1) / 4)
         changed = tidy(board, part, darts=not way.short or turn == 3)
+        changed |= way.redraw and reroute(board)
         changed |= open_parts(board, way, part)
         if not changed:
             break
         greedy(board, way, part)
     tidy(board, progress, darts=True)
-    widen(board)
 
 
 def open_parts(board: Board, way: Way, progress: Progress) -> bool:
@@ -223,10 +267,7 @@ def open_parts(board: Board, way: Way, progress: Progress) -> bool:
 def worth(board: Board) -> float:
     """Patches, less what symmetry is worth: a mirror makes up for a fifth of them; then the drawing of the cuts."""
     share = 0.6 + 0.4 / (1 + len(board.symmetries))
-    pieces = board.pieces.values()
-    broken = sum(p.sketch.necks + (len(p.quads) < board.params.patch_min) for p in pieces)
-    waists = sum(max(p.sketch.waist - WAIST, 0.0) for p in pieces)
-    return (len(pieces) + 0.5 * broken + 0.1 * waists) * share + 1e-3 * drawing_cost(board)
+    return badness(board, board.pieces.values()) * share + 1e-3 * drawing_cost(board)
 
 
 def symmetry_notes(
@@ -322,6 +363,8 @@ def longest_part(board: Board, edges: np.ndarray) -> Change | None:
     """The longest part of a seam, between two natural stops, that can be opened."""
     few = min(len(board.pieces[n].quads) for n in board.sides_of(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
+    # a seam without straight parts has stops everywhere
+    stops = stops[:: -(-len(stops) // STOPS)] + ([] if len(stops) <= STOPS else stops[-1:])
     lengths = np.concatenate([[0.0], np.cumsum(board.mesh.edge_lengths[edges])])
     spans = [(lengths[j] - lengths[i], i, j) for n, i in enumerate(stops) for j in stops[n + 1 :]]
     for length, i, j in sorted(spans, key=lambda s: (-round(s[0], 9), s[1])):

@@ -1,18 +1,21 @@
-"""Is a flat patch injective? No flip, a disk and a simple outline together prove it."""
+"""Is a flat patch injective? No flip, no handle and a simple outline together prove it."""
 
 from __future__ import annotations
 
 import numpy as np
+
+from .layout import groups
 
 WIDE = 0.4  # relative width of an isthmus from which on it is none
 ROUNDING = 8.0 * np.finfo(float).eps
 
 
 def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
-    """Does the outline of a disk patch neither cross nor touch itself?
+    """Does the outline of a patch neither cross nor touch itself, and is there just one loop that is no hole?
 
     points : (n,) complex, metres; corners : (q, 4) int; sides : (q, 4) bool, the sides on the outline.
-    Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
+    Without a flip every point of the plane is covered as often as the loops wind round it: loops that are apart, one of them
+    counter-clockwise, leave nothing but 0 and 1. Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
     """
     start = corners[sides]
     end = np.roll(corners, -1, axis=1)[sides]
@@ -32,9 +35,23 @@ def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
     if _folded(a, b, start, end, one[follow], two[follow]):
         return False
     one, two = one[~follow], two[~follow]
+    if not _one_outer(a, b, start, end):
+        return False
     left = _side(a[one], b[one], a[two]) * _side(a[one], b[one], b[two])
     right = _side(a[two], b[two], a[one]) * _side(a[two], b[two], b[one])
     return not bool(((left <= 0) & (right <= 0)).any())
+
+
+def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
+    """Is exactly one loop of the sides a - b counter-clockwise?"""
+    used, ends = np.unique(np.stack([start, end]), return_inverse=True)
+    ends = ends.reshape(2, -1)
+    loop = groups(len(used), ends[0], ends[1])[ends[0]]
+    if not loop.any():
+        return True  # a single loop round quads without a flip
+    origin = a[np.unique(loop, return_index=True)[1]][loop]
+    area = np.bincount(loop, weights=((a - origin).conj() * (b - origin)).imag)
+    return int((area > 0).sum()) == 1
 
 
 def _folded(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray) -> bool:

@@ -304,7 +304,7 @@ def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarr
     cut = layout.cut.copy()
     cut[np.searchsorted(piece.edges, run)] = True
     after = PatchLayout(layout.mesh, cut)
-    if len(after.patches) != 2 or (after.euler != 1).any():
+    if len(after.patches) != 2 or not after.planar.all():
         return None
     small = min(len(quads) for quads in after.patches)
     if small < min(params.patch_min, len(piece.corners) // 2):

@@ -6,19 +6,20 @@ shorter or takes corners away and keeps every limit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..progress import Progress
 from ..surface.corners import corner_cost, rings
-from .board import NOTHING, Board, Piece
+from .board import NOTHING, WAIST, Board, Piece
 from .layout import PatchLayout
 
 PATCH = 15.0  # what a patch less is worth, in edges of cut
 SMALL = 5.0  # what a quad more is worth in a patch that is too small
 GAIN = 0.3  # smallest gain that is worth a change
+LONG = 1.0  # what compactness beyond the limit costs, in patches
 DEPTH, LARGEST = 8, 150  # most rows and most quads moved at once
 
 
@@ -56,11 +57,12 @@ def _slide_all(board: Board) -> bool:
         flipped = flips_of(board, slide)
         if flipped is None or gain_of(board, *flipped) + size_gain(board, slide) <= GAIN:
             continue
-        changed |= _try(board, *flipped)
+        changed |= attempted(board, *flipped)
     return changed
 
 
-def _try(board: Board, opens: np.ndarray, closes: np.ndarray) -> bool:
+def attempted(board: Board, opens: np.ndarray, closes: np.ndarray) -> bool:
+    """Make a change unless it was refused before or is now; True if it is made."""
     names = np.unique(board.sides_of(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
     if key in board.refused:
@@ -120,6 +122,17 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
 
 def _poverty(board: Board, pieces: list[Piece]) -> int:
     return sum(p.sketch.necks + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
+
+
+def badness(board: Board, pieces: Iterable[Piece]) -> float:
+    """How many patches there are, and what is wrong with them, in patches: sizes, necks, waists and compactness."""
+    params = board.params
+    total = 0.0
+    for p in pieces:
+        total += 1.0 + 0.5 * (p.sketch.necks + (len(p.quads) < params.patch_min))
+        total += 0.1 * max(p.sketch.waist - WAIST, 0.0)
+        total += LONG * max(p.sketch.compactness - params.compactness_limit, 0.0)
+    return total
 
 
 def drawing_cost(board: Board) -> float:
@@ -281,7 +294,7 @@ def _close_inner(board: Board) -> bool:
             continue
         run = edges if free[1] else edges[::-1]
         for begin in natural_stops(board, run)[:-1]:
-            if _try(board, np.sort(run[begin:]), NOTHING):
+            if attempted(board, np.sort(run[begin:]), NOTHING):
                 changed = True
                 break
     return changed

@@ -1,7 +1,7 @@
 """The first layout: a motorcycle graph along parametric lines, every patch a disk (FlexMaps section 4).
 
 Lines start at the irregular vertices and run straight on, all at the same pace, until they meet a line that is already
-there (Eppstein et al. 2008). What is then no disk is cut along its shortest straight parametric line.
+there (Eppstein et al. 2008). What is then no disk is cut along its shortest straight parametric line. Where lines lead nowhere, regions take their place.
 """
 
 from __future__ import annotations
@@ -15,23 +15,50 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .arap import PatchProblem, minimax, settle
 from .layout import PatchLayout, straight_on
+from .regions import ROOM, Halving
 
 
 @one_thread
 def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
-    """The motorcycle graph of a mesh, cut on until every patch is a disk under the distortion limit.
+    """The first layout: every patch can be laid flat, under the distortion limit.
 
+    A body that lies flat in one piece is left whole. Else it is cut along its motorcycle graph, and on until every patch
+    is under the limit; where that leaves less than ``patch_min`` quads a patch, it is divided into regions instead.
     A single quad above the limit stays: nothing can be cut there.
     """
     progress(0.0, "Tracing parametric lines")
-    layout = make_disks(PatchLayout(mesh, motorcycles(mesh)))
+    halving = Halving(mesh, params)
+    body = mesh.body_of
+    bodies = [np.flatnonzero(body == n) for n in range(int(body.max()) + 1)]
+    whole = np.zeros(len(bodies), dtype=bool)
+    for number, quads in enumerate(bodies):
+        progress(0.1 * number / len(bodies), "Tracing parametric lines")
+        whole[number] = halving.lies_flat(quads, ROOM)
+    sides = body[mesh.edge_quads].max(axis=1)  # the body of every edge
+    lines = motorcycles(mesh) & ~whole[sides]
+    layout = make_disks(PatchLayout(mesh, lines), where=~whole)
+    size = np.bincount(body) / np.bincount(body[[quads[0] for quads in layout.patches]])
+    shattered = ~whole & (size < params.patch_min)
+    traced = _under_limit(layout, params, progress.part(0.2, 0.8), ~whole & ~shattered)
+    size = np.bincount(body) / np.bincount(body[[quads[0] for quads in traced.patches]])
+    shattered |= ~whole & (size < params.patch_min)
+    cut = traced.cut
+    if shattered.any():
+        parts = halving.layout(np.flatnonzero(shattered[body]), progress.part(0.8, 1.0))
+        cut = np.where(shattered[sides], parts.cut, cut)
+    return PatchLayout(mesh, cut, origin="regions" if shattered.any() else "lines")
+
+
+def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
+    """Patches of the ``wanted`` bodies (B,) bool, halved until they are under the distortion limit."""
+    mesh = layout.mesh
     good: set[bytes] = set()
     for round_ in range(30):
         cut = layout.cut.copy()
         for number, quads in enumerate(layout.patches):
-            progress(0.3 + 0.02 * round_, "Flattening the first patches")
+            progress(round_ / 30, "Flattening the first patches")
             key = quads.tobytes()
-            if key in good:
+            if key in good or not wanted[mesh.body_of[quads[0]]]:
                 continue
             if _worst(layout, quads) > params.distortion_limit and len(line := middle_line(layout, number)):
                 cut[line] = True
@@ -39,7 +66,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
                 good.add(key)
         if (cut == layout.cut).all():
             return layout
-        layout = make_disks(PatchLayout(mesh, cut))
+        layout = make_disks(PatchLayout(mesh, cut), where=wanted)
     return layout
 
 
@@ -77,15 +104,20 @@ def motorcycles(mesh: QuadMesh) -> np.ndarray:
     return cut
 
 
-def make_disks(layout: PatchLayout) -> PatchLayout:
-    """Cut every patch that is no disk along its shortest straight parametric line, until all are disks."""
+def make_disks(layout: PatchLayout, where: np.ndarray | None = None) -> PatchLayout:
+    """Cut every patch that cannot be laid flat along its shortest straight parametric line, until all can.
+
+    where : (B,) bool, only in these bodies
+    """
     for _ in range(10 * len(layout.mesh.quads)):
-        bad = np.flatnonzero(layout.euler != 1)
-        if not len(bad):
+        bad = np.flatnonzero(~layout.planar).tolist()
+        if where is not None:
+            bad = [patch for patch in bad if where[layout.mesh.body_of[layout.patches[patch][0]]]]
+        if not bad:
             return layout
         cut = layout.cut.copy()
         for patch in bad:
-            cut[opening_line(layout, int(patch))] = True
+            cut[opening_line(layout, patch)] = True
         layout = PatchLayout(layout.mesh, cut)
     raise FlexMapsError("The surface could not be cut into disks; check it for very small or folded parts")
 

@@ -82,3 +82,22 @@ def _smooth_normals(mesh: QuadMesh) -> np.ndarray:
     facing = np.einsum("fki,fi->fk", around, mesh.normals) > 0
     total += (around * facing[..., None]).sum(axis=1)
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
+
+
+def angle_defects(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Total Gaussian curvature at every inner vertex (V,) and within every quad (F,), radians.
+
+    2 pi less the angles round a vertex, 0 at the border; the angles of a quad less 2 pi, which is not 0 where it is
+    warped. Both together obey the theorem of Gauss and Bonnet exactly.
+    """
+    angle = corner_angles(mesh)
+    round_vertex = np.bincount(mesh.quads.ravel(), weights=angle.ravel(), minlength=len(mesh.vertices))
+    return np.where(mesh.on_border, 0.0, 2 * np.pi - round_vertex), angle.sum(axis=1) - 2 * np.pi
+
+
+def corner_angles(mesh: QuadMesh) -> np.ndarray:
+    """(F, 4) radians: the angle between the two sides at every corner of every quad."""
+    p = mesh.vertices[mesh.quads]
+    forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
+    cross = np.linalg.norm(np.cross(forward, backward), axis=2)
+    return np.arctan2(cross, np.einsum("fki,fki->fk", forward, backward))

@@ -1,0 +1,79 @@
+"""The closed loops of a patch's outline: one round a disk, and one more round every hole of the surface in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+NEXT = np.array([1, 2, 3, 0])
+OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch round it has to be cut open
+
+
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Where the flat vertices of one patch lie on its outline.
+
+    loop : (n,) int, the loop that a flat vertex lies on; where : (n,) int, its position along it; both -1 for inner ones
+    lengths : (L,) int, edges of every loop
+    """
+
+    loop: np.ndarray
+    where: np.ndarray
+    lengths: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    def vertices(self, number: int) -> np.ndarray:
+        """(m,) int: the flat vertices of one loop, in order, the patch on their left."""
+        mine = np.flatnonzero(self.loop == number)
+        return mine[np.argsort(self.where[mine])]
+
+    def turning(self, corners: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """(L,) radians: total geodesic curvature of every loop, from the angles (q, 4) at the corners (q, 4).
+
+        2 pi round a flat disk, -2 pi round a hole in a flat patch, 0 round a tube.
+        """
+        inner = np.bincount(corners.ravel(), weights=angles.ravel(), minlength=len(self.loop))
+        on = self.loop >= 0
+        return np.bincount(self.loop[on], weights=np.pi - inner[on], minlength=len(self))
+
+    def mere_holes(self, corners: np.ndarray, angles: np.ndarray, border: np.ndarray) -> bool:
+        """Are all loops but one holes of the surface, such as a flat patch could have? What is round a tube is none.
+
+        border : (q, 4) bool, sides on the border of the surface. A cut that floats inside the patch is no hole, and neither
+        is another patch within this one.
+        """
+        if len(self) < 2:
+            return True
+        turning = self.turning(corners, angles)
+        hole = np.arange(len(self)) != np.argmax(turning)
+        own = np.bincount(self.loop[corners[border]], minlength=len(self)) > 0
+        return bool((own & (np.abs(turning + 2 * np.pi) < OPEN))[hole].all())
+
+
+def loops_of(corners: np.ndarray, sides: np.ndarray) -> Loops:
+    """The loops of a patch: corners (q, 4) int flat vertices, sides (q, 4) bool on the outline."""
+    count = int(corners.max()) + 1
+    following = np.full(count, -1, dtype=np.int64)
+    following[corners[sides]] = corners[:, NEXT][sides]
+    loop, where = np.full(count, -1, dtype=np.int64), np.full(count, -1, dtype=np.int64)
+    step, seen = following.tolist(), (following < 0).tolist()
+    lengths: list[int] = []
+    for first in np.flatnonzero(following >= 0).tolist():
+        if seen[first]:
+            continue
+        walk, vertex = [], first
+        while vertex >= 0 and not seen[vertex]:
+            seen[vertex] = True
+            walk.append(vertex)
+            vertex = step[vertex]
+        loop[walk], where[walk] = len(lengths), np.arange(len(walk))
+        lengths.append(len(walk))
+    return Loops(loop, where, np.array(lengths, dtype=np.int64))
+
+
+def longest(sides: np.ndarray, corners: np.ndarray, loops: Loops, lengths: np.ndarray) -> float:
+    """Metres of the longest loop, from the lengths (q, 4) of the sides: holes that the surface has cost no compactness."""
+    return float(np.bincount(loops.loop[corners[sides]], weights=lengths[sides]).max(initial=0.0))

@@ -1,0 +1,140 @@
+"""The first layout of surfaces on which lines of quads lead nowhere: regions of quads, halved until they lie flat.
+
+Where irregular vertices are everywhere, parametric lines cut every quad out. Here a region is divided between the two
+quads that are farthest from each other, along the shortest cut that keeps away from both (Katz & Tal 2003), again and
+again until every region is a disk under the distortion limit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import dijkstra, maximum_flow
+
+from ..params import LayoutParams
+from ..progress import SILENT, Progress
+from ..surface.curvature import angle_defects, corner_angles
+from ..surface.mesh import QuadMesh
+from .arap import PatchProblem, minimax, settle
+from .layout import PatchLayout, drawn_lengths, groups
+from .loops import longest, loops_of
+from .outline import simple
+
+ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
+CORE = 0.35  # half-width of the band in which the cut is looked for, as a share of the distance between the two quads
+CONE = 0.6  # how much cheaper a cut through a vertex with curvature is, at most
+# radians of total curvature in a region, and at one vertex in it, from which on flattening it is not tried: a hemisphere
+# has 6.3 and E 0.1; four quads round a corner of a cube, 1.57, have E 0.06
+ROUND, POINTED = 6.5, 1.5
+
+
+class Halving:
+    """What dividing the regions of a mesh needs to know about it.
+
+    dual : (D, 2) int, quads on both sides of every inner edge; across : (D,) metres between their middles;
+    price : (D,) metres, length of the edge between them, less where the curvature asks for a cut
+    """
+
+    def __init__(self, mesh: QuadMesh, params: LayoutParams):
+        self.mesh, self.params = mesh, params
+        self.dual, edges = mesh.dual, mesh.dual_edges
+        self.across = np.linalg.norm(mesh.centroids[self.dual[:, 0]] - mesh.centroids[self.dual[:, 1]], axis=1)
+        self.defect, self.warp = angle_defects(mesh)
+        self.angles = corner_angles(mesh)
+        cone = np.minimum(np.abs(self.defect) / 0.5, 1.0)[mesh.edges[edges]].mean(axis=1)
+        self.price = mesh.edge_lengths[edges] * (1.0 - CONE * cone)
+        self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
+
+    def layout(self, quads: np.ndarray, progress: Progress = SILENT) -> PatchLayout:
+        """Cuts between regions of some quads (n,), whole bodies, that lie flat one by one.
+
+        A quad whose own energy is above the limit stays alone.
+        """
+        mesh = self.mesh
+        region = np.asarray(mesh.body_of, dtype=np.int64).copy()
+        waiting = [quads[region[quads] == n] for n in np.unique(region[quads]).tolist()]
+        count, done = int(region.max()) + 1, 0
+        while waiting:
+            quads = waiting.pop()
+            progress(done / len(mesh.quads), "Dividing the surface")
+            if len(quads) == 1 or self.lies_flat(quads):
+                done += len(quads)
+                continue
+            for part in self.halves(quads)[1:]:
+                region[part] = count
+                count += 1
+                waiting.append(part)
+            waiting.append(quads[region[quads] == region[quads[0]]])
+        cut = np.zeros(len(mesh.edges), dtype=bool)
+        cut[mesh.dual_edges] = region[self.dual[:, 0]] != region[self.dual[:, 1]]
+        return PatchLayout(mesh, cut)
+
+    def lies_flat(self, quads: np.ndarray, room: float = 1.0) -> bool:
+        """Can a region be laid flat in one piece, within this share of the distortion limit and not lying over itself?"""
+        mesh, limit = self.mesh, room * self.params.distortion_limit
+        own = np.zeros(len(mesh.quads), dtype=bool)
+        own[quads] = True
+        sides = ~own[mesh.neighbours[quads]] | (mesh.neighbours[quads] < 0)
+        used, count = np.unique(mesh.quads[quads], return_counts=True)
+        inside = count == mesh.valence[used]
+        bent = self.defect[used[inside]]
+        total = float(bent.sum() + self.warp[quads].sum())
+        if not sides.any() or abs(total) > ROUND or np.abs(bent).max(initial=0.0) > POINTED:
+            return False
+        corners = np.searchsorted(used, mesh.quads[quads])
+        if len(np.unique(corners[sides])) != int(sides.sum()):
+            return False  # the outline meets itself in a vertex
+        loops = loops_of(corners, sides)
+        inner = (sides.size - int(sides.sum())) // 2
+        if len(used) - (4 * len(quads) - inner) + len(quads) != 2 - len(loops):
+            return False
+        if not loops.mere_holes(corners, self.angles[quads], mesh.border[mesh.quad_edges[quads]]):
+            return False
+        perimeter = longest(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]])
+        if perimeter > self.params.compactness_limit * np.sqrt(mesh.areas[quads].sum()) * (1 + 1e-9):
+            return False
+        problem = PatchProblem(mesh, quads, corners)
+        flat = settle(problem, tolerance=0.01, hopeless=3 * limit)
+        if flat.worst > 5 * limit:
+            return False
+        flat = minimax(problem, flat, target=0.9 * limit)
+        return flat.worst <= limit and flat.flips == 0 and simple(flat.points, corners, sides)
+
+    def halves(self, quads: np.ndarray) -> list[np.ndarray]:
+        """Two connected parts of a region, or more where the cut leaves islands."""
+        place = self.place
+        place[quads] = np.arange(len(quads))
+        rows = np.flatnonzero((place[self.dual] >= 0).all(axis=1))
+        pair = place[self.dual[rows]]
+        place[quads] = -1
+        n = len(quads)
+        graph = csr_array(coo_array((self.across[rows], pair.T), shape=(n, n)))
+        graph = graph + graph.T
+        start = dijkstra(graph, indices=0)
+        one = int(np.argmax(start))
+        from_one = dijkstra(graph, indices=one)
+        two = int(np.argmax(from_one))
+        from_two = dijkstra(graph, indices=two)
+        side = self._cut(pair, self.price[rows], from_one, from_two)
+        same = side[pair[:, 0]] == side[pair[:, 1]]
+        part = groups(n, pair[same, 0], pair[same, 1])
+        return [quads[part == k] for k in range(int(part.max()) + 1)]
+
+    def _cut(self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray) -> np.ndarray:
+        """(n,) bool: the cheapest cut between what is clearly nearer to the one quad and what is to the other."""
+        n = len(from_one)
+        share = from_one / np.maximum(from_one + from_two, 1e-300)
+        one, two = share <= 0.5 - 0.5 * CORE, share >= 0.5 + 0.5 * CORE
+        scale = 1e4 / price.max()
+        capacity = np.maximum((price * scale).astype(np.int32), 1)
+        source, sink = n, n + 1
+        a = np.concatenate([pair[:, 0], pair[:, 1], np.full(one.sum(), source), np.flatnonzero(two)])
+        b = np.concatenate([pair[:, 1], pair[:, 0], np.flatnonzero(one), np.full(two.sum(), sink)])
+        much = np.full(one.sum() + two.sum(), 2**29, dtype=np.int32)
+        network = csr_array(coo_array((np.concatenate([capacity, capacity, much]), (a, b)), shape=(n + 2, n + 2)))
+        network.indices, network.indptr = network.indices.astype(np.int32), network.indptr.astype(np.int32)
+        rest = network - maximum_flow(network, source, sink).flow
+        rest.data = np.maximum(rest.data, 0)
+        rest.eliminate_zeros()
+        reached = dijkstra(rest, indices=source, unweighted=True)
+        return np.isfinite(reached[:n])

@@ -1,0 +1,127 @@
+"""Seams drawn anew: between two patches, the straightest way from one end of their seam to the other.
+
+Slides move a seam row by row of quads, which needs rows; where irregular vertices are everywhere there are none. Straight
+is measured by the angles on both sides of the line (Polthier & Schmies 1998).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from ..surface.corners import rings
+from ..surface.mesh import QuadMesh
+from .board import Board
+from .tidy import GAIN, attempted, gain_of
+
+BEND = 3.0  # what a quarter turn costs, in median edges, as much as a reflex corner of a patch
+SLIDES = (0, 2, 5)  # how many edges the ends of a seam may move along the outline of both patches
+
+
+@lru_cache(maxsize=4)
+def bends(mesh: QuadMesh) -> csr_array:
+    """(2 E, 2 E): cost of going on from one directed edge into the next, in median edges: its length and the bend.
+
+    Directed edge e runs from the smaller to the larger vertex of edge e, E + e the other way.
+    """
+    count = len(mesh.edges)
+    first = mesh.edges[:, 0].tolist()
+    length = (mesh.edge_lengths / mesh.median_edge).tolist()
+    rows, cols, values = [], [], []
+    for vertex, ring in enumerate(rings(mesh)):
+        if not ring.closed:
+            continue
+        along = np.concatenate([[0.0], np.cumsum(ring.angles)])
+        for i, e in enumerate(ring.edges):
+            into = count + e if first[e] == vertex else e
+            for j, f in enumerate(ring.edges):
+                if i == j:
+                    continue
+                left = abs(along[j] - along[i])
+                turn = np.pi * abs(1.0 - 2.0 * left / along[-1])
+                corner = max(turn - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
+                rows.append(into)
+                cols.append(f if first[f] == vertex else count + f)
+                values.append(length[f] + BEND * (corner + 0.02 * turn))
+    return csr_array((values, (rows, cols)), shape=(2 * count, 2 * count))
+
+
+def reroute(board: Board) -> bool:
+    """Draw every seam between two patches anew where that makes the cuts shorter or straighter; True if any changed."""
+    changed = False
+    for seam in board.layout.seams:
+        names = board.sides_of(seam[:1])[0]
+        around = np.sort(board.sides_of(seam), axis=1)
+        if names[0] == names[1] or not board.cut[seam].all() or (around != np.sort(names)).any():
+            continue  # an inner cut, or one that is no longer there
+        listed = []
+        for slide in SLIDES:
+            way = _way(board, seam, names, slide)
+            if way is None:
+                continue
+            opens, closes = np.setdiff1d(seam, way), np.setdiff1d(way, seam)
+            if len(opens) and len(closes) and (gain := gain_of(board, opens, closes)) > GAIN:
+                listed.append((-round(gain, 6), slide, opens, closes))
+        for _, _, opens, closes in sorted(listed, key=lambda item: item[:2]):
+            if attempted(board, opens, closes):
+                changed = True
+                break
+    return changed
+
+
+def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> np.ndarray | None:
+    """(n,) int: the edges of the straightest way through both patches between the ends of a seam, or near them."""
+    mesh = board.mesh
+    quads = np.concatenate([board.pieces[n].quads for n in names.tolist()])
+    edges = np.unique(mesh.quad_edges[quads])
+    inner = edges[~mesh.border[edges] & np.isin(board.sides_of(edges), names).all(axis=1)]
+    inner = np.union1d(inner[~board.cut[inner]], seam)
+    outline = np.setdiff1d(edges, inner)
+    ends = _ends(mesh.edges[seam])
+    if ends is None or not len(outline):
+        return None
+    pairs = mesh.edges[outline]
+    begin, stop = (_near(pairs, v, slide) for v in ends)
+    if np.intersect1d(begin, stop).size:
+        return None
+    count = len(mesh.edges)
+    rim = np.zeros(len(mesh.vertices), dtype=bool)
+    rim[pairs] = True
+    nodes = np.concatenate([inner, count + inner])
+    tail = np.concatenate([mesh.edges[inner, 0], mesh.edges[inner, 1]])
+    head = np.concatenate([mesh.edges[inner, 1], mesh.edges[inner, 0]])
+    # the outline may be touched at the ends only
+    usable = (~rim[tail] | np.isin(tail, begin)) & (~rim[head] | np.isin(head, stop))
+    nodes, tail, head = nodes[usable], tail[usable], head[usable]
+    starts, goals = np.flatnonzero(np.isin(tail, begin)), np.flatnonzero(np.isin(head, stop))
+    if not len(starts) or not len(goals):
+        return None
+    graph = bends(mesh)[nodes][:, nodes]
+    cost, before = dijkstra(graph, indices=starts, return_predecessors=True)
+    total = cost[:, goals] + (mesh.edge_lengths[nodes[starts] % count] / mesh.median_edge)[:, None]
+    if not np.isfinite(total).any():
+        return None
+    i, j = np.unravel_index(int(np.argmin(np.round(total, 9))), total.shape)
+    walk = [int(goals[j])]
+    while walk[-1] != starts[i]:
+        walk.append(int(before[i, walk[-1]]))
+    return np.unique(nodes[walk] % count)
+
+
+def _ends(pairs: np.ndarray) -> tuple[int, int] | None:
+    """The two vertices of a run of edges (n, 2) that only one of them has; ``None`` where it is closed."""
+    vertices, count = np.unique(pairs, return_counts=True)
+    tips = vertices[count == 1].tolist()
+    return (tips[0], tips[1]) if len(tips) == 2 else None
+
+
+def _near(pairs: np.ndarray, vertex: int, steps: int) -> np.ndarray:
+    """Vertices of outline edges (n, 2) within some steps of one of them."""
+    found = np.array([vertex])
+    for _ in range(steps):
+        touched = np.isin(pairs, found).any(axis=1)
+        found = np.union1d(found, pairs[touched])
+    return found

@@ -1,0 +1,103 @@
+"""The way out where no single step keeps the limits: small patches are given up, in one step, at the price of another limit.
+
+Limits describe the result. A patch below the smallest size is worse than a neck; so it may join a neighbour, be shared out
+among several, or keep part of a cut as a dart, even if what comes of it has a neck, as long as all in all less is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .board import NOTHING, Board, Change, Piece
+from .tidy import badness, gain_of
+
+DRAWN = 1e-3  # what an edge of cut counts beside a patch
+
+
+def rescue(board: Board) -> bool:
+    """Give up patches that are too small, the smallest first; True if any went."""
+    changed = False
+    board.lenient = True
+    refused: set[tuple[int, ...]] = set()
+    while not board.effort.over:
+        small = [p for p in board.pieces.values() if len(p.quads) < board.params.patch_min]
+        for piece in sorted(small, key=lambda p: (len(p.quads), p.serial)):
+            key = (piece.serial, *np.unique(_around(board, piece)).tolist())
+            if key in refused:
+                continue
+            best = _best(board, piece)
+            if best is not None and board.apply(best):
+                changed = True
+                break
+            refused.add(key)
+        else:
+            break
+    board.lenient = False
+    return changed
+
+
+def _around(board: Board, piece: Piece) -> np.ndarray:
+    """(q, 4) int: serials of the patches across every side of a patch's quads, -1 across its own and at the border."""
+    mesh = board.mesh
+    other = np.where(mesh.neighbours[piece.quads] < 0, -1, board.piece_of[mesh.neighbours[piece.quads]])
+    return np.where(other == piece.serial, -1, other)
+
+
+def _best(board: Board, piece: Piece) -> Change | None:
+    found: list[tuple[float, int, Change]] = []
+    for opens, closes in _ways(board, piece):
+        change = board.attempt(opens, closes)
+        if change is None:
+            continue
+        old = np.unique(board.sides_of(np.concatenate([change.opens, change.closes]))).tolist()
+        gain = badness(board, [board.pieces[n] for n in old]) - badness(board, change.pieces)
+        gain += DRAWN * gain_of(board, change.opens, change.closes)
+        if gain > 0:
+            found.append((-round(gain, 6), len(found), change))
+    return min(found, key=lambda f: f[:2])[2] if found else None
+
+
+def _ways(board: Board, piece: Piece) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Edges to open and to close: each seam of a patch, all seams with one neighbour, and sharing its quads out."""
+    mesh, around = board.mesh, _around(board, piece)
+    edges = mesh.quad_edges[piece.quads]
+    others = np.unique(around[around >= 0]).tolist()
+    layout = board.layout
+    for name in others:
+        shared = np.unique(edges[around == name])
+        yield shared, NOTHING
+        runs = [shared[layout.seam_of[shared] == n] for n in np.unique(layout.seam_of[shared])]
+        if len(runs) > 1:
+            yield from ((run, NOTHING) for run in runs)
+        elif len(shared) > 1:
+            yield from ((shared[i : i + 1], NOTHING) for i in range(len(shared)))
+    if len(others) > 1 and len(piece.quads) > 1:
+        yield from _shared_out(board, piece, around)
+
+
+def _shared_out(board: Board, piece: Piece, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Every quad goes to the neighbour that it has most of its outline in common with, from the outside inwards."""
+    mesh = board.mesh
+    owner = dict.fromkeys(piece.quads.tolist(), -1)
+    sides = dict(zip(owner, around.tolist(), strict=True))
+    neighbours = dict(zip(owner, mesh.neighbours[piece.quads].tolist(), strict=True))
+    while any(v < 0 for v in owner.values()):
+        votes = {}
+        for q in [q for q, v in owner.items() if v < 0]:
+            near = [n for n in sides[q] if n >= 0] + [owner[n] for n in neighbours[q] if owner.get(n, -1) >= 0]
+            if near:
+                votes[q] = max(sorted(set(near)), key=near.count)
+        if not votes:
+            return
+        owner.update(votes)
+    after = board.piece_of.copy()
+    after[list(owner)] = list(owner.values())
+    edges = np.unique(mesh.quad_edges[piece.quads])
+    edges = edges[~mesh.border[edges]]
+    one, two = mesh.edge_quads[edges].T
+    same = after[one] == after[two]
+    opens, closes = edges[board.cut[edges] & same], edges[~board.cut[edges] & ~same]
+    if len(opens):
+        yield opens, closes
