@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import Settings
+from flexmaps.engine.params import RemeshParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
 from flexmaps.engine.surface import check
@@ -112,7 +112,7 @@ def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
     from flexmaps.bridge import main_job, remesh
 
     with main_job.quiet_blender():
-        return remesh.polygons_from(polygons, count, smooth=False)
+        return remesh.quads_of(polygons, count, RemeshParams().smooth).polygons
 
 
 def described(result: job.Result, settings: Settings) -> dict[str, Any]:
