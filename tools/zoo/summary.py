@@ -30,6 +30,7 @@ NAMED: dict[str, dict[str, float]] = {
 }
 FLAT = 0.02  # share of the strain that the material bears: arms of a piece that did not spring up show less
 SMALLEST = 150  # quads: below, what a stage costs whatever the size hides how it grows
+SPREAD = 8.0  # the largest must have so many times the quads of the smallest, or an exponent says nothing
 GROWTH = 1.2  # n log n between 500 and 6,000 quads
 
 
@@ -129,7 +130,7 @@ def _growth(records: Records) -> list[Row]:
     for stage in ("check", "regularise", "trace", "merge", "split", "spirals", "optimise", "simulate", "sheets"):
         pairs = [(r["quads"], busy(r, (stage,))) for r in records.values() if r["quads"] >= SMALLEST]
         pairs = [(n, t) for n, t in pairs if t > 0.01]
-        if len(pairs) >= 8:
+        if len(pairs) >= 8 and max(pairs)[0] >= SPREAD * min(pairs)[0]:
             slope = siegelslopes(*np.log(np.array(pairs, dtype=float)).T[::-1])[0]
             found.append(at_most("zoo", f"cost of {stage} by quads, exponent", GROWTH, float(slope)))
     return found
