@@ -374,8 +374,9 @@ class SimulateParams(Params):
     )
     gravity: bool = setting(False, "Gravity", "Let the weight of the sheet act, downwards along z; needs supports")
     clamped: bool = setting(True, "Clamp supports", "Supported spirals keep their direction too, not only their place")
+    # a long ribbon that unrolls by several turns takes some 300; all else converges in 5 to 60
     iterations: int = setting(
-        200, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
+        500, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
     )
     tolerance: float = setting(
         1e-8, "Tolerance", "Largest force left over, as a share of the forces within", low=1e-12, high=1e-2

@@ -21,10 +21,11 @@ from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
 from .loads import Loads
-from .newton_system import NewtonSystem
+from .newton_system import SHIFT, NewtonSystem
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step
 BLEND_DECAY, BLEND_LEAST = 0.3, 0.01  # of the share of the convex part, from step to step
+SHIFTS = (SHIFT, 1e3 * SHIFT, 1e6 * SHIFT)  # of the convex part's diagonal, where rounding leaves it indefinite
 ARMIJO, SHORTEST_STEP = 1e-4, 2.0**-30
 RECENT = 5  # energies, of which a step may reach the largest: along bends a thin shell gets worse before it gets better
 ROUNDING = 1e-13  # radians and metres of a step that changes nothing any more
@@ -107,7 +108,7 @@ class _Search:
         self.history: list[tuple[float, float]] = []
 
     def run(self, state: Any) -> Equilibrium:
-        escapes, sentence = 0, ""
+        escapes = 0
         while True:
             here = self.model.expand(state, ahead=True)
             gradient = here.gradient.copy()
@@ -127,6 +128,8 @@ class _Search:
             if steps >= self.params.iterations:
                 return self._result(state, here, False, f"No equilibrium within {steps} iterations.")
             step = self._step(here, gradient)
+            if step is None:
+                return self._result(state, here, False, "The forces are too uneven to be balanced in numbers.")
             if np.abs(step).max() <= ROUNDING:
                 # nothing is left to move: the forces are what rounding leaves
                 here = self.model.expand(state)
@@ -161,26 +164,26 @@ class _Search:
         self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration: {len(self.history) - 1}, residual {residual:.1e}")
         self.progress.show(pose)
 
-    def _step(self, here: Expansion, gradient: np.ndarray) -> np.ndarray:
-        """Newton's step, with as much of the convex part as the last ones needed, or all of it; capped in its turns."""
+    def _step(self, here: Expansion, gradient: np.ndarray) -> np.ndarray | None:
+        """Newton's step, with as much of the convex part as the last ones needed, or all of it; capped in its turns.
+
+        None where not even the convex part has a factor.
+        """
         exact, system = self.system.values(here.hessian), self.system
         blend = self.blend if self.blend >= BLEND_LEAST else 0.0
         values = exact if blend == 0.0 else (1.0 - blend) * exact + blend * self._convex(here)
         if not system.factor(values):
             blend = 1.0
-            if not system.factor(self._convex(here)):
-                raise AssertionError("the convex part of the energy has no Cholesky factor")
+            if not any(system.factor(self._convex(here, shift)) for shift in SHIFTS):
+                return None
         self.blend = self.decay * blend
         step = -system.solve(gradient)
         turn = np.linalg.norm(step[:, 3:], axis=1).max()
         return step * min(1.0, TURN_CAP / max(turn, 1e-300))
 
-    def _convex(self, here: Expansion) -> np.ndarray:
-        """Values of the convex part, made definite by a trace of its diagonal."""
-        values = self.system.values(here.convex)
-        diagonal = self.system.pattern.indptr[:-1]
-        values[diagonal] += 1e-9 * values[diagonal] + 1e-12 * values[diagonal].max()
-        return values
+    def _convex(self, here: Expansion, shift: float = SHIFTS[0]) -> np.ndarray:
+        """Values of the convex part, made definite."""
+        return self.system.definite(self.system.values(here.convex), shift)
 
     def _searched(self, state: Any, here: Expansion, gradient: np.ndarray, step: np.ndarray) -> Any | None:
         """The state after the longest halved step that goes well enough below the largest recent energy (Grippo et al. 1986).
@@ -202,7 +205,7 @@ class _Search:
 
     def _escaped(self, state: Any, here: Expansion) -> Any:
         """A little way down from a saddle, on the side where the energy falls more."""
-        way = self.system.softest(self.system.values(here.hessian), self._convex(here))[0][0]
+        way = self.system.softest(self.system.values(here.hessian), self.system.values(here.convex))[0][0]
         way *= NUDGE / max(np.linalg.norm(way[:, 3:], axis=1).max(), 1e-300)
         both = [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
         return min(both, key=lambda s: self.model.energy(s) - self.loads.work(s.pose.centres))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
 
+SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
 DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
 
 
@@ -54,19 +55,31 @@ class NewtonSystem:
         """(n, 6) solution for a right-hand side (n, 6), with the last factor."""
         return self.full(self.cholesky.solve(self.reduced(field)))
 
+    def definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
+        """Values of a positive semi-definite matrix, made definite by a share of its diagonal."""
+        values, diagonal = values.copy(), self.pattern.indptr[:-1]
+        values[diagonal] += share * values[diagonal] + 1e-3 * share * values[diagonal].max(initial=0.0)
+        return values
+
     def negative(self, values: np.ndarray) -> int:
         """Number of negative eigenvalues of the matrix with these values."""
-        return negative_eigenvalues(self.pattern, values)
+        try:
+            return negative_eigenvalues(self.pattern, values)
+        except NotPositiveDefinite:  # a pivot is exactly zero
+            shifted, diagonal = values.copy(), self.pattern.indptr[:-1]
+            shifted[diagonal] += SHIFT * np.abs(values[diagonal]).max(initial=1e-300)
+            return negative_eigenvalues(self.pattern, shifted)
 
     def softest(self, values: np.ndarray, metric: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
 
-        Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, must have a Cholesky factor:
-        against it the spectrum of H is well spread, so that a few Lanczos steps do. Fewer where fewer are free; where
+        Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, is made definite: against it
+        the spectrum of H is well spread, so that a few Lanczos steps do. Fewer where fewer are free; where
         nothing is, one that moves nothing and costs as much as its metric.
         """
         if not len(self.free):
             return np.zeros((1, *self.held.shape)), np.ones(1)
+        metric = self.definite(metric)
         if len(self.free) <= DENSE:
             a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
             rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
@@ -75,13 +88,11 @@ class NewtonSystem:
         size = (len(self.free),) * 2
         inverse = LinearOperator(size, matvec=lambda x: self.cholesky.solve(np.asarray(x).ravel()), dtype=float)
         start = np.random.default_rng(0).normal(size=len(self.free))
-        rise, vectors = eigsh(
-            self.pattern.matrix(values),
-            count,
-            self.pattern.matrix(metric),
-            Minv=inverse,
-            which="SA",
-            v0=start,
-            tol=1e-3,
-        )
+        both = self.pattern.matrix(values), self.pattern.matrix(metric)
+        try:
+            rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=1e-3)
+        except ArpackNoConvergence as error:
+            rise, vectors = error.eigenvalues, error.eigenvectors
+            if not len(rise):  # modes so close to each other that none can be told: any of them will do
+                rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
         return np.stack([self.full(v) for v in vectors.T]), rise

@@ -254,6 +254,34 @@ def test_negative_eigenvalues_are_counted() -> None:
     assert counted == (np.linalg.eigvalsh(dense) < 0).sum()
 
 
+def test_a_pivot_of_zero_is_no_fault() -> None:
+    """Hubs that nothing links leave rows of zeros: their eigenvalues are neither counted nor a reason to stop."""
+    system = NewtonSystem(np.array([[0, 1]]), np.zeros((2, 6), dtype=bool))
+    values = system.values(np.diag([-1.0, 2.0, *np.zeros(10)])[None])
+    assert system.negative(values) == 1
+    assert not system.factor(values) and system.factor(system.definite(np.abs(values)))
+
+
+def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    from flexmaps.engine.mechanics import newton_system
+    from scipy.sparse.linalg import ArpackNoConvergence
+
+    model = ArmModel.of(row(30, twist=1.0, closed=True), VERO)
+    found = solve(model, ring(30), free(30), SimulateParams())
+    system = NewtonSystem(model.pairs, free(30).held(model.pairs, found.pose.centres))
+    here = model.expand(model.start(found.pose))
+    known, lanczos = system.softest(system.values(here.hessian), system.values(here.convex)), newton_system.eigsh
+
+    def weary(*arguments: object, tol: float, **rest: object) -> object:
+        if tol < 0.1:
+            raise ArpackNoConvergence("no convergence", np.zeros(0), np.zeros((len(system.free), 0)))
+        return lanczos(*arguments, tol=tol, **rest)
+
+    monkeypatch.setattr(newton_system, "eigsh", weary)
+    modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), 3)
+    assert modes.shape == (1, 30, 6) and rise[0] < known[1][0] + 0.5
+
+
 def test_a_dome_snaps_through_and_back() -> None:
     """A ring of larger circumference than its rim allows has two mirrored shapes; one is found from the other."""
     count = 12
