@@ -7,6 +7,7 @@ and on some surfaces it never comes back. A process of its own can be watched an
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ SCRIPT = Path(__file__).with_name("remesh_tools.py")
 # seconds after which there is no hope: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
 LIMIT = 60.0
 START = 120.0  # for Blender to start as well
+USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
 LOOK = 0.02  # seconds between two looks for the answer
 
 
@@ -91,7 +93,7 @@ class SecondBlender:
         np.savez(file, **given)  # type: ignore[arg-type]
         limit = LIMIT
         if self._process is None:
-            self._process, limit = _started(), LIMIT + START
+            self._process, limit = _started(Path(self._folder.name)), LIMIT + START
         wanted = {"tool": tool, "options": options, "given": str(file), "answer": str(answer)}
         ends = time.monotonic() + limit
         try:
@@ -122,11 +124,16 @@ class SecondBlender:
             self._process = None
 
 
-def _started() -> subprocess.Popen[str]:
+def _started(folder: Path) -> subprocess.Popen[str]:
+    """A Blender that works on its standard input, with user files of its own in a folder.
+
+    With the user's it would clear away the Python packages of all extensions, of which none is enabled in it.
+    """
     import bpy
 
     program = bpy.app.binary_path  # "" where Blender is a module of Python
     options = ["--background", "--factory-startup", "--python", str(SCRIPT)] if program else ["-P", str(SCRIPT)]
+    own = {f"BLENDER_USER_{name}": str(folder / name) for name in USER_FILES}
     hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # no console window on Windows
     quiet = subprocess.DEVNULL
     try:
@@ -136,6 +143,7 @@ def _started() -> subprocess.Popen[str]:
             stdout=quiet,
             stderr=quiet,
             text=True,
+            env=os.environ | own,
             creationflags=hidden,
         )
     except OSError as error:

@@ -319,7 +319,7 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     from flexmaps.bridge import second
 
     started, start = [], second._started
-    monkeypatch.setattr(second, "_started", lambda: started.append(start()) or started[-1])
+    monkeypatch.setattr(second, "_started", lambda folder: started.append(start(folder)) or started[-1])
     monkeypatch.setattr(second.json, "dumps", lambda wanted: "[")  # nothing is ever asked: Blender waits for the rest
     monkeypatch.setattr(second, "LIMIT", 1e6)
     before = {o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}
