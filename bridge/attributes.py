@@ -19,11 +19,12 @@ from ..engine.errors import FlexMapsError
 PREFIX = "flexmaps_"
 LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
 
-# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers); not BOOLEAN, whose
-# layers no script reaches in edit mode before Blender 4.5
+# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
+# BOOLEAN, whose layers no script reaches in edit mode before Blender 4.5
 KINDS: dict[str, tuple[str, int, type, str]] = {
     "FLOAT": ("value", 1, np.float32, "float"),
     "INT": ("value", 1, np.int32, "int"),
+    "BOOLEAN": ("value", 1, np.bool_, "bool"),
     "FLOAT2": ("vector", 2, np.float32, "uv"),
     "FLOAT_VECTOR": ("vector", 3, np.float32, "float_vector"),
     "FLOAT_COLOR": ("color", 4, np.float32, "float_color"),
