@@ -18,6 +18,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,12 +83,9 @@ def main(arguments: list[str]) -> int:
                 records[task.name] = found
                 print(line(task.name, found), flush=True)
     left = sorted((t for t in tasks if t.name not in records), key=lambda t: t.size)
-    with ThreadPoolExecutor(options.jobs) as pool:
-        running = {pool.submit(_in_process, task, options): task for task in left}
-        for done in as_completed(running):
-            task = running[done]
-            records[task.name] = done.result()
-            print(line(task.name, records[task.name]), flush=True)
+    for task, record in Processes(options).run(left):
+        records[task.name] = record
+        print(line(task.name, record), flush=True)
     print(f"{len(records)} surfaces, {len(left)} of them run now, {time.monotonic() - started:.0f} s\n")
     table = Table(48)
     table.rows += [_row(task.name, records[task.name]) for task in tasks]
@@ -219,37 +217,66 @@ def _one(options: argparse.Namespace) -> int:
     return 0
 
 
-def _in_process(task: Task, options: argparse.Namespace) -> dict[str, Any]:
-    """Run a surface in a process of its own; where it crashes or takes too long, its record says in which stage."""
-    task.path.unlink(missing_ok=True)
-    part = task.path.with_suffix(".part")
-    part.unlink(missing_ok=True)
-    command = [sys.executable, str(ROOT / "tools" / "dev.py"), "bench", "zoo", "--one", task.name, "--key", task.key]
-    command += ["--plain"] if options.plain else []
-    command += [word for folder in options.meshes for word in ("--meshes", str(folder))]
-    command += ["--remesh", str(options.remesh)] if options.remesh else []
-    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
-    log = task.path.with_suffix(".log")
-    with log.open("w") as stream:
-        process = subprocess.Popen(command, env=environment, stdout=stream, stderr=stream, start_new_session=True)
+class Processes:
+    """Runs surfaces, each in a process of its own, and ends those that run where the bench is stopped."""
+
+    def __init__(self, options: argparse.Namespace):
+        self._options = options
+        self._running: set[subprocess.Popen[bytes]] = set()
+
+    def run(self, tasks: list[Task]) -> Iterator[tuple[Task, dict[str, Any]]]:
+        """Every task with its record, as they come."""
+        pool = ThreadPoolExecutor(self._options.jobs)
         try:
-            process.wait(options.limit)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-    record = task.earlier()
-    if record is None:
-        reached = json.loads(part.read_text()) if part.is_file() else {"stage": "check", "wall": {}, "busy": {}}
-        late = process.returncode == -signal.SIGKILL
-        why = f"given up after {options.limit:g} s" if late else f"ended with status {process.returncode}"
-        record = {"key": task.key, "crashed": why, "ended_in": reached.pop("stage"), **reached}
-        record["quads"] = task.size
-        if not late:
-            record["traceback"] = log.read_text()[-4000:]
-        trial.write(task.path, record)
-    for path in (part, log):
-        path.unlink(missing_ok=True)
-    return record
+            waiting = {pool.submit(self._one, task): task for task in tasks}
+            for done in as_completed(waiting):
+                yield waiting[done], done.result()
+        finally:  # nothing is left to end unless somebody stopped it
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list(self._running):
+                os.killpg(process.pid, signal.SIGKILL)
+
+    def _one(self, task: Task) -> dict[str, Any]:
+        """The record of a surface; where it crashes or takes too long, it says in which stage."""
+        part, log = task.path.with_suffix(".part"), task.path.with_suffix(".log")
+        for path in (task.path, part):
+            path.unlink(missing_ok=True)
+        late = False
+        with log.open("w") as stream:
+            process = subprocess.Popen(
+                self._command(task),
+                env=dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"),
+                stdout=stream,
+                stderr=stream,
+                start_new_session=True,
+            )
+            self._running.add(process)
+            try:
+                process.wait(self._options.limit)
+            except subprocess.TimeoutExpired:
+                late = True
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+            self._running.discard(process)
+        record = task.earlier()
+        if record is None:
+            reached = json.loads(part.read_text()) if part.is_file() else {"stage": "check", "wall": {}, "busy": {}}
+            why = f"given up after {self._options.limit:g} s" if late else f"ended with status {process.returncode}"
+            record = {"key": task.key, "quads": task.size, "crashed": why, "ended_in": reached.pop("stage"), **reached}
+            if late:
+                trial.write(task.path, record)  # what crashed is tried again the next time
+            else:
+                record["traceback"] = log.read_text()[-4000:] or why
+        for path in (part, log):
+            path.unlink(missing_ok=True)
+        return record
+
+    def _command(self, task: Task) -> list[str]:
+        options = self._options
+        made = [sys.executable, str(ROOT / "tools" / "dev.py"), "bench", "zoo", "--one", task.name, "--key", task.key]
+        made += ["--plain"] if options.plain else []
+        made += [word for folder in options.meshes for word in ("--meshes", str(folder))]
+        return made + (["--remesh", str(options.remesh)] if options.remesh else [])
 
 
 # -- what is printed ---------------------------------------------------------------------------------------------------

@@ -27,10 +27,10 @@ def test_the_families_are_what_their_names_say(zoo: ModuleType):
 
     surfaces = {name: zoo.SURFACES[name].make() for name in ("genus0", "genus2", "genus4", "genus5-frame", "trefoil")}
     assert [euler(mesh) for mesh in surfaces.values()] == [2, -2, -6, -8, 0]  # 2 - 2 genus
-    assert [int(zoo.sm.star(n, 3, 0.4).valence.max()) for n in (3, 5, 7, 12)] == [4, 5, 7, 12]
-    ball = zoo.ir.catmull_clark(zoo.ir.random_cells(24, 8), 1)
+    assert [int(zoo.smooth.star(n, 3, 0.4).valence.max()) for n in (3, 5, 7, 12)] == [4, 5, 7, 12]
+    ball = zoo.irregular.catmull_clark(zoo.irregular.random_cells(24, 8), 1)
     assert euler(ball) == 2
-    catenoid = zoo.sm.catenoid(60, 60, 1.0)
+    catenoid = zoo.smooth.catenoid(60, 60, 1.0)
     inner = ~catenoid.on_border
     # Weierstrass: a minimal surface has no mean curvature, so a vertex lies in the middle of its neighbours up to O(h^2)
     middle = np.zeros_like(catenoid.vertices)
@@ -40,7 +40,7 @@ def test_the_families_are_what_their_names_say(zoo: ModuleType):
     assert away.max() < 0.05 * catenoid.median_edge
     assert np.isfinite(away).all()
     with pytest.raises(FlexMapsError, match="one side"):
-        check.as_quad_mesh(PolygonMesh.of(zoo.sm.twisted_ring(24, 2, 0.5)))
+        check.as_quad_mesh(PolygonMesh.of(zoo.smooth.twisted_ring(24, 2, 0.5)))
 
 
 def record(quads: int, **more: object) -> dict:
