@@ -31,6 +31,30 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 }
 
 
+# what we write: name without prefix -> domain, kind, least and largest value; numbers of patches and seams also lie below the
+# number of quads or edges
+OURS: dict[str, tuple[str, str, float, float]] = {
+    "cut": ("EDGE", "BOOLEAN", 0, 1),
+    "seam": ("EDGE", "INT", -1, np.inf),
+    "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
+    "patch": ("FACE", "INT", 0, np.inf),
+    "energy": ("FACE", "FLOAT", 0, LARGEST),
+    "square": ("FACE", "FLOAT", 0, LARGEST),
+    "width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "twist": ("FACE", "FLOAT", -1e3, 1e3),
+    "last_width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "last_twist": ("FACE", "FLOAT", -1e3, 1e3),
+    "distance": ("FACE", "FLOAT", 0, LARGEST),
+    "strain_energy": ("FACE", "FLOAT", -LARGEST, LARGEST),
+    "strain": ("FACE", "FLOAT", 0, LARGEST),
+    "reach": ("FACE", "INT", 0, 6),
+    "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
+}
+
+
 @contextmanager
 def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     """The object's mesh with the state that the user edits, edit mode included; of shape keys, the basis."""
@@ -50,14 +74,41 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 
 
 def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """The values of an attribute, (N,) or (N, 2 to 4); ``None`` where there is none of a kind we write."""
+    """The values of an attribute, (N,) or (N, 2 to 4); ``None`` where there is none of a kind we write.
+
+    ``None`` too where one of our names holds what we never write: any program or script can write there.
+    """
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
     values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
     attribute.data.foreach_get(prop, values)
+    if not _is_ours(name, attribute.domain, attribute.data_type, values):
+        return None
     return values.reshape(-1, width) if width > 1 else values
+
+
+def _is_ours(name: str, domain: str, kind: str, values: np.ndarray) -> bool:
+    """Whether we could have written an attribute; True for those that are not ours."""
+    short = name.removeprefix(PREFIX)
+    if short == name or short not in OURS:
+        return True
+    return (domain, kind) == OURS[short][:2] and fits(name, values)
+
+
+def fits(name: str, values: np.ndarray) -> bool:
+    """Whether the values of an attribute of ours are within what we write; not a number is not."""
+    _, kind, low, high = OURS[name.removeprefix(PREFIX)]
+    if high == np.inf:
+        high = len(values) - 1
+    return bool(((values >= low) & (values <= high)).all())
+
+
+def unsound(mesh: bpy.types.Mesh) -> list[str]:
+    """Names of attributes of ours that hold what we never write; nobody reads them."""
+    found = (PREFIX + name for name in OURS)
+    return [name for name in found if name in mesh.attributes and get(mesh, name) is None]
 
 
 def has(obj: bpy.types.Object, name: str) -> bool:

@@ -33,7 +33,7 @@ from ..engine.patches.flatten import FlatPatches, measured
 from ..engine.patches.layout import PatchLayout
 from ..engine.spirals.design import SpiralDesign, fitted, outside
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
-from . import attributes, equilibrium
+from . import attributes, equilibrium, notes
 from .objects import changed_by_modifiers, unusable
 from .surface import Surface
 
@@ -41,6 +41,8 @@ FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES
+UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
+UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
 
 
 # -- surface ---------------------------------------------------------------------------------------------------------
@@ -94,7 +96,9 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
         count = np.repeat(sizes, sizes)
         loops = starts + (count - (loops - starts)) % count
     vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64))
+    left = tuple(UNSOUND.format(name) for name in attributes.unsound(mesh))
+    left += (UNSOUND_NOTES,) if notes.unsound(mesh) else ()
+    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     values = {}
     for name in NAMES:
         found = attributes.get(mesh, attributes.PREFIX + name)

@@ -293,10 +293,15 @@ def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:
         bm.verts.index_update()
         positions = np.array([v.co for v in bm.verts], dtype=float)
         corners = np.array([[v.index for v in face.verts] for face in bm.faces])
+        found = np.array([face[layer] for face in bm.faces])
+        if not attributes.fits(name, found):
+            return None
         number = bm.edges.layers.int.get(SEAMS)
+        if number is not None and not attributes.fits(SEAMS, np.array([e[number] for e in bm.edges])):
+            number = None
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
-        return _Quads(positions, corners, np.array([face[layer] for face in bm.faces]), seams)
+        return _Quads(positions, corners, found, seams)
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from .surface import Surface
 
+SIMULATED = ("equilibrium", "reach", "optimise")
 PAGE, PLOTS = "report.html", "plots"
 
 
@@ -97,13 +98,12 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings) -> Taken
     """Read what ``of_taken`` needs, on Blender's main thread; milliseconds. Raises ``FlexMapsError`` for wrong supports."""
     import bpy
 
-    from . import attributes, equilibrium, notes, supports
+    from . import attributes, equilibrium, notes, states, supports
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
-    blocks = dict(notes.read(obj.data))
-    if equilibrium.out_of_date(obj, bpy.context.scene):
-        blocks = {name: block for name, block in blocks.items() if name not in ("equilibrium", "reach", "optimise")}
+    now = states.of(obj, bpy.context.scene)
+    blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
     found = Taken(obj.name, surface, used, blocks, supports.supported(obj, surface, used.loads))
     if "equilibrium" not in blocks:
         return found
@@ -112,6 +112,8 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings) -> Taken
     if key is not None:
         shape = np.empty_like(surface.positions)
         key.data.foreach_get("co", shape.ravel())
+    if not np.isfinite(shape).all():
+        return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "kind": "reach"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
     return replace(found, shape=shape, values=values)

@@ -7,11 +7,9 @@ note that an earlier stage dropped, and so tells a stage that has to be run agai
 
 from __future__ import annotations
 
-import json
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import bmesh
 import bpy
@@ -20,7 +18,6 @@ import numpy as np
 from . import attributes, notes, pose, settings
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
-NAME = "flexmaps_made_from"  # on the mesh, JSON: stage -> part -> checksum
 
 # stage -> what its result is made from, the likeliest change first; settings by the name of their group
 PARTS: dict[str, tuple[str, ...]] = {
@@ -174,16 +171,6 @@ def _rounded(matrix: np.ndarray) -> str:
 # -- stamps ------------------------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=32)
-def _parsed(text: str) -> dict[str, dict[str, str]]:
-    return json.loads(text)
-
-
-def _stamps(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
-    text = mesh.get(NAME)
-    return _parsed(text) if isinstance(text, str) else {}
-
-
 def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
     """Note what the results that were written since the last stamp are made from; call it after writing."""
     mesh = obj.data
@@ -194,7 +181,7 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
         obj.update_from_editmode()
     now = _Present(obj, scene)
     made = {stage: {part: now[part] for part in PARTS[stage]} for stage in fresh if stage in PARTS}
-    mesh[NAME] = json.dumps(_stamps(mesh) | made)
+    notes.write_made_from(mesh, made)
 
 
 def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> None:
@@ -202,7 +189,7 @@ def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> No
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = _Present(obj, scene)
-    obj.data[NAME] = json.dumps(_stamps(obj.data) | {name: {part: now[part] for part in BESIDE[name]}})
+    notes.write_made_from(obj.data, {name: {part: now[part] for part in BESIDE[name]}})
 
 
 # -- states ------------------------------------------------------------------------------------------------------------
@@ -210,7 +197,7 @@ def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> No
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
     """The state of every stage, in edit mode too; a mesh of more than ``MANY`` edges is there as edit mode found it."""
-    blocks, stamps, now = notes.read(obj.data), _stamps(obj.data), _Present(obj, scene)
+    blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), _Present(obj, scene)
     found: dict[str, State] = {}
     for stage, parts in PARTS.items():
         made = stamps.get(stage)
@@ -237,7 +224,7 @@ def is_old_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> b
 
 
 def _left_behind(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
-    made = _stamps(obj.data).get(name)
+    made = notes.made_from(obj.data).get(name)
     if made is None:
         return False
     now = _Present(obj, scene)
@@ -291,7 +278,7 @@ def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, found: dict[st
     if errors:
         return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
     poor = any(finding["code"] in MADE_SQUARER for finding in checks)
-    regular = "regularise" in _stamps(obj.data) and not is_old_beside(obj, scene, "regularise")
+    regular = "regularise" in notes.made_from(obj.data) and not is_old_beside(obj, scene, "regularise")
     if poor and not regular:  # once it is as regular as it gets, pressing again is no use
         return "flexmaps.regularise"
     return ""
