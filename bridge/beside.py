@@ -43,7 +43,8 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     found = obj.get("flexmaps_collection")
     if not isinstance(found, bpy.types.Collection):
         return None
-    owner = bpy.data.objects.get(found.get("flexmaps_owner", ""))
+    name = found.get("flexmaps_owner")
+    owner = bpy.data.objects.get(name) if isinstance(name, str) else None
     if owner is not None and owner != obj and owner.get("flexmaps_collection") == found:
         return None
     return found

@@ -143,10 +143,11 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
     if len(torn):
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
-    points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
-    flat = measured(layout, points)
+    with np.errstate(all="ignore"):  # on a map without size nothing can be measured, which is no energy that was stored
+        points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
+        flat = measured(layout, points)
     stored = surface.values["energy"].astype(float)
-    moved = np.flatnonzero(np.abs(flat.energy - stored) > 1e-4 + 0.02 * stored)
+    moved = np.flatnonzero(~(np.abs(flat.energy - stored) <= 1e-4 + 0.02 * stored))
     if len(moved):
         raise FlexMapsError("The surface was changed after it was flattened; press Flatten to do it anew", faces=moved)
     return flat

@@ -57,7 +57,7 @@ def of_surface(surface: Surface, used: ObjectSettings) -> Stored:
         return Stored(surface.polygons, used, surface.uid)
     seams = mesh.layout_of(surface, result.mesh).cut
     try:
-        flat = mesh.current_flat(surface, result.mesh) if "flat" in surface.values else None
+        flat = mesh.current_flat(surface, result.mesh) if surface.values.keys() >= set(mesh.FLAT_NAMES) else None
     except FlexMapsError as error:
         return Stored(surface.polygons, used, surface.uid, result, seams, error)
     design = None if flat is None else mesh.design_of(surface, flat, used.spiral)

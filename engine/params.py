@@ -88,21 +88,31 @@ def _is_number(value: Any, *, whole: bool = False) -> bool:
     return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= LARGEST  # type: ignore[operator]
 
 
+def _quoted(value: Any) -> str:
+    """A value for a message, in one line, however long it is."""
+    try:
+        text = value if isinstance(value, str) else repr(value)
+    except ValueError:  # Python does not write out whole numbers of thousands of digits
+        text = "a very large number"
+    text = " ".join(text.split())
+    return f"'{text if len(text) <= 60 else text[:57] + '...'}'"
+
+
 def _refuse_wrong(f: Field, value: Any) -> None:
     """Raise unless ``value`` is one that the field may have."""
     meta, default = f.metadata, f.default
     if meta["choices"]:
         names = [choice[0] for choice in meta["choices"]]
         if not isinstance(value, str) or value not in names:
-            raise FlexMapsError(f"{meta['label']}: '{value}' is not one of {', '.join(names)}")
+            raise FlexMapsError(f"{meta['label']}: {_quoted(value)} is not one of {', '.join(names)}")
     elif isinstance(default, str):
         if not isinstance(value, str):
-            raise FlexMapsError(f"{meta['label']} {value!r}: give a text")
+            raise FlexMapsError(f"{meta['label']} {_quoted(value)}: give a text")
     elif isinstance(default, bool):
         if not isinstance(value, bool):
-            raise FlexMapsError(f"{meta['label']} {value!r}: give on or off")
+            raise FlexMapsError(f"{meta['label']} {_quoted(value)}: give on or off")
     elif not _is_number(value, whole=isinstance(default, int)):
-        raise FlexMapsError(f"{meta['label']} {value!r}: give {wanted(f)}")
+        raise FlexMapsError(f"{meta['label']} {_quoted(value)}: give {wanted(f)}")
     else:
         low, high = meta["low"], meta["high"]
         if low is not None and value < low - SLACK * abs(low):
@@ -657,11 +667,11 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
         if not isinstance(block, Params):
             names = ", ".join(f.name for f in fields(settings))
             raise FlexMapsError(
-                f"There is no setting '{key}'; give it as section.name, with one of the sections {names}"
+                f"There is no setting {_quoted(key)}; give it as section.name, with one of the sections {names}"
             )
         known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
         if name not in known:
-            raise FlexMapsError(f"There is no setting '{key}'; the settings of {section} are {', '.join(known)}")
+            raise FlexMapsError(f"There is no setting {_quoted(key)}; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
     made = {section: _replaced(section, getattr(settings, section), given) for section, given in blocks.items()}
     return replace(settings, **made)
@@ -699,7 +709,7 @@ def _from_shown(f: Field, value: Any) -> Any:
         return str(value) if isinstance(value, PathLike) else value
     if isinstance(default, bool):
         if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
-            raise FlexMapsError(f"{label} '{value}': give on or off")
+            raise FlexMapsError(f"{label} {_quoted(value)}: give on or off")
         return SWITCHES[str(value).lower()]
     number = value
     # Python would take other digits and groups of them too
@@ -709,9 +719,9 @@ def _from_shown(f: Field, value: Any) -> Any:
         except ValueError:
             number = None
     if not _is_number(number):
-        raise FlexMapsError(f"{label} '{value}': give {wanted(f)}")
+        raise FlexMapsError(f"{label} {_quoted(value)}: give {wanted(f)}")
     if not isinstance(default, int):
         return float(number) / SHOWN[f.metadata["unit"]][0]
     if number != int(number):
-        raise FlexMapsError(f"{label} {value}: give {wanted(f)}")
+        raise FlexMapsError(f"{label} {_quoted(value)}: give {wanted(f)}")
     return int(number)

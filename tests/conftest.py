@@ -53,6 +53,19 @@ def random_calls() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def fuzz_stored() -> ModuleType:
+    """The tool that damages what .blend files hold."""
+    sys.path.append(str(ROOT / "tools"))
+    return load_tool("fuzz_stored")
+
+
+@pytest.fixture(scope="session")
+def fuzz_readers() -> ModuleType:
+    """The tool that damages mesh files."""
+    return load_tool("fuzz_readers")
+
+
+@pytest.fixture(scope="session")
 def zoo() -> ModuleType:
     """The surfaces that the project makes itself; with ``trial``, which runs the whole job on one, and ``summary``."""
     sys.path.append(str(ROOT / "tools"))  # as for the benches; at the end, where its names hide no others

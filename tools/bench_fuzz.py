@@ -22,7 +22,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("what", nargs="?", choices=list(COUNTS), default="readers")
     parser.add_argument("--count", type=int, help="how many cases")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--whole", type=int, default=0, metavar="K", help="of meshes that pass, make every K-th, down to the sheets")
+    parser.add_argument(
+        "--whole", type=int, default=0, metavar="K", help="of meshes that pass, make every K-th, down to the sheets"
+    )
     parser.add_argument("--one", type=int, metavar="N", help="play one again, with its traceback")
     args = parser.parse_args(arguments)
     fuzzer = importlib.import_module(f"fuzz_{args.what}")
@@ -41,7 +43,10 @@ def main(arguments: list[str]) -> int:
             outcomes[fuzzer.play(number, bool(args.whole) and number % args.whole == 0)] += 1
         except Exception as error:  # whatever it is, it is a fault
             frame = traceback.extract_tb(error.__traceback__)[-1]
-            where = next((f for f in reversed(traceback.extract_tb(error.__traceback__)) if "site-packages" not in f.filename), frame)
+            where = next(
+                (f for f in reversed(traceback.extract_tb(error.__traceback__)) if "site-packages" not in f.filename),
+                frame,
+            )
             text = f"{type(error).__name__} in {where.filename.rpartition('/')[2]}:{where.lineno}: {str(error)[:120]}"
             faults.setdefault(text, []).append(number)
             if len(faults[text]) == 1:
@@ -52,7 +57,10 @@ def main(arguments: list[str]) -> int:
         if sys.stdout.isatty():
             print(f"\r{number + 1 - args.first}/{count}", end="", flush=True)
     seconds = time.process_time() - began
-    print(f"{count} cases of {args.what} in {seconds:.0f} s: " + ", ".join(f"{n} {kind}" for kind, n in outcomes.most_common()))
+    print(
+        f"{count} cases of {args.what} in {seconds:.0f} s: "
+        + ", ".join(f"{n} {kind}" for kind, n in outcomes.most_common())
+    )
     print(f"faults: {sum(map(len, faults.values()))}, of {len(faults)} kinds; longer than {SECONDS:g} s: {len(slow)}")
     for text, numbers in faults.items():
         print(f"  {len(numbers)} times {text} (--one {numbers[0]})")

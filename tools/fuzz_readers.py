@@ -24,7 +24,20 @@ ODD = (
     b"1e309", b"-1e160", b"1e-320", b"1e20", b"0.1", b".5", b"1e", b"x", b"", b"1_0", b"1,5", b"0x10", b"+2", b"--1", b"1/2/3",
     b"1//", b"/", b"#", b"\\", b"\0", b"\xff", b"\xef\xbb\xbf", "\u0661".encode(),
 )  # fmt: skip
-TYPES = (b"char", b"uchar", b"short", b"ushort", b"int", b"uint", b"float", b"double", b"int8", b"uint32", b"float64", b"x")
+TYPES = (
+    b"char",
+    b"uchar",
+    b"short",
+    b"ushort",
+    b"int",
+    b"uint",
+    b"float",
+    b"double",
+    b"int8",
+    b"uint32",
+    b"float64",
+    b"x",
+)
 KEYWORDS = (
     b"v", b"f", b"vt", b"l", b"o", b"OFF", b"COFF", b"NOFF", b"STOFF", b"4OFF", b"nOFF", b"BINARY", b"end_header", b"element",
     b"property", b"list", b"comment", b"obj_info", b"format", b"ascii", b"binary_little_endian", b"binary_big_endian", b"face",
@@ -141,7 +154,18 @@ def _lines(rng: random.Random, data: bytes) -> bytes:
 def _binary_number(rng: random.Random, data: bytes) -> bytes:
     """Four bytes that are an odd integer or single precision number."""
     at = rng.randint(0, max(len(data) - 4, 0))
-    odd = (0, 1, 0xFFFFFFFF, 0x7FFFFFFF, 0x80000000, 0x7F800000, 0x7FC00000, 0x7F7FFFFF, 1 << 24, rng.randrange(1 << 32))
+    odd = (
+        0,
+        1,
+        0xFFFFFFFF,
+        0x7FFFFFFF,
+        0x80000000,
+        0x7F800000,
+        0x7FC00000,
+        0x7F7FFFFF,
+        1 << 24,
+        rng.randrange(1 << 32),
+    )
     return data[:at] + rng.choice(odd).to_bytes(4, rng.choice(("little", "big"))) + data[at + 4 :]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import math
 import random
 import time
@@ -20,7 +19,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from flexmaps.bridge import job, states
+from flexmaps.bridge import job, notes, states
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress
@@ -342,8 +341,9 @@ def _faults() -> list[str]:
         found += [f"{mesh.name}: {name} is not finite" for name in _not_finite(mesh)]
         if "flexmaps_fresh" in mesh:
             found.append("a stage wrote notes without a stamp")
-        json.loads(mesh.get("flexmaps_report", "{}"))
-    return found + _undrawn()
+        if notes.unsound(mesh):
+            found.append(f"the notes on {mesh.name} are not sound")
+    return found + undrawn()
 
 
 def _not_finite(mesh: Any) -> list[str]:
@@ -358,7 +358,7 @@ def _not_finite(mesh: Any) -> list[str]:
     return found
 
 
-def _undrawn() -> list[str]:
+def undrawn() -> list[str]:
     """Panels that cannot be drawn."""
     from flexmaps import panels
 
@@ -385,4 +385,4 @@ class Nothing:
         return lambda *_, **__: Nothing()
 
 
-__all__ = ["Cancelled", "Log", "Nothing", "operators", "session"]
+__all__ = ["Cancelled", "Log", "Nothing", "operators", "session", "undrawn"]

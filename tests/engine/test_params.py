@@ -12,7 +12,7 @@ from flexmaps.engine.params import ObjectSettings, RegulariseParams, SheetParams
 
 FIELDS = [(block, f) for block in fields(ObjectSettings) for f in fields(block.default_factory)]
 NAMES = [f"{block.name}.{f.name}" for block, f in FIELDS]
-NO_NUMBERS = [math.nan, math.inf, -math.inf, 10**400, "2", None, [], True, 1j, object()]
+NO_NUMBERS = [math.nan, math.inf, -math.inf, 10**400, 10**5000, "2", None, [], True, 1j, object()]
 NO_TEXT_OF_A_NUMBER = [
     "nan",
     "inf",
