@@ -99,7 +99,7 @@ def _is_ours(name: str, domain: str, kind: str, values: np.ndarray) -> bool:
 
 def fits(name: str, values: np.ndarray) -> bool:
     """Whether the values of an attribute of ours are within what we write; not a number is not."""
-    _, kind, low, high = OURS[name.removeprefix(PREFIX)]
+    _, _, low, high = OURS[name.removeprefix(PREFIX)]
     if high == np.inf:
         high = len(values) - 1
     return bool(((values >= low) & (values <= high)).all())
