@@ -114,7 +114,6 @@ def write(
     obj.data.update()
     notes.write(obj.data, "equilibrium", simulation.report())
     notes.write(obj.data, "reach", limits.report())
-    states.stamp(obj, scene)
 
 
 def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:

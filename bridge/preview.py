@@ -16,7 +16,7 @@ import numpy as np
 
 from ..engine.errors import FlexMapsError
 from ..engine.progress import SILENT, Progress
-from . import arrange, attributes, beside, looks, overlay, states
+from . import arrange, attributes, beside, looks, overlay
 
 if TYPE_CHECKING:
     from ..engine.fabrication.connector_path import Tip
@@ -131,7 +131,6 @@ def show(
         "simulated": simulated,
     }
     made[NOTE] = json.dumps(figures)
-    states.stamp_beside(obj, scene, "preview")
     return made
 
 

@@ -34,6 +34,10 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "regularise": ("shape",),
     "preview": ("seams", "shape", "design", "spiral", "pose"),
 }
+OF_MESH = {"shape", "seams", "design", "pose"}
+GIVEN = {
+    part for parts in (*PARTS.values(), *BESIDE.values()) for part in parts
+} - OF_MESH  # settings, and which way is down
 # stage -> the one that it goes on from
 AFTER = {"spirals": "layout", "equilibrium": "spirals", "optimise": "spirals", "sheets": "spirals"}
 WHY = {
@@ -72,11 +76,11 @@ class State:
 
 
 class _Present:
-    """The checksums of an object as it is now, each computed when it is first asked for."""
+    """The checksums of an object as it is now, each computed when it is first asked for, but those that are ``known``."""
 
-    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
+    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
         self._obj, self._scene = obj, scene
-        self._known: dict[str, str] = {}
+        self._known = dict(known or {})
         self._frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
 
     def __getitem__(self, part: str) -> str:
@@ -171,24 +175,33 @@ def _rounded(matrix: np.ndarray) -> str:
 # -- stamps ------------------------------------------------------------------------------------------------------------
 
 
-def stamp(obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Note what the results that were written since the last stamp are made from; call it after writing."""
+def given(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
+    """Checksums of the settings as they are now, for ``stamp``: a stage begins with them, and they may change until it ends."""
+    now = _Present(obj, scene)
+    return {part: now[part] for part in GIVEN}
+
+
+def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] | None = None) -> None:
+    """Note what the results that were written since the last stamp are made from; call it after writing.
+
+    begun : what was ``given`` when the work began, where that is a while ago
+    """
     mesh = obj.data
     fresh = notes.take_fresh(mesh)
     if not fresh:
         return
     if mesh.is_editmode:
         obj.update_from_editmode()
-    now = _Present(obj, scene)
+    now = _Present(obj, scene, begun)
     made = {stage: {part: now[part] for part in PARTS[stage]} for stage in fresh if stage in PARTS}
     notes.write_made_from(mesh, made)
 
 
-def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> None:
-    """Note what something was made from that is no stage, one of ``BESIDE``."""
+def stamp_beside(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, begun: dict[str, str] | None = None) -> None:
+    """Note what something was made from that is no stage, one of ``BESIDE``; ``begun`` as for ``stamp``."""
     if obj.data.is_editmode:
         obj.update_from_editmode()
-    now = _Present(obj, scene)
+    now = _Present(obj, scene, begun)
     notes.write_made_from(obj.data, {name: {part: now[part] for part in BESIDE[name]}})
 
 

@@ -51,11 +51,12 @@ class Preview(Stage, bpy.types.Operator):
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import animation, equilibrium, preview
+        from ..bridge import animation, equilibrium, preview, states
 
         built, params, simulated = result
         animation.clear(obj)  # one of both stands there
         preview.show(obj, context.scene, built, params, simulated)
+        states.stamp_beside(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
         text = told("{} spirals, {} triangles in {:.1f} s", *amounts)

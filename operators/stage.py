@@ -7,6 +7,7 @@ An error of the user's selects the culprits, is reported, and leaves the mesh as
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,31 @@ if TYPE_CHECKING:
     from ..bridge.surface import Surface
 
 Work = Callable[[Progress], Any]
+
+TICK = 0.02  # seconds between two looks at the job
+LEAST = 0.2  # seconds between two drawings of the progress, where drawing costs nothing
+SHARE = 0.1  # of the time at most is drawn: where no graphics card does it, drawing takes the processor from the work
+
+
+class Pace:
+    """Says when the progress may be drawn again, from how long the last time took.
+
+    Blender draws what was asked for before it gives the next tick, so that a tick which comes late tells what drawing took.
+    """
+
+    def __init__(self) -> None:
+        self._asked: float | None = None
+        self._next = 0.0
+
+    def due(self, now: float) -> bool:
+        """Whether to draw now, in seconds of any clock; ask at every tick, and draw when it says so."""
+        if self._asked is not None:
+            self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
+            self._asked = None
+        if now < self._next:
+            return False
+        self._asked = now
+        return True
 
 
 class Stage:
@@ -41,8 +67,10 @@ class Stage:
 
     _job: job.Job | None = None
     _timer: Any = None
+    _pace: Any = None  # a Pace
     _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # the pieces that are still to be written
+    _made_from: Any = None  # checksums of the settings that the work began with
     _surface: Any = None  # bridge.surface.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
@@ -98,9 +126,11 @@ class Stage:
         self._job = job.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
-        self._timer = manager.event_timer_add(0.1, window=context.window)
+        self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
+        self._pace = Pace()
+        self._pace.due(time.perf_counter())
         show_progress(context, self._job)
         return {"RUNNING_MODAL"}
 
@@ -116,7 +146,8 @@ class Stage:
             self._helped = True
             self.meanwhile()
         if not self._job.finished:
-            show_progress(context, self._job)
+            if self._pace.due(time.perf_counter()):
+                show_progress(context, self._job)
             return {"PASS_THROUGH"}
         going_on = False
         try:
@@ -148,12 +179,13 @@ class Stage:
 
     def _read(self, context: bpy.types.Context) -> Work:
         warm.wait()
-        from ..bridge import mesh, settings
+        from ..bridge import mesh, settings, states
 
         obj = context.object
         if obj is None:
             raise FlexMapsError("Select a mesh object")
         self._surface = mesh.read_surface(obj, context.scene)
+        self._made_from = states.given(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
@@ -169,7 +201,7 @@ class Stage:
         try:
             message = self.finish(context, obj, self._surface, result)
         finally:  # a check writes what it found, then complains
-            states.stamp(obj, context.scene)
+            states.stamp(obj, context.scene, self._made_from)
         overlay.renew(obj, self.shows)
         redraw(context)
         yield

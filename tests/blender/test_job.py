@@ -403,3 +403,38 @@ def test_while_a_job_runs_the_window_need_not_wait_long_for_python(move: Any, wi
     move.go.set()
     drive(move, window)
     assert sys.getswitchinterval() == before
+
+
+def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
+    move: Any, window: Window, spiralled: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A result is made from the settings that its stage began with: with another material it is out of date at once."""
+    from flexmaps.bridge import notes, states
+
+    def finish(context: Any, obj: Any, surface: Any, result: Any) -> str:
+        notes.write(obj.data, "equilibrium", {})
+        return "done"
+
+    monkeypatch.setattr(move, "finish", finish)
+    move.invoke(window, None)
+    spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
+    move.go.set()
+    assert drive(move, window) == {"FINISHED"}
+    state = states.of(spiralled, bpy.context.scene)["equilibrium"]
+    assert (state.kind, state.part) == (states.OLD, "simulate")
+    spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
+    assert states.of(spiralled, bpy.context.scene)["equilibrium"].kind == states.DONE
+
+
+@pytest.mark.parametrize("frame", [0.0, 0.015, 0.09, 0.4, 3.0])
+def test_drawing_takes_a_tenth_of_the_time(frame: float) -> None:
+    """However long one drawing takes; a clock stands for the window."""
+    pace, now, drawn = stage.Pace(), 0.0, []
+    while now < 120.0:
+        if pace.due(now):
+            drawn.append(now)
+            now += frame
+        now += stage.TICK
+    assert len(drawn) * frame <= stage.SHARE * now + frame
+    longest = max(stage.LEAST, (frame + stage.TICK) / stage.SHARE) + 2 * stage.TICK
+    assert len(drawn) >= now / longest - 1  # and yet as often as that allows

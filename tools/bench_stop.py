@@ -1,0 +1,102 @@
+"""Measures how soon every stage hears a stop: the processor time between two looks at it, on 2401 spirals.
+
+python3 tools/dev.py bench stop [--only trace merge ...] [--json FILE]
+
+A stage can only end where it reports progress, so that the longest time between two reports is the longest that somebody who
+presses ESC waits for. Beside it stand the words that were to be read meanwhile, and the place that spoke next.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rows import Row, Table, at_most
+
+WANTED = 0.5  # seconds of the processor
+STAGES = ("regularise", "trace", "merge", "flatten", "spirals", "simulate", "optimise", "preview", "export", "report")
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench stop")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--only", nargs="*", choices=STAGES, default=[*STAGES])
+    options = parser.parse_args(arguments)
+    table = Table(44)
+    for one in stages(options.only):
+        table.add(one)
+    table.finish(options.json, keep=len(options.only) < len(STAGES))
+    return 0
+
+
+def stages(wanted: list[str]) -> Iterator[Row]:
+    """A row a stage, run in their order on one object."""
+    import bpy
+    from bench_blender import _piece
+
+    obj = _piece()
+    obj.flexmaps.export.folder = "/tmp/flexmaps-bench-stop"
+    name = f"{len(obj.data.polygons)} quads"
+    for stage in STAGES[: 1 + max(STAGES.index(word) for word in wanted)]:
+        started = time.process_time()
+        with listening() as gaps:
+            getattr(bpy.ops.flexmaps, stage)()
+        whole = time.process_time() - started
+        if stage in wanted:
+            seconds, text, place = max(gaps, key=lambda gap: gap[0])
+            others = sum(gap[0] > WANTED for gap in gaps)
+            peer = {"while": text or "-", "until": place, "such gaps": others, "in all": f"{whole:.1f} s"}
+            yield at_most(name, f"{stage}: s of the processor to a stop", WANTED, seconds, peer)
+
+
+@contextmanager
+def listening() -> Iterator[list[tuple[float, str, str]]]:
+    """Collects (seconds, the words before it, the place after it) for every time between two looks for a stop."""
+    from flexmaps.bridge import job
+    from flexmaps.engine.progress import Progress
+
+    gaps: list[tuple[float, str, str]] = []
+    text = ""
+    last = time.process_time()
+
+    def note(place: str) -> None:
+        nonlocal last
+        now = time.process_time()
+        gaps.append((now - last, text, place))
+        last = now
+
+    def look() -> bool:
+        note(_place(sys._getframe(1)))
+        return False
+
+    def report(fraction: float, words: str) -> None:
+        nonlocal text
+        text = words
+
+    def run_here(title: str, work: Any) -> Any:
+        nonlocal last
+        last = time.process_time()
+        try:
+            return work(Progress(report, look))
+        finally:
+            note("its end")
+
+    kept, job.run_here = job.run_here, run_here
+    try:
+        yield gaps
+    finally:
+        job.run_here = kept
+
+
+def _place(frame: FrameType | None) -> str:
+    """The line that asked, outside the progress itself."""
+    while frame is not None and frame.f_code.co_filename.endswith(("progress.py", "bench_stop.py")):
+        frame = frame.f_back
+    return "?" if frame is None else f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"
