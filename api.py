@@ -20,6 +20,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -329,7 +330,9 @@ def _progress(tell: Tell) -> Progress:
 
 
 def _metres(millimetres: float | None) -> float | None:
-    return None if millimetres is None else millimetres / 1e3
+    if not isinstance(millimetres, Real | None) or isinstance(millimetres, bool):
+        raise FlexMapsError(f"'{millimetres}' is no length; give a number of millimetres")
+    return None if millimetres is None else float(millimetres) / 1e3
 
 
 def _begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
@@ -377,7 +380,7 @@ def _from_blender(source: Any) -> Piece:
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
-        polygons = source if isinstance(source, PolygonMesh) else PolygonMesh.of(source)
+        polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
         return Piece("mesh", polygons, ObjectSettings())
     text = str(source)
     if text.startswith(SHAPE):
@@ -388,7 +391,8 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if axis not in turned:
         raise FlexMapsError(f"up is '{axis}'; give x, y or z")
     polygons = meshio.read(text)
-    return Piece(Path(text).name, replace(polygons, vertices=polygons.vertices[:, turned[axis]]), ObjectSettings())
+    name = Path(text).name.encode("utf-8", "replace").decode()  # of bytes that are no text, for the report and Blender
+    return Piece(name, replace(polygons, vertices=polygons.vertices[:, turned[axis]]), ObjectSettings())
 
 
 def _is_group(piece: Piece, name: str) -> bool:

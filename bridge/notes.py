@@ -69,7 +69,8 @@ def _begin(mesh: bpy.types.Mesh) -> None:
 
 def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
     """The blocks that are there; do not change the returned dict."""
-    return {} if unsound(mesh) else _get(mesh, NAME) or {}
+    found = _get(mesh, NAME)
+    return {} if not found or _get(mesh, MADE_FROM) is None else found
 
 
 def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:

@@ -51,6 +51,21 @@ def edges_of(polygons: PolygonMesh) -> np.ndarray:
     return sides_of(polygons).edges
 
 
+def converted(polygons: PolygonMesh) -> PolygonMesh:
+    """The mesh with arrays of the right kinds, from whatever a script gives; raises FlexMapsError where that cannot be."""
+    try:
+        vertices = np.asarray(polygons.vertices, dtype=float)
+        corners, sizes = np.asarray(polygons.corners), np.asarray(polygons.sizes)
+        whole = all(not a.size or np.issubdtype(a.dtype, np.integer) for a in (corners, sizes))
+    except (TypeError, ValueError, OverflowError):
+        whole = False
+    if not whole or vertices.shape[1:] != (3,) or corners.ndim != 1 or sizes.ndim != 1:
+        raise FlexMapsError(
+            "A mesh of arrays needs vertices (V, 3) of numbers, and corners (C,) and sizes (F,) of integers"
+        )
+    return replace(polygons, vertices=vertices, corners=corners.astype(np.int64), sizes=sizes.astype(np.int64))
+
+
 def used_vertices(polygons: PolygonMesh) -> np.ndarray:
     """(U,) int, ascending: vertices that belong to a face; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
     return np.unique(polygons.corners)
@@ -121,13 +136,16 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
 def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     if not len(polygons.sizes):
         return [finding("no-faces", "The mesh has no faces; choose an object with a surface")]
-    face_of = np.repeat(np.arange(len(polygons.sizes)), polygons.sizes)
+    face_of = np.repeat(np.arange(len(polygons.sizes)), np.maximum(polygons.sizes, 0))
     if not _indices_fit(polygons):
         bad = (polygons.corners < 0) | (polygons.corners >= len(polygons.vertices))
         faces = np.unique(face_of[bad]) if len(bad) == len(face_of) else ()
-        return [
-            finding("bad-index", f"{named(faces)} refer to vertices that are not there; export the mesh again", faces)
-        ]
+        text = (
+            f"{named(faces)} refer to vertices that are not there"
+            if len(faces)
+            else "Faces and corners do not fit together"
+        )
+        return [finding("bad-index", f"{text}; export the mesh again", faces)]
     sides = sides_of(polygons)
     body = bodies(sides, len(polygons.sizes))
     finite = np.isfinite(polygons.vertices).all(axis=1)

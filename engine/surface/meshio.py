@@ -6,6 +6,7 @@ business of ``check``.
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def read(path: str | Path) -> PolygonMesh:
     """
     path = Path(path)
     parse = PARSERS.get(path.suffix.lower())
-    if path.is_dir():
+    if os.path.isdir(path):
         raise FlexMapsError(f"{path} is a folder; give a mesh file ({', '.join(SUFFIXES)})")
     if parse is None:
         suffix = f"the suffix '{path.suffix}'" if path.suffix else "no suffix"

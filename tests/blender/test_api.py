@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import runpy
@@ -14,6 +15,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
+from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -298,3 +300,19 @@ def test_import_by_name_from_a_folder_above(root: Path, tmp_path: Path) -> None:
     environment = dict(os.environ, PYTHONPATH=str(tmp_path))
     done = subprocess.run([sys.executable, "-c", code], env=environment, cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.strip() == "108", done.stderr
+
+
+def test_a_file_name_that_is_no_text(tmp_path: Path) -> None:
+    """Names of files are bytes on Linux; the report is text."""
+    path = os.path.join(os.fsencode(tmp_path), b"st\xfcck.obj")
+    with contextlib.suppress(OSError):  # where names must be text
+        Path(os.fsdecode(path)).write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+        piece = api.load(os.fsdecode(path), edge=20)
+        assert piece.name == "st?ck.obj"
+        api.report(api.layout(piece), tmp_path)
+
+
+@pytest.mark.parametrize("size", ["20", True, [20], 1j])
+def test_lengths_that_are_none(size: Any) -> None:
+    with pytest.raises(FlexMapsError, match="is no length"):
+        api.load("shape:strip", edge=size)

@@ -79,6 +79,29 @@ def test_bad_index():
     assert result["bad-index"].faces == (4,)
 
 
+def test_arrays_of_scripts():
+    vertices, faces = grid()
+    good = polygons(vertices, faces)
+    for corners, sizes in (
+        (good.corners.tolist(), good.sizes.tolist()),
+        (good.corners.astype("u1"), good.sizes.astype("i1")),
+    ):
+        mesh = check.converted(PolygonMesh(vertices.tolist(), corners, sizes))
+        assert not found(mesh)
+        assert check.edges_of(mesh).tolist() == check.edges_of(good).tolist()
+    for wrong in (
+        PolygonMesh(vertices[:, :2], good.corners, good.sizes),
+        PolygonMesh(vertices, good.corners.astype(float), good.sizes),
+        PolygonMesh(vertices, good.corners.reshape(-1, 4), good.sizes),
+        PolygonMesh([["x", 0, 0]], good.corners, good.sizes),
+        PolygonMesh(None, None, None),
+    ):
+        with pytest.raises(FlexMapsError, match="needs vertices"):
+            check.converted(wrong)
+    assert errors(PolygonMesh(vertices, good.corners, -good.sizes)) == {"bad-index"}
+    assert errors(PolygonMesh(vertices, good.corners[1:], good.sizes)) == {"bad-index"}
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_not_finite(value):
     vertices, faces = grid()

@@ -198,6 +198,9 @@ def test_not_a_file(tmp_path):
         meshio.read(save(tmp_path, "x.fbx", "abc"))
     with pytest.raises(FlexMapsError, match="no suffix"):
         meshio.read(save(tmp_path, "x", "abc"))
+    for name in ("x" * 5000 + ".obj", "a\0b.obj", "\ud800.obj"):
+        with pytest.raises(FlexMapsError, match="cannot be read"):
+            meshio.read(tmp_path / name)
 
 
 def test_no_permission(tmp_path, monkeypatch):
