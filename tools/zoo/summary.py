@@ -38,7 +38,7 @@ def rows(records: Records) -> list[Row]:
     """The rows of the whole zoo, of the surfaces that figures are asked of by name, and of how the cost grows."""
     whole = {name: r for name, r in records.items() if not refused(r)}
     made = {name: r for name, r in whole.items() if r.get("sheets", 0)}
-    known = {name: r for name, r in made.items() if "rmse_mm_before" in r and "rmse_mm" in r}
+    known = {name: r for name, r in made.items() if not unknown(r)}
     sizes = np.concatenate([r["sizes"] for r in made.values()]) if made else np.zeros(1)
 
     def named(name: str, wrong: Callable[[Record], object], among: Records = records) -> Row:
@@ -52,7 +52,7 @@ def rows(records: Records) -> list[Row]:
         at_least("zoo", "with sheets, %", 100.0, 100.0 * len(made) / count),
         named("without sheets", lambda r: not r.get("sheets", 0), whole),
         at_least("zoo", "optimised and simulated, %", 98.0, 100.0 * len(known) / count),
-        named("not optimised or not simulated", lambda r: "rmse_mm_before" not in r or "rmse_mm" not in r, made),
+        named("not optimised or not simulated", unknown, made),
         named("tracebacks", lambda r: "traceback" in r),
         named("given up or crashed", lambda r: "crashed" in r),
         named("worse than they began", lambda r: r.get("worse")),
@@ -71,6 +71,11 @@ def rows(records: Records) -> list[Row]:
 def refused(record: Record) -> bool:
     """Whether a surface did not pass the checks."""
     return "refused" in record and record["ended_in"] in BEFORE
+
+
+def unknown(record: Record) -> bool:
+    """Whether it was not simulated, or not optimised although that was asked."""
+    return "rmse_mm" not in record or ("optimise" in record["busy"] and "rmse_mm_before" not in record)
 
 
 def unsaid(record: Record) -> bool:
