@@ -33,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     whole = _command(commands, "run", _run, summary.whole, "the whole way: sheets, a .blend, pictures and a report")
     whole.epilog = (
         "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
-        "be optimised or simulated as asked, see the warnings; 130 stopped; 1 a fault of the program."
+        "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
     )
     whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
     whole.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",

@@ -36,8 +36,8 @@ def main(argv: list[str]) -> int:
     """Run one command. Returns the exit status:
 
     0 where everything was done; 1 for a fault of the program; 2 for a mistake of the user's, told in one line on standard
-    error; 3 where ``run`` has written its files, but could not optimise or simulate as it was asked to (``undone`` in the
-    report); 130 when it was stopped. Progress goes to standard error, results to standard output.
+    error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
+    the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments

@@ -36,8 +36,11 @@ def build(
         "input": _input(result.mesh, source),
         "checks": [finding.as_dict() for finding in (*result.findings, *result.undone.values())],
     }
-    if result.undone:
-        report["undone"] = list(result.undone)
+    undone = [*result.undone]
+    if result.simulation is not None and not result.simulation.equilibrium.converged:
+        undone.append("simulate")  # what it shows is no equilibrium
+    if undone:
+        report["undone"] = undone
     if result.flat is not None:
         report["layout"] = layout_report(result.flat)
     if result.design is not None:

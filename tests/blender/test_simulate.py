@@ -556,6 +556,14 @@ def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytes
     assert run(*arguments, "--stop-after", "simulate") == 2
 
 
+def test_main_job_says_that_it_found_no_equilibrium(tmp_path: Path) -> None:
+    given = ("shape:saddle", "--edge", 20, "--out", tmp_path, "--no-pictures", "--stop-after", "simulate")
+    assert run(*given, "--set", "simulate.iterations=1") == command.UNDONE
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["undone"] == ["simulate"] and not report["equilibrium"]["converged"]
+    assert [f["code"] for f in report["equilibrium"]["findings"]] == ["no-equilibrium"]
+
+
 def test_main_job_tells_what_is_outside_the_model(tmp_path: Path) -> None:
     size = ("--edge", 20, "--thickness", 0.2)
     assert run("shape:saddle", *size, "--out", tmp_path, "--no-pictures", "--stop-after", "simulate") == 0
