@@ -257,11 +257,12 @@ def export(
     from .engine import files
     from .engine.fabrication import export as exporting
 
-    ready = piece if piece.result.sheets is not None else sheets(piece, progress=progress)
+    told = _progress(progress)
+    ready = piece if piece.result.sheets is not None else sheets(piece, progress=told.part(0.0, 0.8))
     assert ready.result.sheets is not None
     base = Path(folder) / name
     with files.replacing_many(exporting.stale(base, ready.result.sheets.count), base.parent) as new:
-        return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new)
+        return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new, progress=told.part(0.8, 1.0))
 
 
 def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ..engine import files
 from ..engine.assembling import assembly_sheet
 from ..engine.fabrication import export, series
 from ..engine.params import Settings
-from ..engine.progress import Progress
+from ..engine.progress import SILENT, Progress
 from ..engine.runs import job, report
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
@@ -58,7 +58,7 @@ def write(
     with quiet_blender():
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
-            written = write_sheets(result, name, out / SHEET, formats, new, out / GUIDE)
+            written = write_sheets(result, name, out / SHEET, formats, new, out / GUIDE, progress.part(0.0, 0.2))
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings)
         scene.save(new(out / MODEL))
@@ -86,14 +86,24 @@ def write_sheets(
     formats: tuple[str, ...],
     new: files.NewFile,
     guide: Path | None = None,
+    progress: Progress = SILENT,
 ) -> list[Path]:
     """Write the sheets as base-01.svg, ..., and the assembly sheet as base-assembly.pdf or ``guide``; returns the files."""
     assert result.sheets is not None
     assert result.design is not None
-    written = export.write(result.sheets, base, formats, new)
+    written = export.write(result.sheets, base, formats, new, progress.part(0.0, 0.7))
     if result.estimates is not None:
         target = guide or base.with_name(f"{base.name}-assembly.pdf")
-        args = (result.design, result.sheets, result.estimates, target, Path(name).stem, new, result.assembly)
+        args = (
+            result.design,
+            result.sheets,
+            result.estimates,
+            target,
+            Path(name).stem,
+            new,
+            result.assembly,
+            progress.part(0.7, 1.0),
+        )
         written.append(assembly_sheet.write(*args))
     return written
 

@@ -17,7 +17,7 @@ from . import animation, arrange, attributes, beside, equilibrium, looks, mesh, 
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
-    from ..engine.fabrication.connector_path import Tip
+    from ..engine.fabrication.connector_tips import Tip
     from ..engine.spirals.design import SpiralDesign
 
 SIZE = (1280, 720)

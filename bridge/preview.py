@@ -19,7 +19,7 @@ from ..engine.progress import SILENT, Progress
 from . import arrange, attributes, beside, looks, overlay
 
 if TYPE_CHECKING:
-    from ..engine.fabrication.connector_path import Tip
+    from ..engine.fabrication.connector_tips import Tip
     from ..engine.fabrication.panel_mesh import PanelMesh
     from ..engine.mechanics.assembly import Pose
     from ..engine.mechanics.bent_arms import BentArms

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.fabrication.connector_path import Tip
+from ..engine.fabrication.connector_tips import Tip
 from ..engine.fabrication.solid_files import places
 from ..engine.spirals.contours import ends
 from ..engine.spirals.design import SpiralDesign
@@ -157,7 +157,7 @@ def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence
     arms, root = design.arms, design.roots
     share = np.linspace(0.0, 1.0, steps)
     begin = ends(design.flat.layout, arms, slot_needed(design.params))
-    begin.ravel()[[tip.arm for tip in tips]] = [tip.wide.over for tip in tips]
+    begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
     begin = begin[..., None]
     left = edge(arms, begin + (root.left[..., None] - begin) * share, LEFT)[0]
     right = edge(arms, begin + (np.roll(root.right, 1, axis=1)[..., None] - begin) * share, RIGHT)[0]

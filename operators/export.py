@@ -77,11 +77,13 @@ class Export(Stage, bpy.types.Operator):
             checked = assembly_check.check_assembly(design, made.connections, found)
             progress(0.85, "Writing files")
             with files.replacing_many(export.stale(base, made.count), base.parent) as new:
-                written = export.write(made, base, formats, new)
+                written = export.write(made, base, formats, new, progress.part(0.85, 0.95))
                 if settings.export.guide:
-                    progress(0.9, "Drawing the assembly sheet")
+                    progress(0.95, "Drawing the assembly sheet")
                     guide = base.with_name(f"{base.name}-assembly.pdf")
-                    written.append(assembly_sheet.write(design, made, figures, guide, name, new, checked))
+                    written.append(
+                        assembly_sheet.write(design, made, figures, guide, name, new, checked, progress.part(0.95, 1.0))
+                    )
             block = sheets.sheets_report(made) | estimates.estimates_report(figures)
             drawn = Drawn.made_of(design, made.connections, settings) if stale else None
             return block | {"files": [file.name for file in written]}, base.parent, drawn, checked.warnings

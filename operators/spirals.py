@@ -103,7 +103,8 @@ class Spirals(Stage, bpy.types.Operator):
             progress(0.0, "Measuring curvature")
             quads = check.as_quad_mesh(surface.polygons)
             flat = mesh.current_flat(surface, quads)
-            made = design.from_curvature(flat, settings.spiral, curvature.rms_curvature(quads))
+            bent = curvature.rms_curvature(quads)
+            made = design.from_curvature(flat, settings.spiral, bent, progress.part(0.1, 0.5))
             progress(0.5, "Drawing outlines")
             return Drawn.of(made, settings, progress.part(0.5, 1.0)), design.design_report(made)
 

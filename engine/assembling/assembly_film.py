@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..fabrication.connector_path import Tip
+from ..fabrication.connector_tips import Tip
 from ..fabrication.panel_mesh import Detail, PanelMesh, panel_mesh
 from ..materials import Material
 from ..mechanics.assembly import Pose, nearest_rotation, rest_joints

@@ -9,8 +9,9 @@ import numpy as np
 
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign
-from .connector_path import Attempt, Half, Through, complexes, pairs
+from .connector_path import Halves, Throughs, complexes, pairs
 from .connector_shape import key
+from .connector_tips import Attempt
 from .connectors import Connections, Connector
 from .kerf import cut_paths
 
@@ -59,23 +60,25 @@ def _joint(
     import shapely
 
     a = connector.made
-    halves = [Half.of(design, q, k) for q, k in zip(connector.faces, connector.sides, strict=True)]
-    point, way, _ = Through(*halves).centre(Through(*halves).tau(-a.shift))
+    halves = [
+        Halves.of(design, np.array([q]), np.array([k])) for q, k in zip(connector.faces, connector.sides, strict=True)
+    ]
+    point, way = _at(Throughs(halves[0], halves[1]), -a.shift)
     point += 1j * way * a.aside
     parts = []
     for half, sign in zip(halves, (1.0, -1.0), strict=True):
         place = half.placed(np.array([sign * point]))[0]
         reach = a.size.pad + a.size.length + abs(a.back)
         window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
-        left = shapely.clip_by_rect(panels[half.patch], *window).buffer(-0.5 * kerf, quad_segs=64)
-        if halves[0].patch == halves[1].patch:
+        left = shapely.clip_by_rect(panels[int(half.patch[0])], *window).buffer(-0.5 * kerf, quad_segs=64)
+        if halves[0].patch[0] == halves[1].patch[0]:
             # the other side of the cut lies in the same panel, and elsewhere once the cut is closed: this arm alone
-            through = Through(half, halves[0] if half is halves[1] else halves[1])
-            behind = through.centre(through.tau(a.back + a.size.length + a.size.wall - sign * a.shift))[0]
-            at = shapely.Point(pairs(half.placed(np.array([behind]))))
+            through = Throughs(half, halves[0] if half is halves[1] else halves[1])
+            behind = _at(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
+            at = shapely.Point(pairs(half.placed(np.array([behind]))[0]))
             pieces = shapely.get_parts(left)
             left = pieces[int(np.argmin(shapely.distance(pieces, at)))]
-        into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)) - point) / way)  # noqa: E731
+        into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)[None])[0] - point) / way)  # noqa: E731
         parts.append(shapely.transform(left, into))
     if a.kind == "key":
         whole = _blank(cut_paths(Outline(key(a.size, a.back), ()), kerf, kerf)).buffer(-0.5 * kerf, quad_segs=64)
@@ -88,6 +91,12 @@ def _joint(
         return [(gap, gap, float(one.intersection(two).area))]
     one, two = parts if a.male == 0 else (_turned(parts[1]), _turned(parts[0]))
     return [_gap(one, two, a)]
+
+
+def _at(through: Throughs, distance: float) -> tuple[complex, complex]:
+    """Point and direction of the one arm at a distance in metres from its joint."""
+    point, way, _ = through.centre(through.tau(np.array([[distance]]))[:, 0])
+    return complex(point[0]), complex(way[0])
 
 
 def _turned(part: Any) -> Any:

@@ -7,11 +7,10 @@ strongly wound spirals, there is more room a little way along the arm and to one
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -20,19 +19,21 @@ from ..spirals.contours import Tips
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import LEFT, RIGHT, edge
-from .connector_path import Attempt, Half, Through, Tip, Widening, complexes, make_tip, pairs
-from .connector_shape import Size, size, tabs
-from .rays import first_hit
+from .connector_path import Halves, Throughs, complexes, pairs
+from .connector_shape import Size, sizes, tabs
+from .connector_tips import Attempt, Tip, ends_of, make_tips
 
 # what is tried where the asked kind has no room
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
 SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
+STEP = 1e-5  # metres; the widths of arms are taken in these steps
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
 _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
 _TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
-_VIEW = 5e-3  # metres; how far to look beside an arm
-_LOOK = 1e-4  # metres along the arm from one look to the next
+_LOOK = 2e-4  # metres along the arm from one look to the next
+_RAYS = 20_000  # lines of sight that are followed together
+_PIECES = 8  # parts of every arm, so that few lie near a place
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,22 +80,25 @@ class Openings:
     right: np.ndarray
     width: np.ndarray
 
-    def aside(self, s: Size, shift: float, beside: bool) -> float | None:
-        """How far to the left a connector of this size has to sit at ``shift``, at the least; ``None`` where it has no room.
+    def asides(self, s: Size, shifts: np.ndarray, beside: bool) -> list[tuple[float, float]]:
+        """Of all ``shifts`` (k,) where a connector of this size has room, and how far to the left it has to sit there.
 
         Its neck stays on the arm, unless it may lie ``beside`` it: then it hangs on the widened end only.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
-        if shift - reach < self.x[0] or shift + reach > self.x[-1]:
-            return None
-        first, last = np.searchsorted(self.x, [shift - reach, shift + reach])
-        width = float(self.width[(first + last) // 2])
-        extra = max(s.pad - width, 0.0)
-        low, high = 0.5 * extra - float(self.right[first:last].min()), float(self.left[first:last].min()) - 0.5 * extra
-        if low > high:
-            return None
-        best = min(max(0.0, low), high)
-        return best if abs(best) <= (0.5 * extra if beside else min(0.5 * width, 0.5 * extra)) + 1e-9 else None
+        shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
+        if not len(shifts):
+            return []
+        first, last = np.searchsorted(self.x, [shifts - reach, shifts + reach])
+        extra = np.maximum(s.pad - self.width[(first + last) // 2], 0.0)
+        window = first[:, None] + np.arange(int((last - first).max()))
+        outside, window = window >= last[:, None], np.minimum(window, len(self.x) - 1)
+        left, right = (np.where(outside, np.inf, e[window]).min(axis=1) for e in (self.left, self.right))
+        low, high = 0.5 * extra - right, left - 0.5 * extra
+        best = np.clip(0.0, low, np.maximum(low, high))
+        most = 0.5 * extra if beside else np.minimum(0.5 * self.width[(first + last) // 2], 0.5 * extra)
+        fits = (low <= high) & (np.abs(best) <= most + 1e-9)
+        return list(zip(shifts[fits].tolist(), best[fits].tolist(), strict=True))
 
 
 class Room:
@@ -104,152 +108,225 @@ class Room:
         self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
         self.slot = slot_needed(design.params)
+        # steps finer than any cutter, so that many joints share few shapes
+        width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
+        self.width = np.floor(width / STEP + 1e-6) * STEP
+        self._openings: dict[int, Openings] = {}
 
-    def through(self, joint: int) -> Through:
-        """The arm through a joint, seen from its first half."""
-        j = self.joints
-        halves = (Half.of(self.design, int(q), int(k)) for q, k in zip(j.quad[joint], j.side[joint], strict=True))
-        return Through(*halves)
+    @cached_property
+    def through(self) -> Throughs:
+        """The arms through all joints, seen from their first halves."""
+        quad, side = self.joints.quad, self.joints.side
+        return Throughs(*(Halves.of(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
-    def sizes(self, through: Through, kind: str = "dovetail") -> list[Size]:
-        """The sizes that connectors of this arm may have, the largest first."""
-        width = float(through.own.arms.joint_width[0, 0])
+    def sizes(self, joint: int, kind: str = "dovetail") -> tuple[Size, ...]:
+        """The sizes that connectors of this joint may have, the largest first."""
+        width = float(self.width[joint])
         if kind == "tab":
             return tabs(width, self.params, SCALES, self.mill)
-        return list(dict.fromkeys(size(width, self.params, scale, self.mill) for scale in SCALES))
+        return sizes(width, self.params, SCALES, self.mill)
 
-    def attempts(self, joint: int, through: Through, near: Any) -> Iterator[Attempt]:
+    def attempts(self, joint: int) -> Iterator[Attempt]:
         """What to try at a joint, the best first."""
         # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
         first = int(self.joints.place[joint]) % 2
         # a key needs no room beyond the cut: it serves where both sides of a cut inside a panel lie close together
         inside = bool(self.joints.inside[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
-        sizes = {kind: self.sizes(through, kind) for kind in kinds}
         # in one panel a head must not reach across the cut to its own socket
-        gap = abs(through.own.origin - through.other.origin) if inside else np.inf
-        best = Attempt(self.params.connector, sizes[self.params.connector][0], first)
+        gap = abs(self.through.own.origin[joint] - self.through.other.origin[joint]) if inside else np.inf
+        best = Attempt(self.params.connector, self.sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
             yield best  # as a rule there is room, and no need to look round
-        smallest = self.sizes(through)[-1]
-        steps = [smallest.neck * _STEP * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
-        openings = self._openings(through, steps[-1] + 2.0 * self.sizes(through)[0].length, near)
-        for kind in sizes:
+        self.look([joint])
+        openings, steps = self._openings[joint], np.array(self._shifts(joint))
+        for kind in kinds:
             for back in (0.0,) if kind == "dovetail" else BACKS:
-                for beside, s in product((False, True), sizes[kind]):
+                for beside, s in product((False, True), self.sizes(joint, kind)):
                     if kind == "dovetail" and s.length > gap:
                         continue
-                    fitting = [(x, e) for x in steps if (e := openings.aside(s, x, beside)) is not None]
+                    fitting = openings.asides(s, steps, beside)
                     for shift, aside in fitting if beside else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 
-    def tips(self, through: Through, a: Attempt) -> tuple[Tip, Tip] | None:
-        """Both tips of a joint; ``None`` where an arm is too short for them."""
-        one = make_tip(through, a.roles()[0], a, a.shift, a.aside)
-        two = make_tip(through.turned, a.roles()[1], a, -a.shift, -a.aside) if one else None
-        return None if one is None or two is None else (one, two)
+    def _shifts(self, joint: int) -> list[float]:
+        """Metres by which the parting line is moved, the smallest first."""
+        step = self.sizes(joint)[-1].neck * _STEP
+        return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
+
+    def tips(self, which: Sequence[int], attempts: Sequence[Attempt]) -> list[tuple[Tip, Tip] | None]:
+        """Both tips of every attempt at the joints ``which``; ``None`` where an arm has no room for one."""
+        rows = np.array(which, dtype=int)
+        shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
+        roles = list(zip(*(a.roles() for a in attempts), strict=True))
+        one = make_tips(self.through, rows, roles[0], attempts, shift, aside)
+        good = np.array([k for k, tip in enumerate(one) if tip is not None], dtype=int)
+        two: list[Tip | None] = [None] * len(one)
+        tried = [attempts[k] for k in good.tolist()]
+        turned = [roles[1][k] for k in good.tolist()]
+        for k, tip in zip(
+            good.tolist(),
+            make_tips(self.through.turned, rows[good], turned, tried, -shift[good], -aside[good]),
+            strict=True,
+        ):
+            two[k] = tip
+        return [None if a is None or b is None else (a, b) for a, b in zip(one, two, strict=True)]
 
     # -- what is near --------------------------------------------------------------------------------------------------
 
     @cached_property
-    def bodies(self) -> list[tuple[Any, np.ndarray]]:
-        """Of every patch a tree of the polygons of its arms and hubs, and which arm each is, -1 for hubs."""
-        import shapely
-
+    def bodies(self) -> _Bodies:
+        """All arms and hubs."""
         arms, roots = self.design.arms, self.design.roots
-        patch_of = self.design.flat.layout.patch_of
-        count = len(arms.centre)
-        even = np.linspace(0.0, 1.0, 81)
-        left = edge(arms, even * roots.left[..., None], LEFT)[0]
-        right = edge(arms, even[::-1] * np.roll(roots.right, 1, axis=1)[..., None], RIGHT)[0]
-        shapes = shapely.polygons(np.concatenate([left, right], axis=2).reshape(4 * count, -1, 2))
-        hub = np.stack([right[:, :, 0], left[:, :, -1]], axis=2).reshape(count, 8, 2)
-        every = np.concatenate([shapes, shapely.polygons(hub)])
-        which = np.concatenate([np.arange(4 * count), np.full(count, -1)])
-        owner = np.concatenate([np.repeat(patch_of, 4), patch_of])
-        patches = [np.flatnonzero(owner == p) for p in range(len(self.design.flat.layout.patches))]
-        return [(shapely.STRtree(every[rows]), which[rows]) for rows in patches]
+        patch_of, count = self.design.flat.layout.patch_of, len(arms.centre)
+        even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
+        left = complexes(edge(arms, even * roots.left[..., None], LEFT)[0]).reshape(4 * count, -1)
+        right = complexes(edge(arms, even * np.roll(roots.right, 1, axis=1)[..., None], RIGHT)[0]).reshape(
+            4 * count, -1
+        )
+        pieces = [
+            np.concatenate([left[:, k : k + 11], right[:, k : k + 11][:, ::-1]], axis=1)
+            for k in range(0, 10 * _PIECES, 10)
+        ]
+        hub = np.stack([right[:, -1], left[:, -1]], axis=1).reshape(count, 8)
+        hub = np.concatenate([hub, np.repeat(hub[:, -1:], pieces[0].shape[1] - 8, axis=1)], axis=1)
+        rings = np.concatenate([*pieces, hub])
+        arm = np.concatenate([np.tile(np.arange(4 * count), _PIECES), np.full(count, -1)])
+        patch = np.concatenate([np.tile(np.repeat(patch_of, 4), _PIECES), patch_of])
+        return _Bodies(rings + self.pitch * patch[:, None], arm)
 
-    def apart(self, shapes: np.ndarray, patch: np.ndarray) -> np.ndarray:
-        """Shapes (n,) in the frames of patches (n,), moved so that no two patches lie in the same place."""
+    @cached_property
+    def pitch(self) -> float:
+        """Metres by which the frames of consecutive patches are moved apart, so that no two lie in the same place."""
+        return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
+
+    def apart(self, tips: Sequence[tuple[Tip, Tip]]) -> np.ndarray:
+        """(2, n, 2) the polygons of tips in their panels, and in the panels beyond, side by side; all panels apart."""
         import shapely
 
-        corners = self.design.flat.corners
-        pitch = 2.0 * (np.ptp(corners.reshape(-1, 2), axis=0).max() + _VIEW)
-        points, owner = shapely.get_coordinates(shapes, return_index=True)
-        points[:, 0] += pitch * patch[owner]
-        return shapely.set_coordinates(shapes.copy(), points)
+        polygons = np.array([tip.polygon for both in tips for tip in both])
+        points, owner = shapely.get_coordinates(polygons, return_index=True)
+        rows = np.array([one.row for one, _ in tips], dtype=int)
+        halves = self.through.own.rows(rows), self.through.other.rows(rows)
+        origin, out, patch = (np.stack([getattr(h, n) for h in halves], axis=1) for n in ("origin", "out", "patch"))
+        own = complexes(points)
+        local = (own - origin.ravel()[owner]) / out.ravel()[owner]
+        beside = (origin[:, ::-1].ravel()[owner]) - out[:, ::-1].ravel()[owner] * local
+        placed = own + self.pitch * patch.ravel()[owner], beside + self.pitch * patch[:, ::-1].ravel()[owner]
+        return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed]).reshape(2, -1, 2)
 
-    def near(self, through: Through) -> Any:
-        """Polygons of all arms and hubs near a joint but its own two, in the frame of its first half, both panels side by side."""
-        import shapely
-
-        found = []
-        reach = 4.0 * self.sizes(through)[0].pad
+    def look(self, which: Sequence[int]) -> None:
+        """Find out how much room there is beside the arms through some joints, from both edges to either side."""
+        rows = np.array([j for j in which if j not in self._openings], dtype=int)
+        if not len(rows):
+            return
+        through = self.through.rows(rows)
+        reach = np.array([max(self._shifts(j)) + 2.0 * self.sizes(j)[0].length for j in rows.tolist()])
+        back, ahead = (np.minimum(reach, half.along(half.end)) for half in (through.own, through.other))
+        steps = int(np.ceil(reach.max() / _LOOK))
+        x = _LOOK * np.arange(-steps, steps + 1)
+        there = (x >= -back[:, None]) & (x <= ahead[:, None])
+        edges, ways = through.edges(through.tau(np.repeat(-x[None], len(rows), axis=0)))
+        ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
+        # as far as the widest end that is tried could reach
+        view = 1.02 * self.slot + np.array([self.sizes(j)[0].pad for j in rows.tolist()])
+        free = np.full(edges.shape, np.inf)
+        side, row, place = np.nonzero(np.stack([there, there]))
         for half, sign in ((through.own, 1.0), (through.other, -1.0)):
-            tree, which = self.bodies[half.patch]
-            rows = tree.query(shapely.Point(half.origin.real, half.origin.imag).buffer(reach))
-            rows = rows[~np.isin(which[rows], [through.own.arm, through.other.arm])]
-            found.append(shapely.transform(tree.geometries[rows], _into(half, sign)))
-        return np.concatenate(found)
+            out = sign * half.out[row]
+            origin = half.origin[row] + out * edges[side, row, place] + self.pitch * half.patch[row]
+            own = np.stack([through.own.arm[row], through.other.arm[row]], axis=1)
+            seen = self.bodies.sight(origin, out * ways[side, row, place], view[row], own)
+            free[side, row, place] = np.minimum(free[side, row, place], np.maximum(seen - 1.02 * self.slot, 0.0))
+        width = np.abs(edges[0] - edges[1])
+        for k, joint in enumerate(rows.tolist()):
+            at = there[k]
+            self._openings[joint] = Openings(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
-    def _openings(self, through: Through, reach: float, near: Any) -> Openings:
-        """Look from both edges of the arm to either side, as far as ``reach`` metres along it from the joint."""
-        back = min(reach, float(np.interp(through.own.end, through.own.t, through.own.length)))
-        ahead = min(reach, float(np.interp(through.other.end, through.other.t, through.other.length)))
-        x = np.linspace(-back, ahead, 2 + int((back + ahead) / _LOOK))
-        tau = np.array([through.tau(-d) for d in x])
-        edges, ways = through.edges(tau, Widening(0.0, 0.0, 0.0, 0.0))
-        look = ways * (1j * np.array([[LEFT], [RIGHT]]))
-        free = np.maximum(_sight(edges.ravel(), look.ravel(), near) - 1.02 * self.slot, 0.0).reshape(2, -1)
-        return Openings(x, free[0], free[1], np.abs(edges[0] - edges[1]))
+    def free(self, which: Sequence[int], tips: Sequence[tuple[Tip, Tip]], placed: np.ndarray) -> np.ndarray:
+        """(n,) whether both tips at the joints ``which`` keep the smallest slot from all that is near.
 
-    def free(self, joint: int, tips: tuple[Tip, Tip], near: Any) -> bool:
-        """Whether both tips keep the smallest slot from all that is near, side by side and, in one panel, flat."""
+        In their own panels, and in the panels beyond once both lie side by side: ``placed`` (2, n, 2) from ``apart``.
+        """
         import shapely
 
-        slot = 0.999 * self.slot
-        for tip, sign in zip(tips, (1.0, -1.0), strict=True):
-            if shapely.dwithin(near, shapely.transform(tip.polygon, _into(tip.through.own, sign)), slot).any():
-                return False
-        if not self.joints.inside[joint]:
-            return True
-        for tip, partner in (tips, tips[::-1]):
-            tree, which = self.bodies[tip.patch]
-            flat = which[tree.query(tip.polygon, predicate="dwithin", distance=slot)]
-            if not np.isin(flat, [tip.arm, partner.arm]).all() or shapely.dwithin(tip.polygon, partner.rest, slot):
-                return False
-        return not shapely.dwithin(tips[0].polygon, tips[1].polygon, slot)
+        slot, rows = 0.999 * self.slot, np.array(which, dtype=int)
+        own = np.repeat(np.stack([self.through.own.arm[rows], self.through.other.arm[rows]], axis=1), 2, axis=0)
+        blocked = np.zeros(2 * len(rows), dtype=bool)
+        for shapes in placed.reshape(2, -1):
+            blocked |= self.bodies.near(shapes, own, slot)
+        free = ~blocked.reshape(-1, 2).any(axis=1)
+        for k in np.flatnonzero(free & self.joints.inside[rows]).tolist():
+            one, two = tips[k]
+            near = [
+                shapely.dwithin(a.polygon, b, slot) for a, b in ((one, two.rest), (two, one.rest), (one, two.polygon))
+            ]
+            free[k] = not any(near)
+        return free
 
     def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
         """All tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
-        for tip in tips:
-            at = divmod(tip.arm, 4)
-            made.extra[:, at[0], at[1]] = tip.wide.left, tip.wide.right
-            made.full[at], made.over[at] = tip.wide.full, tip.wide.over
+        for tip, end in zip(tips, ends_of(tips, tolerance), strict=True):
+            at, wide = divmod(tip.arm, 4), tip.wide
+            made.extra[:, at[0], at[1]] = wide.left[0], wide.right[0]
+            made.full[at], made.over[at] = wide.full[0], wide.over[0]
             made.begin[at] = max(tip.begin, 0.0)
-            made.across[tip.arm] = tip.end(tolerance)
+            made.across[tip.arm] = end
         return made
 
 
-def _into(half: Half, sign: float) -> Any:
-    """A function for shapely from a patch's frame to that of a joint's first half."""
-    return lambda points: pairs(sign * half.local(complexes(points)))
+class _Bodies:
+    """Pieces of arms, and hubs, in the plane where all panels lie apart.
 
-
-def _sight(origin: np.ndarray, way: np.ndarray, near: Any) -> np.ndarray:
-    """(N,) metres: how far one sees from points along unit directions, both (N,) complex, before a polygon is in the way.
-
-    At most ``_VIEW``; 0 inside a polygon.
+    rings : (P, K) complex, metres; arm : (P,) which arm a piece belongs to, 4 quad + side, -1 for hubs
     """
-    import shapely
 
-    rings, owner = shapely.get_coordinates(shapely.get_exterior_ring(near), return_index=True)
-    same = owner[1:] == owner[:-1]
-    corner = complexes(rings)
-    seen = first_hit(origin, way, _VIEW, corner[:-1][same], np.diff(corner)[same])
-    seen[shapely.STRtree(near).query(shapely.points(pairs(origin)), predicate="within")[0]] = 0.0
-    return seen
+    def __init__(self, rings: np.ndarray, arm: np.ndarray):
+        import shapely
+
+        self.rings, self.arm = rings, arm
+        self.shapes = shapely.polygons(pairs(rings))
+        self.tree = shapely.STRtree(self.shapes)
+
+    def near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
+        """(N,) whether a piece lies within ``distance`` metres of shapes (N,), but for those of the arms ``without`` (N, 2)."""
+        import shapely
+
+        bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])
+        shape, piece = self.tree.query(shapely.box(*bounds.T))
+        other = (self.arm[piece][:, None] != without[shape]).all(axis=1)
+        shape, piece = shape[other], piece[other]
+        shapely.prepare(shapes)
+        found = np.zeros(len(shapes), dtype=bool)
+        found[shape[shapely.dwithin(shapes[shape], self.shapes[piece], distance)]] = True
+        return found
+
+    def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
+        """(N,) metres: how far one sees from points along unit directions, at most ``view`` (N,), before a piece is in the way.
+
+        origin, way : (N,) complex; without : (N, 2) arms that are looked through. 0 inside a piece.
+        """
+        import shapely
+
+        seen = view.astype(float).copy()
+        for first in range(0, len(origin), _RAYS):
+            part = slice(first, first + _RAYS)
+            ends = np.stack([origin[part], origin[part] + view[part] * way[part]], axis=1)
+            ray, piece = self.tree.query(shapely.linestrings(pairs(ends)))
+            other = (self.arm[piece][:, None] != without[part][ray]).all(axis=1)
+            ray, piece = ray[other], piece[other]
+            start = self.rings[piece]
+            along, ahead = np.roll(start, -1, axis=1) - start, way[part][ray, None]
+            to = start - origin[part][ray, None]
+            cross = (ahead.conj() * along).imag
+            with np.errstate(divide="ignore", invalid="ignore"):
+                far, share = (to.conj() * along).imag / cross, (to.conj() * ahead).imag / cross
+            hit = (far >= 0.0) & (share >= 0.0) & (share < 1.0)
+            nearest = np.where(hit, far, np.inf).min(axis=1)
+            # an odd number of walls ahead: the point lies inside
+            nearest[hit.sum(axis=1) % 2 == 1] = 0.0
+            np.minimum.at(seen, first + ray, nearest)
+        return seen

@@ -74,12 +74,19 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     return Size(neck, head, length, wall, params.thinnest, pad, c, rounding, inside)
 
 
-def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> list[Size]:
+@lru_cache(maxsize=4096)
+def sizes(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
+    """The connectors of these scales that differ, in their order."""
+    return tuple(dict.fromkeys(size(width, params, scale, mill) for scale in scales))
+
+
+@lru_cache(maxsize=4096)
+def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
     """Plain ends for glue, the widest first: as wide as connectors of these scales would be, then hardly wider than the arm."""
     whole = size(width, params)
     pads = [*(size(width, params, scale, mill).pad for scale in scales), *(share * width for share in _TABS)]
     short = 0.5 * width
-    return [
+    return tuple(
         Size(
             short,
             short,
@@ -91,7 +98,7 @@ def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill:
             min(whole.rounding, 0.2 * width),
         )
         for pad in sorted(set(pads), reverse=True)
-    ]
+    )
 
 
 def rounded(points: list[tuple[float, float]], radius: float | list[float], closed: bool = False) -> Curve:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
@@ -13,10 +14,13 @@ from ..params import ConnectorParams
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, ends
 from ..spirals.design import SpiralDesign
-from .connector_path import Attempt, Tip
 from .connector_room import SCALES, Room
 from .connector_shape import key, size
+from .connector_tips import Attempt, Tip
 from .labels import seam_labels
+
+CHUNK = 200  # attempts that are judged together, a tenth of a second of work
+FEW, MANY = 4, 16  # attempts of one joint that are judged together, after the first and at the most
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,85 +145,117 @@ def connect(
             continue
         attempt = choice.attempt
         seam, place = int(room.joints.seam[joint]), int(room.joints.place[joint])
-        largest = room.sizes(choice.tips[0].through, attempt.kind)[0]
+        largest = room.sizes(joint, attempt.kind)[0]
         swapped = attempt.kind == "dovetail" and attempt.male != place % 2
         made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
         tips.extend(choice.tips)
-        for tip in choice.tips:
-            taken.ravel()[tip.arm] = max(
-                float(np.interp(tip.wide.full, tip.through.own.t, tip.through.own.length)), 0.0
-            )
+    for half in (room.through.own, room.through.other):
+        full = np.zeros(len(half.arm))
+        for tip in tips:
+            if tip.through.own is half:
+                full[tip.row] = tip.wide.full[0]
+        taken.ravel()[half.arm] = np.maximum(half.along(full), 0.0)
     progress(0.8, "outlines with connectors")
     gathered = room.gathered(tips, ends(design.flat.layout, design.arms, room.slot), tolerance)
-    drawn = design.outlines(tolerance, gathered)
+    drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """What is made of a joint: which of its attempts, and its tips."""
+    """What is made of a joint: one of its attempts, its tips, and ``placed`` (2, 2) their polygons from ``Room.apart``."""
 
-    number: int
     attempt: Attempt
     tips: tuple[Tip, Tip]
+    placed: np.ndarray
+
+
+class _Search:
+    """Goes through the attempts of all joints, one joint's after the other but those of many joints at once."""
+
+    def __init__(self, room: Room):
+        self.room = room
+        self.attempts = [room.attempts(joint) for joint in range(len(room.joints.edge))]
+        self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
+
+    def next(self, joints: list[int], progress: Progress, few: int = 1) -> dict[int, _Choice | None]:
+        """For each of these joints the next attempt that has room; ``None`` where there is no other one.
+
+        few : how many attempts of a joint are judged together at first
+        """
+        found: dict[int, _Choice | None] = {j: self.ready[j].popleft() for j in joints if self.ready[j]}
+        waiting = [j for j in joints if j not in found]
+        while waiting:
+            tries = []
+            for place, joint in enumerate(waiting):
+                if few > 1 and place % CHUNK == 0:
+                    progress(len(found) / len(joints), "connectors")
+                    self.room.look(waiting[place : place + CHUNK])
+                more = list(islice(self.attempts[joint], few))
+                tries += [(joint, attempt) for attempt in more]
+                if not more:
+                    found[joint] = None
+            for first in range(0, len(tries), CHUNK):
+                progress(len(found) / len(joints), "connectors")
+                self._judge(tries[first : first + CHUNK])
+            for joint in waiting:
+                if self.ready[joint]:
+                    found[joint] = self.ready[joint].popleft()
+            waiting = [j for j in waiting if j not in found]
+            few = min(2 * few + 2, MANY)
+        return found
+
+    def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
+        """Keep the attempts that have room."""
+        made = self.room.tips([joint for joint, _ in tries], [attempt for _, attempt in tries])
+        whole = [(*one, tips) for one, tips in zip(tries, made, strict=True) if tips is not None]
+        both = [tips for *_, tips in whole]
+        placed = self.room.apart(both)
+        free = self.room.free([joint for joint, *_ in whole], both, placed)
+        for k in np.flatnonzero(free).tolist():
+            joint, attempt, tips = whole[k]
+            self.ready[joint].append(_Choice(attempt, tips, placed[:, k]))
 
 
 def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     """For every joint the first attempt with room; ``None`` where none has."""
-    count = len(room.joints.edge)
-    chosen: list[_Choice | None] = []
-    for joint in range(count):
-        if joint % 8 == 0:
-            progress(0.95 * joint / count, "connectors")
-        chosen.append(_next(room, joint, 0))
+    search = _Search(room)
+    every = list(range(len(room.joints.edge)))
+    found = search.next(every, progress.part(0.0, 0.9))
+    chosen = [found[joint] for joint in every]
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
-    changed = set(range(count))
+    changed = set(every)
     for turn in range(50):
-        progress(0.95 + 0.001 * turn, "connectors that are too near to each other")
         giving = _crowded(room, chosen, changed)
         if not giving:
             break
-        for place, (joint, number) in enumerate(giving.items()):
-            if place % 8 == 0:
-                progress(0.95 + 0.001 * turn)
-            chosen[joint] = _next(room, joint, number + 1)
+        for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn), FEW).items():
+            chosen[joint] = choice
         changed = set(giving)
     return chosen
 
 
-def _next(room: Room, joint: int, start: int) -> _Choice | None:
-    """The first attempt from ``start`` on that has room."""
-    through = room.through(joint)
-    near = room.near(through)
-    for number, attempt in islice(enumerate(room.attempts(joint, through, near)), start, None):
-        tips = room.tips(through, attempt)
-        if tips is not None and room.free(joint, tips, near):
-            return _Choice(number, attempt, tips)
-    return None
-
-
-def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> dict[int, int]:
-    """Joints that have to give way because two tips are nearer than the smallest slot; and what they tried last.
+def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> list[int]:
+    """Joints that have to give way because two tips are nearer than the smallest slot.
 
     Only tips near those of the ``changed`` joints are looked for.
     """
     import shapely
 
-    owners = [(joint, c.number) for joint, c in enumerate(chosen) if c is not None for _ in c.tips]
-    tips = [tip for c in chosen if c is not None for tip in c.tips]
-    fresh = np.array([k for k, (joint, _) in enumerate(owners) if joint in changed], dtype=int)
+    some = [(joint, c) for joint, c in enumerate(chosen) if c is not None]
+    owner = np.repeat(np.array([joint for joint, _ in some], dtype=int), 2)
+    fresh = np.flatnonzero(np.isin(owner, list(changed)))
     if not len(fresh):
-        return {}
-    polygons = np.array([t.polygon for t in tips])
-    patch = np.array([t.patch for t in tips])
-    tree, slot = shapely.STRtree(room.apart(polygons, patch)), 0.999 * room.slot
-    one, two = tree.query(room.apart(polygons[fresh], patch[fresh]), predicate="dwithin", distance=slot)
-    pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
-    near = {(a, b) for a, b in pairs if a != b}
-    # and of two panels that lie side by side along their joint
-    beside = np.array([tips[a].beside for a in fresh.tolist()])
-    others = np.array([tips[a].through.other.patch for a in fresh.tolist()])
-    one, two = tree.query(room.apart(beside, others), predicate="dwithin", distance=slot)
-    pairs = zip(fresh[one].tolist(), two.tolist(), strict=True)
-    near |= {(a, b) for a, b in pairs if owners[a] != owners[b]}
-    return dict(owners[a] if polygons[a].area > polygons[b].area else owners[b] for a, b in sorted(near))
+        return []
+    flat, beside = np.stack([c.placed for _, c in some], axis=1).reshape(2, -1)
+    tree, slot = shapely.STRtree(flat), 0.999 * room.slot
+    area = shapely.area(flat)
+    giving: set[int] = set()
+    # in one panel, and in two panels that lie side by side along their joint
+    for shapes in (flat, beside):
+        one, two = tree.query(shapes[fresh], predicate="dwithin", distance=slot)
+        one = fresh[one]
+        near = one != two if shapes is flat else owner[one] != owner[two]
+        one, two = one[near], two[near]
+        giving |= set(np.where(area[one] > area[two], owner[one], owner[two]).tolist())
+    return sorted(giving)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 from .. import PROGRAM
 from ..errors import FlexMapsError
 from ..files import NewFile, replacing_many
+from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve
 from .series import numbered, numbered_before
 from .sheets import CutSheets
@@ -25,7 +26,11 @@ VERSIONS = ("R12", "R2010")
 
 
 def write(
-    sheets: CutSheets, path: str | os.PathLike[str], version: str = "R2010", new: NewFile | None = None
+    sheets: CutSheets,
+    path: str | os.PathLike[str],
+    version: str = "R2010",
+    new: NewFile | None = None,
+    progress: Progress = SILENT,
 ) -> list[Path]:
     """Write one file per sheet: ``path`` out/sheet.dxf gives out/sheet-01.dxf, out/sheet-02.dxf, ...; returns their paths.
 
@@ -37,17 +42,20 @@ def write(
         raise FlexMapsError(f"DXF version '{version}' is not one of {', '.join(VERSIONS)}")
     if new is None:
         with replacing_many(numbered_before(path, sheets.count)) as new:
-            return write(sheets, path, version, new)
+            return write(sheets, path, version, new, progress)
     paths = numbered(path, sheets.count)
     for index, target in enumerate(paths):
+        part = progress.part(index / sheets.count, (index + 1) / sheets.count)
         if version == "R12":
-            new(target).write_text(_r12(sheets, index), encoding="ascii", newline="\r\n")
+            new(target).write_text(_r12(sheets, index, part), encoding="ascii", newline="\r\n")
         else:
-            _document(sheets, index, version).saveas(new(target))
+            _document(sheets, index, version, _entities(sheets, index, part)).saveas(new(target))
     return paths
 
 
-def _document(sheets: CutSheets, index: int, version: str, *, filled: bool = True):  # type: ignore[no-untyped-def]  # ezdxf's Drawing
+def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
+    sheets: CutSheets, index: int, version: str, entities: Iterable[tuple[str, Curve]] = ()
+):
     import ezdxf
     from ezdxf import units
 
@@ -61,7 +69,7 @@ def _document(sheets: CutSheets, index: int, version: str, *, filled: bool = Tru
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
     for name, colour in LAYERS:
         document.layers.add(name, color=colour)
-    for name, curve in _entities(sheets, index) if filled else ():
+    for name, curve in entities:
         document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
     return document
 
@@ -77,8 +85,8 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _entities(sheets: CutSheets, index: int) -> Iterator[tuple[str, Curve]]:
-    for (name, _), curves in zip(LAYERS, operations(sheets, index), strict=True):
+def _entities(sheets: CutSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
+    for (name, _), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
         for curve in curves:
             yield name, curve
 
@@ -88,14 +96,14 @@ def _rows(curve: Curve) -> list[list[float]]:
     return np.column_stack([np.round(curve.points * 1e3, 6), curve.bulge]).tolist()
 
 
-def _r12(sheets: CutSheets, index: int) -> str:
+def _r12(sheets: CutSheets, index: int, progress: Progress) -> str:
     """An R12 document: header and tables from ezdxf; the polylines, one entity per node there, written straight into it."""
     frame = io.StringIO()
-    _document(sheets, index, "R12", filled=False).write(frame)
+    _document(sheets, index, "R12").write(frame)
     before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
     assert mark, "a DXF document has a section of entities"
     parts = [f"999\n{PROGRAM}\n", before, mark]  # a comment: R12 has no place for the program's name
-    for name, curve in _entities(sheets, index):
+    for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
         parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n 42\n{bulge:.12g}\n" for x, y, bulge in _rows(curve))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..errors import FlexMapsError
 from ..files import NewFile, replacing_many
+from ..progress import SILENT, Progress
 from . import dxf, pdf, series, solid_files, svg
 from .sheets import CutSheets
 
@@ -15,7 +16,13 @@ SOLID = ("stl", "3mf")
 FORMATS = FLAT + SOLID
 
 
-def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: NewFile | None = None) -> list[Path]:
+def write(
+    sheets: CutSheets,
+    base: Path,
+    formats: tuple[str, ...] = FLAT,
+    new: NewFile | None = None,
+    progress: Progress = SILENT,
+) -> list[Path]:
     """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-01.dxf, out/sheet-r12-01.dxf, ...
 
     Files of an earlier run with more sheets go. ``new`` comes from ``files.replacing_many`` where the files shall appear
@@ -27,18 +34,19 @@ def write(sheets: CutSheets, base: Path, formats: tuple[str, ...] = FLAT, new: N
         raise FlexMapsError(f"{wrong}; choose among {', '.join(FORMATS)}")
     if new is None:
         with replacing_many(stale(base, sheets.count), base.parent) as new:
-            return write(sheets, base, formats, new)
+            return write(sheets, base, formats, new, progress)
     written: list[Path] = []
-    if "svg" in formats:
-        written += svg.write(sheets, _named(base, "svg"), new)
-    for key, version in (("dxf", "R2010"), ("dxf-r12", "R12")):
-        if key in formats:
-            written += dxf.write(sheets, _named(base, key), version, new)
-    if "pdf" in formats:
-        written += pdf.write(sheets, _named(base, "pdf"), new)
-    for key in SOLID:
-        if key in formats:
-            written += solid_files.write(sheets, _named(base, key), new)
+    wanted = [key for key in FORMATS if key in formats]
+    for number, key in enumerate(wanted):
+        part, target = progress.part(number / len(wanted), (number + 1) / len(wanted)), _named(base, key)
+        if key == "svg":
+            written += svg.write(sheets, target, new, part)
+        elif key in {"dxf", "dxf-r12"}:
+            written += dxf.write(sheets, target, "R12" if key == "dxf-r12" else "R2010", new, part)
+        elif key == "pdf":
+            written += pdf.write(sheets, target, new, part)
+        else:
+            written += solid_files.write(sheets, target, new, part)
     return written
 
 

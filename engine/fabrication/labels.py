@@ -8,6 +8,7 @@ import numpy as np
 
 from ..params import SheetParams
 from ..patches.layout import PatchLayout
+from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve
 from ..spirals.contours import Hubs
 from ..spirals.spiral import Arms, centre_line, width_at
@@ -59,7 +60,12 @@ def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
 
 
 def make_labels(
-    layout: PatchLayout, arms: Arms, hubs: Hubs, params: SheetParams, taken: np.ndarray | None = None
+    layout: PatchLayout,
+    arms: Arms,
+    hubs: Hubs,
+    params: SheetParams,
+    taken: np.ndarray | None = None,
+    progress: Progress = SILENT,
 ) -> Labels:
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
@@ -70,10 +76,12 @@ def make_labels(
     placed = left_out = 0
     names = seam_labels(layout)
     for patch, quads in enumerate(layout.patches):
+        progress(0.5 * patch / len(layout.patches), "labels")
         found = _panel_label(panel_name(patch), quads, lines, names, params.label_height)
         strokes[patch].extend(found)
         placed += 1
-    for (quad, side), name in names.items():
+    for number, ((quad, side), name) in enumerate(names.items()):
+        progress(0.5 + 0.5 * number / len(names), "labels")
         height = lines.height(quad, side, name, params.label_height)
         if height < params.label_min:
             left_out += 1

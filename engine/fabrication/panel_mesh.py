@@ -16,7 +16,7 @@ from ..mechanics.bent_arms import BentArms, hub_ends
 from ..mechanics.joint_motion import times
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, mates
-from .connector_path import Tip
+from .connector_tips import Tip
 from .solid_files import places
 
 
@@ -113,12 +113,13 @@ def panel_mesh(design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = ()) -
     rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
     first = np.cumsum(rows) - rows
     arm = np.repeat(np.arange(4 * count), rows)
-    begin = np.zeros(4 * count)
-    begin[[tip.arm for tip in tips]] = [tip.wide.over for tip in tips]
+    begin, headed = np.zeros(4 * count), np.zeros(4 * count, dtype=bool)
+    ends = [tip.arm for tip in tips]
+    begin[ends], headed[ends] = [tip.over for tip in tips], True
     t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], pieces, rows, begin)
     rim_quad, rim = _rims(design, detail.fillet)
     first, last = first.reshape(count, 4), (first + rows - 1).reshape(count, 4)
-    faces, quad_of = _faces(design, arm, first, last, rim.shape[2], begin > 0.0)
+    faces, quad_of = _faces(design, arm, first, last, rim.shape[2], headed)
     heads = Heads.of_tips(design, tips)
     more, more_of = heads.faces(first.ravel(), 4 * len(arm) + 2 * rim_quad.size)
     faces, quad_of = [*faces, *more], np.concatenate([quad_of, more_of])
@@ -291,7 +292,7 @@ def _along(
     """Parameter (H,), centre line (H, 3) and way from there (H, 3) of points (H, 2) about the tips; beyond them all is rigid."""
     shape = design.arms.one_by_one(*np.divmod(arm, 4))
     tip, speed, _ = (x[:, 0, 0] for x in centre_line(shape, np.zeros((len(arm), 1, 1))))
-    over = np.repeat([tip.wide.over for tip in tips], count)
+    over = np.repeat([tip.over for tip in tips], count)
     t = np.clip(((points - tip) * speed).sum(axis=1) / np.maximum((speed**2).sum(axis=1), 1e-30), 0.0, over)
     line, side = np.zeros((len(arm), 3)), np.zeros((len(arm), 3))
     centre = centre_line(shape, t[:, None, None])[0][:, 0, 0]

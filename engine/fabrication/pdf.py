@@ -182,7 +182,9 @@ def _assembled(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None) -> list[Path]:
+def write(
+    sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
+) -> list[Path]:
     """Write one file per sheet, a page of the sheet's size each: out/sheet.pdf gives out/sheet-01.pdf, ...; returns their paths.
 
     All of them appear or none. ``new`` comes from ``files.replacing_many`` where they shall appear together with others.
@@ -190,19 +192,19 @@ def write(sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None
     """
     if new is None:
         with replacing_many(numbered_before(target, sheets.count)) as new:
-            return write(sheets, target, new)
+            return write(sheets, target, new, progress)
     paths = numbered(target, sheets.count)
     for index, place in enumerate(paths):
-        page = sheet_page(sheets, index)
+        page = sheet_page(sheets, index, progress.part(index / sheets.count, (index + 1) / sheets.count))
         new(place).write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))
     return paths
 
 
-def sheet_page(sheets: CutSheets, index: int) -> Page:
+def sheet_page(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Page:
     """One sheet at its true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
-    for (name, colour), curves in zip(LAYERS, operations(sheets, index), strict=True):
+    for (name, colour), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
         page.begin_layer(name)
         for curve in curves:
             page.stroke(curve, colour, HAIRLINE * 1e-3)

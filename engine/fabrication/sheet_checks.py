@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import FlexMapsError
 from ..params import ConnectorParams, CutParams, SheetParams
+from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, touching
 from ..spirals.design import SpiralDesign, nearest_quads
 from .connectors import Connections
@@ -36,7 +37,9 @@ def check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> Non
         )
 
 
-def check_kerf(design: SpiralDesign, panels: Sequence[Panel], params: SheetParams, cut: CutParams) -> None:
+def check_kerf(
+    design: SpiralDesign, panels: Sequence[Panel], params: SheetParams, cut: CutParams, progress: Progress = SILENT
+) -> None:
     """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
     widest = max(cut.kerf_outline, cut.kerf_holes)
     if widest == 0.0:
@@ -46,15 +49,16 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], params: SheetParam
             f"The panels lie closer together than the kerf of {cut.kerf_outline * 1e3:g} mm; make the spacing larger"
         )
     remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
-    paths = []
+    paths: list[Outline] = []
     for panel in panels:
+        progress(0.5 * len(paths) / len(panels), "paths of the cutter")
         try:
             paths.append(cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes))
         except FlexMapsError as error:
             raise FlexMapsError(
                 f"Panel {panel.number}: {remedy}", faces=design.flat.layout.patches[panel.patch]
             ) from error
-    where = touching(paths)
+    where = touching(paths, progress.part(0.5, 1.0))
     if len(where):
         raise FlexMapsError(f"{len(where)} places cannot be cut: {remedy}", faces=nearest_quads(design.flat, where))
 

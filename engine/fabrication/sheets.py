@@ -108,20 +108,24 @@ def make_sheets(
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
-    where = touching(drawn)
+    where = touching(drawn, progress.part(0.3, 0.5))
     if len(where):
         raise FlexMapsError(
             f"The spirals of {len(np.unique(where[:, 0]))} panels touch each other; make the twist or the width smaller there",
             faces=nearest_quads(design.flat, where),
         )
     progress(0.5, "labels")
-    labels = make_labels(layout, arms, root, params, made.taken) if params.labels else Labels(((),) * len(drawn), 0, 0)
+    labels = (
+        make_labels(layout, arms, root, params, made.taken, progress.part(0.5, 0.6))
+        if params.labels
+        else Labels(((),) * len(drawn), 0, 0)
+    )
     holds = _holds(design, made)
     panels = tuple(
         Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes), holds[i])
         for i, o in enumerate(drawn)
     )
-    check_kerf(design, panels, params, cut)
+    check_kerf(design, panels, params, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "

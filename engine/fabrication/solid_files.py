@@ -13,6 +13,7 @@ import numpy as np
 from .. import PROGRAM
 from ..errors import FlexMapsError
 from ..files import NewFile, replacing_many
+from ..progress import SILENT, Progress
 from .panel import Panel
 from .series import numbered, numbered_before
 from .sheets import CutSheets
@@ -78,7 +79,9 @@ def _keys(points: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(points + 0.0).view(complex).ravel()
 
 
-def write(sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None) -> list[Path]:
+def write(
+    sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
+) -> list[Path]:
     """Write one file per sheet, the panels where they lie on it: out/sheet.stl or out/sheet.3mf gives out/sheet-01.stl, ...
 
     The suffix chooses the format; 3MF keeps the panels apart by their numbers. All files appear or none; ``new`` comes
@@ -86,10 +89,14 @@ def write(sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None
     """
     if new is None:
         with replacing_many(numbered_before(target, sheets.count)) as new:
-            return write(sheets, target, new)
+            return write(sheets, target, new, progress)
     paths = numbered(target, sheets.count)
     for index, path in enumerate(paths):
-        solids = [extruded(panel, sheets.thickness) for panel in sheets.on_sheet(index)]
+        part, panels = progress.part(index / sheets.count, (index + 1) / sheets.count), sheets.on_sheet(index)
+        solids = []
+        for number, panel in enumerate(panels):
+            part(number / len(panels), f"solids of sheet {index + 1}")
+            solids.append(extruded(panel, sheets.thickness))
         (write_3mf if path.suffix.lower() == ".3mf" else write_stl)(solids, new(path))
     return paths
 

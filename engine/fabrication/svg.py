@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from .. import PROGRAM
 from ..files import NewFile, replacing_many
+from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve
 from .series import numbered, numbered_before
 from .sheets import CutSheets
@@ -19,7 +21,9 @@ LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff00
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
 
 
-def write(sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None = None) -> list[Path]:
+def write(
+    sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
+) -> list[Path]:
     """Write one file per sheet: ``path`` out/sheet.svg gives out/sheet-01.svg, out/sheet-02.svg, ...; returns their paths.
 
     All of them appear or none. ``new`` comes from ``files.replacing_many`` where they shall appear together with others.
@@ -27,20 +31,33 @@ def write(sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None =
     """
     if new is None:
         with replacing_many(numbered_before(path, sheets.count)) as new:
-            return write(sheets, path, new)
+            return write(sheets, path, new, progress)
     paths = numbered(path, sheets.count)
     for index, target in enumerate(paths):
-        new(target).write_text(text(sheets, index), encoding="utf-8")
+        part = progress.part(index / sheets.count, (index + 1) / sheets.count)
+        new(target).write_text(text(sheets, index, part), encoding="utf-8")
     return paths
 
 
-def operations(sheets: CutSheets, index: int) -> list[tuple[Curve, ...]]:
-    """The curves of every layer of ``LAYERS`` on one sheet."""
+def operations(sheets: CutSheets, index: int, progress: Progress = SILENT) -> list[Iterator[Curve]]:
+    """The curves of every layer of ``LAYERS`` on one sheet; ``progress`` hears of them as they are asked for."""
+    progress(0.0, "the way of the cutter")
     runs = sheets.runs(index)
-    return [runs.engraved, runs.inner, runs.outer]
+    layers = [runs.engraved, runs.inner, runs.outer]
+    total = max(sum(map(len, layers)), 1)
+    done = iter(range(total))
+
+    def told(curves: Sequence[Curve]) -> Iterator[Curve]:
+        for curve in curves:
+            number = next(done)
+            if number % 100 == 0:
+                progress(number / total, "writing the sheets")
+            yield curve
+
+    return [told(curves) for curves in layers]
 
 
-def text(sheets: CutSheets, index: int) -> str:
+def text(sheets: CutSheets, index: int, progress: Progress = SILENT) -> str:
     """The SVG document of one sheet."""
     width, height = (float(x) * 1e3 for x in sheets.packing.sizes[index])
     title = escape(f"sheet {index + 1} of {sheets.count}")
@@ -51,7 +68,7 @@ def text(sheets: CutSheets, index: int) -> str:
         f"<title>{title}</title>",
         f"<metadata>{PROGRAM}</metadata>",
     ]
-    for (name, colour), curves in zip(LAYERS, operations(sheets, index), strict=True):
+    for (name, colour), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
             f' stroke="{colour}" stroke-width="{HAIRLINE}">'

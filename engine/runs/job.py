@@ -210,7 +210,7 @@ def _split(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
-    made = design.from_curvature(result.flat, settings.spiral, curvature.rms_curvature(result.mesh))
+    made = design.from_curvature(result.flat, settings.spiral, curvature.rms_curvature(result.mesh), progress)
     return replace(without(result, "design"), design=made)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..patches.layout import PatchLayout
+from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .arcs import Curve, Fitted, fit
 from .slots import PARALLEL, clockwise, slot_widths
@@ -176,7 +177,13 @@ def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
 
 
 def outlines(
-    layout: PatchLayout, arms: Arms, root: Hubs, slot: float, tolerance: float, tips: Tips | None = None
+    layout: PatchLayout,
+    arms: Arms,
+    root: Hubs,
+    slot: float,
+    tolerance: float,
+    tips: Tips | None = None,
+    progress: Progress = SILENT,
 ) -> list[Outline]:
     """One outline per patch, as arcs within ``tolerance`` metres of the true curves; ``tips`` at the cuts, or plain ends.
 
@@ -193,10 +200,14 @@ def outlines(
     begin = ends(layout, arms, slot) if tips is None else tips.begin
     chains = _chains(mesh, joined)
     across = {} if tips is None else tips.across
-    pieces = _pieces(arms, root, begin, _edges(arms, root, begin, tolerance, tips), joined, across)
+    pieces = _pieces(
+        arms, root, begin, _edges(arms, root, begin, tolerance, tips, progress.part(0.0, 0.7)), joined, across
+    )
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
-    for chain in chains:
+    for number, chain in enumerate(chains):
+        if number % 500 == 0:
+            progress(0.8 + 0.2 * number / len(chains), "closing the outlines")
         points = np.concatenate([pieces[c][0] for c in chain])
         bulge = np.concatenate([pieces[c][1] for c in chain])
         curve = Curve(points, bulge)
@@ -213,7 +224,9 @@ def outlines(
     return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
 
 
-def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Tips | None) -> Fitted:
+def _edges(
+    arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Tips | None, progress: Progress
+) -> Fitted:
     """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
     count = arms.radius.size
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
@@ -227,7 +240,7 @@ def _edges(arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Ti
         point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
         return point[:, 0], tangent[:, 0]
 
-    return fit(evaluate, np.concatenate([left, right]), tolerance)
+    return fit(evaluate, np.concatenate([left, right]), tolerance, progress)
 
 
 def _pieces(
@@ -288,12 +301,13 @@ def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
     return chains
 
 
-def touching(drawn: list[Outline]) -> np.ndarray:
+def touching(drawn: list[Outline], progress: Progress = SILENT) -> np.ndarray:
     """(N, 3): patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
     import shapely
 
     found = []
     for patch, outline in enumerate(drawn):
+        progress(patch / len(drawn), "checking the outlines")
         rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
         if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
             continue

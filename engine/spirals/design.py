@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flatten import FlatPatches
+from ..progress import SILENT, Progress
 from .contours import Hubs, Outline, Tips, hubs, outlines, touching
 from .slots import (
     CLEAR,
@@ -59,15 +60,15 @@ class SpiralDesign:
         """Where the slots of every spiral end."""
         return hubs(self.arms, self.params.fillet)
 
-    def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None) -> list[Outline]:
+    def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
         if tips is not None:
             slot = slot_needed(self.params)
-            return outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, tips)
+            return outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, tips, progress)
         known = self.__dict__.setdefault("_outlines", {})
         if tolerance not in known:
             slot = slot_needed(self.params)
-            known[tolerance] = outlines(self.flat.layout, self.arms, self.roots, slot, tolerance)
+            known[tolerance] = outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, None, progress)
         return known[tolerance]
 
     @cached_property
@@ -134,13 +135,15 @@ def uniform(
     return fitted(flat, params, np.full(count, float(width)), np.full(count, float(twist)))
 
 
-def from_curvature(flat: FlatPatches, params: SpiralParams, curvature: np.ndarray) -> SpiralDesign:
+def from_curvature(
+    flat: FlatPatches, params: SpiralParams, curvature: np.ndarray, progress: Progress = SILENT
+) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
     curvature : (F,) RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
-    return fitted(flat, params, *curvature_adjusted(params, curvature))
+    return fitted(flat, params, *curvature_adjusted(params, curvature), progress=progress)
 
 
 def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +160,13 @@ def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.
 
 
 def fitted(
-    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, *, prove: bool = True
+    flat: FlatPatches,
+    params: SpiralParams,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    prove: bool = True,
+    progress: Progress = SILENT,
 ) -> SpiralDesign:
     """The design nearest to widths (F,) metres and twists (F,) radians that can be cut, joints and neighbours included.
 
@@ -165,9 +174,9 @@ def fitted(
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = np.minimum(width, width_range(flat, params)[1])
-    twist = np.minimum(twist, twist_bound(flat, params, width))
-    design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist))
-    return _proved(design) if prove else design
+    twist = np.minimum(twist, twist_bound(flat, params, width, progress.part(0.0, 0.2)))
+    design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist, progress.part(0.2, 0.6)))
+    return _proved(design, progress.part(0.6, 1.0)) if prove else design
 
 
 def outside(design: SpiralDesign) -> np.ndarray:
@@ -208,7 +217,7 @@ def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np
     return np.minimum(params.width_min, high), high
 
 
-def _proved(design: SpiralDesign, rounds: int = 30) -> SpiralDesign:
+def _proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) -> SpiralDesign:
     """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
 
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
@@ -216,10 +225,12 @@ def _proved(design: SpiralDesign, rounds: int = 30) -> SpiralDesign:
     mate = mates(design.flat.layout.mesh)[0]
     thinnest = _THINNEST * design.params.width_min
     culprits = np.empty(0, dtype=np.int64)
-    for _ in range(rounds):
+    for turn in range(rounds):
+        part = progress.part(turn / rounds, (turn + 1) / rounds)
+        part(0.0, "roots of the slots")
         culprits = np.flatnonzero(design.roots.missed.any(axis=1))
         if not len(culprits):
-            where = touching(design.outlines())
+            where = touching(design.outlines(progress=part.part(0.0, 0.8)), part.part(0.8, 1.0))
             if not len(where):
                 return design
             culprits = nearest_quads(design.flat, where)
@@ -249,7 +260,7 @@ def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.nd
 
 
 def _relieved(
-    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray
+    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
 ) -> tuple[np.ndarray, np.ndarray]:
     """Widths and twists (F,), reduced where the blended joints or the neighbours leave too little room."""
     # a little more: the gap is judged at some points of every slot only
@@ -258,9 +269,13 @@ def _relieved(
     rest = 1.0 / (1.0 - DEPTH) ** 2
     gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
     quads = np.arange(len(twist))
-    for _ in range(60):
+    for turn in range(60):
+        progress(turn / 60, "room between the arms")
         shape = arms(flat, params, width, twist)
-        gap[quads] = _gap(shape, flat, quads, AMPLE * slot)
+        for first in range(0, len(quads), TOGETHER):
+            progress((turn + first / len(quads)) / 60, "room between the arms")
+            some = quads[first : first + TOGETHER]
+            gap[some] = _gap(shape, flat, some, AMPLE * slot)
         # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
         sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
         gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
@@ -281,6 +296,7 @@ def _relieved(
     return width, twist
 
 
+TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
 AMPLE = 1.5  # slots, a gap that need not give way to its neighbours'
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ..params import SpiralParams
 from ..patches.flatten import FlatPatches
 from ..patches.layout import PatchLayout
+from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
 
@@ -206,7 +207,7 @@ def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.nd
     return (points - 0.5 * (a + b)[:, None]) @ frame.swapaxes(1, 2)
 
 
-def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray) -> np.ndarray:
+def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, progress: Progress = SILENT) -> np.ndarray:
     """(F,) radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
 
     ``width`` (F,) in metres. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
@@ -228,7 +229,8 @@ def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray) -> n
     low[good] = high[good]
     open_ = open_[~good]
     high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), width, slot) + 0.1)
-    for _ in range(12):
+    for turn in range(12):
+        progress(turn / 12, "room for the twist")
         middle = 0.5 * (low[open_] + high[open_])
         good = fits(open_, middle)
         low[open_] = np.where(good, middle, low[open_])
