@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from ..engine.mechanics import stiffness
+from ..engine.mechanics.peak_strain import log_strains
 from ..engine.progress import SILENT, Progress
 from . import table
 from .geometry import Spiral
@@ -70,5 +71,5 @@ def errors(
         true, made = np.load(name), stiffness.load_table(poisson, target)
         compliance.append(table.block_errors(true, spiral, poisson, made))
         ratio, flatness, twist = (np.array([v]) for v in (spiral.scale, 1.0 / spiral.height, spiral.twist))
-        strains.append(np.exp(stiffness.log_strains(ratio, flatness, twist, made)[:, 0] - true[12:]) - 1.0)
+        strains.append(np.exp(log_strains(ratio, flatness, twist, made)[:, 0] - true[12:]) - 1.0)
     return np.array(compliance), np.array(strains)

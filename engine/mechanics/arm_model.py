@@ -137,7 +137,7 @@ class ArmModel:
         return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
 
     def strains(self, state: ArmState, material: Material) -> np.ndarray:
-        """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``stiffness.peak_strain``)."""
+        """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``peak_strain``)."""
         return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
 
     def beyond(self) -> list[Beyond]:

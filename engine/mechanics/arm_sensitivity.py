@@ -17,7 +17,8 @@ import numpy as np
 from ..materials import Material
 from .assembly import Assembly
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
-from .stiffness import ArmCompliance, PeakStrain, peak_strain_slopes
+from .peak_strain import PeakStrain, peak_strain_slopes
+from .stiffness import ArmCompliance
 
 WIDTH, TWIST = 0, 1
 
@@ -82,7 +83,7 @@ class JointChanges:
 
 @dataclass(frozen=True, eq=False)
 class StrainChanges:
-    """Peak strains of both arms of m joints, a safe estimate (see ``stiffness.peak_strain``), with derivatives.
+    """Peak strains of both arms of m joints, a safe estimate (see ``peak_strain``), with derivatives.
 
     values : (m, 2); by_pose : (m, 2, 12) by the increments of both hubs
     by_design : (m, 2, 2, 2) of an arm (first) by width and twist (last) of the spirals on both sides (second)

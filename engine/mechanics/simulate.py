@@ -63,7 +63,7 @@ class Simulation:
     def strain(self) -> np.ndarray | None:
         """(F,) the largest strain of every spiral's arms as a share of what the material bears; None for the rod model.
 
-        A safe estimate, see ``stiffness.peak_strain``.
+        A safe estimate, see ``peak_strain``.
         """
         if not isinstance(self.model, ArmModel):
             return None

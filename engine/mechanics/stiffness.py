@@ -1,4 +1,4 @@
-"""How stiff the arm of a spiral is: the fitted table, its exact derivatives, and the strain that a load costs.
+"""How stiff the arm of a spiral is: the fitted table and its exact derivatives; ``peak_strain`` holds the strains.
 
 Table values come from the linear limit of volumetric finite elements, stored relative to a curved beam and
 interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio. What is interpolated
@@ -129,7 +129,7 @@ class _Point:
     thinner: np.ndarray
 
 
-def _locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
+def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
     """The nearest place in the table; a coordinate that is clipped there no longer depends on anything."""
     within = np.clip(ratio, *SCALE_RANGE)
     limit, slope = _twist_limit(within)
@@ -187,7 +187,7 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return value, slope
 
 
-def _interpolate(table: Table, at: _Point, channels: slice) -> tuple[np.ndarray, np.ndarray]:
+def interpolate(table: Table, at: _Point, channels: slice) -> tuple[np.ndarray, np.ndarray]:
     """(C, n) values and (3, C, n) derivatives by ln(s/w), ln(w/h) and twist of the chosen channels."""
     c = table.coefficients[:, channels]
     pairs, count, degree = c.shape
@@ -256,8 +256,8 @@ def relative_factor(compliance: np.ndarray, scale: float, height: float, twist: 
 
 def blocks(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table, poisson: float) -> beams.Blocks:
     """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,)."""
-    at = _locate(ratio, flatness, twist)
-    log, dlog = _interpolate(table, at, slice(0, 12))
+    at = locate(ratio, flatness, twist)
+    log, dlog = interpolate(table, at, slice(0, 12))
     log, dlog = log * at.share, dlog * at.share
     dlog[0] -= np.where(at.share < 1.0, log, 0.0)
     log, dlog = log.reshape(2, 6, -1).swapaxes(0, 1), dlog.reshape(3, 2, 6, -1).swapaxes(1, 2)
@@ -287,8 +287,8 @@ def tip_compliance(
     longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Raises FlexMapsError where
     something is no length or angle; ``faces`` of the error are positions in the given arrays.
     """
-    _refuse_material(thickness, youngs)
-    scale, width, twist = _arms(scale, width, twist)
+    refuse_material(thickness, youngs)
+    scale, width, twist = lengths_and_twists(scale, width, twist)
     ratio, least = scale / width, SCALE_RANGE[0]
     found = blocks(np.maximum(ratio, least), width / thickness, twist, load_table(float(poisson)), float(poisson))
     # a wrench (F, M) is (E w^2, E w^3) and a motion (u, turn) is (w, 1) of the dimensionless one
@@ -308,7 +308,9 @@ def tip_compliance(
     return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist)))
 
 
-def _arms(scale: np.ndarray, width: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def lengths_and_twists(
+    scale: np.ndarray, width: np.ndarray, twist: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Scales, widths and twists as arrays (n,); raises FlexMapsError with the positions of those that are none."""
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
     scale, width, twist = np.broadcast_arrays(scale, width, twist)
@@ -321,7 +323,7 @@ def _arms(scale: np.ndarray, width: np.ndarray, twist: np.ndarray) -> tuple[np.n
     return scale, width, twist
 
 
-def _refuse_material(thickness: float, youngs: float) -> None:
+def refuse_material(thickness: float, youngs: float) -> None:
     if not (math.isfinite(thickness) and thickness > 0):
         raise FlexMapsError(f"The sheet's thickness is {thickness:g} m; it must be a positive number")
     if not (math.isfinite(youngs) and youngs > 0):
@@ -335,89 +337,3 @@ def _full(entries: np.ndarray) -> np.ndarray:
         for k, (i, j) in enumerate(ENTRIES):
             out[rows[i], rows[j]] = out[rows[j], rows[i]] = entries[b, k]
     return np.ascontiguousarray(np.moveaxis(out, -1, 0))
-
-
-def peak_strain(
-    wrench: np.ndarray,
-    scale: np.ndarray,
-    width: np.ndarray,
-    twist: np.ndarray,
-    *,
-    thickness: float,
-    youngs: float,
-    poisson: float,
-) -> np.ndarray:
-    """(n,) a safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
-
-    wrench : (n, 6) N and N m at the tip of one arm, axes as in ``ArmCompliance``. The peak strains of the six components
-    are added as if they met in one place: usually 1.2 to 2.5 times the true strain, more where components cancel. Small
-    strains; at the fillets, in the hundredth of the volume that is left out, it is higher.
-    """
-    arrays = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (wrench, scale, width, twist))
-    return peak_strain_slopes(*arrays, thickness=thickness, youngs=youngs, poisson=poisson).values
-
-
-@dataclass(frozen=True, eq=False)
-class PeakStrain:
-    """Peak strains of n arms and their derivatives.
-
-    values : (n,); by_wrench : (n, 6) per N and N m; by_width : (n,) per metre, by_twist : (n,) per radian
-    """
-
-    values: np.ndarray
-    by_wrench: np.ndarray
-    by_width: np.ndarray
-    by_twist: np.ndarray
-
-
-def peak_strain_slopes(
-    wrench: np.ndarray,
-    scale: np.ndarray,
-    width: np.ndarray,
-    twist: np.ndarray,
-    *,
-    thickness: float,
-    youngs: float,
-    poisson: float,
-) -> PeakStrain:
-    """``peak_strain`` with its derivatives; arms shorter than the table's shortest count as that long."""
-    _refuse_material(thickness, youngs)
-    scale, width, twist = _arms(scale, width, twist)
-    stub = scale < SCALE_RANGE[0] * width
-    ratio = np.where(stub, SCALE_RANGE[0], scale / width)
-    log, slopes = _log_strains(ratio, width / thickness, twist, load_table(float(poisson)))
-    power = np.repeat([2.0, 3.0], 3)[:, None]
-    unit = np.exp(log) / (youngs * width**power)
-    size = np.abs(wrench).T * unit
-    by_width = slopes[1] - np.where(stub, 0.0, slopes[0]) - power
-    return PeakStrain(
-        size.sum(axis=0),
-        np.sign(wrench) * unit.T,
-        (size * by_width).sum(axis=0) / width,
-        (size * slopes[2]).sum(axis=0),
-    )
-
-
-def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:
-    """(6, n) logarithms of the dimensionless peak strains per unit of the six components of a tip wrench."""
-    return _log_strains(ratio, flatness, twist, table)[0]
-
-
-# powers of s/w beyond its nodes: the moment of a force grows with the arm's length
-_BY_LENGTH = np.repeat([1.0, 0.0], 3)[:, None]
-# powers of w/h below and above its nodes, from section moduli: h w^2 in the plane; out of it, where torsion (h w^2 of a
-# tall section) and bending (w h^2) mix, the one that strains more
-_BY_HEIGHT = np.array([[1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 2.0, 2.0, 2.0, 1.0]])[..., None]
-
-
-def _log_strains(
-    ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table
-) -> tuple[np.ndarray, np.ndarray]:
-    """``log_strains``, and their derivatives (3, 6, n) by ln(s/w), ln(w/h) and twist."""
-    at = _locate(ratio, flatness, twist)
-    log, slopes = _interpolate(table, at, slice(12, 18))
-    by_height = np.where(at.thinner < 0.0, *_BY_HEIGHT)
-    log = log - _BY_LENGTH * np.log(at.share) + by_height * at.thinner
-    slopes[0] += np.where(at.share < 1.0, _BY_LENGTH, 0.0)
-    slopes[1] += np.where(at.thinner != 0.0, by_height, 0.0)
-    return log, slopes

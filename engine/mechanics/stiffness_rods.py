@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from .beyond import SLACK, Beyond
-from .stiffness import _arms, _refuse_material, _twist_limit
+from .stiffness import _twist_limit, lengths_and_twists, refuse_material
 
 PARAMETERS = Path(__file__).resolve().parents[2] / "data" / "rod_parameters.npz"
 FORMAT = 1
@@ -74,8 +74,8 @@ def rod_parameters(
     scale, width : (n,) m; twist : (n,) rad. Outside the sampled region, scale 5 to 15 and width 0.5 to 1 sheet
     thicknesses, twist up to 360 degrees or to a slot of 0.15 thicknesses, they are those of the nearest spiral inside.
     """
-    _refuse_material(thickness, youngs)
-    near = _Nearest.of(*_arms(scale, width, twist), thickness)
+    refuse_material(thickness, youngs)
+    near = _Nearest.of(*lengths_and_twists(scale, width, twist), thickness)
     net = load_network(model)
     ratio = near.scale / near.width
     limit, slope = _twist_limit(ratio)

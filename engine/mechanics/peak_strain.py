@@ -1,0 +1,95 @@
+"""The strain that a load at its tip costs an arm, from the stiffness table, with exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .stiffness import SCALE_RANGE, Table, interpolate, lengths_and_twists, load_table, locate, refuse_material
+
+
+def peak_strain(
+    wrench: np.ndarray,
+    scale: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    thickness: float,
+    youngs: float,
+    poisson: float,
+) -> np.ndarray:
+    """(n,) a safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
+
+    wrench : (n, 6) N and N m at the tip of one arm, axes as in ``ArmCompliance``. The peak strains of the six components
+    are added as if they met in one place: usually 1.2 to 2.5 times the true strain, more where components cancel. Small
+    strains; at the fillets, in the hundredth of the volume that is left out, it is higher.
+    """
+    arrays = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (wrench, scale, width, twist))
+    return peak_strain_slopes(*arrays, thickness=thickness, youngs=youngs, poisson=poisson).values
+
+
+@dataclass(frozen=True, eq=False)
+class PeakStrain:
+    """Peak strains of n arms and their derivatives.
+
+    values : (n,); by_wrench : (n, 6) per N and N m; by_width : (n,) per metre, by_twist : (n,) per radian
+    """
+
+    values: np.ndarray
+    by_wrench: np.ndarray
+    by_width: np.ndarray
+    by_twist: np.ndarray
+
+
+def peak_strain_slopes(
+    wrench: np.ndarray,
+    scale: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    thickness: float,
+    youngs: float,
+    poisson: float,
+) -> PeakStrain:
+    """``peak_strain`` with its derivatives; arms shorter than the table's shortest count as that long."""
+    refuse_material(thickness, youngs)
+    scale, width, twist = lengths_and_twists(scale, width, twist)
+    stub = scale < SCALE_RANGE[0] * width
+    ratio = np.where(stub, SCALE_RANGE[0], scale / width)
+    log, slopes = _log_strains(ratio, width / thickness, twist, load_table(float(poisson)))
+    power = np.repeat([2.0, 3.0], 3)[:, None]
+    unit = np.exp(log) / (youngs * width**power)
+    size = np.abs(wrench).T * unit
+    by_width = slopes[1] - np.where(stub, 0.0, slopes[0]) - power
+    return PeakStrain(
+        size.sum(axis=0),
+        np.sign(wrench) * unit.T,
+        (size * by_width).sum(axis=0) / width,
+        (size * slopes[2]).sum(axis=0),
+    )
+
+
+def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:
+    """(6, n) logarithms of the dimensionless peak strains per unit of the six components of a tip wrench."""
+    return _log_strains(ratio, flatness, twist, table)[0]
+
+
+# powers of s/w beyond its nodes: the moment of a force grows with the arm's length
+_BY_LENGTH = np.repeat([1.0, 0.0], 3)[:, None]
+# powers of w/h below and above its nodes, from section moduli: h w^2 in the plane; out of it, where torsion (h w^2 of a
+# tall section) and bending (w h^2) mix, the one that strains more
+_BY_HEIGHT = np.array([[1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 2.0, 2.0, 2.0, 1.0]])[..., None]
+
+
+def _log_strains(
+    ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table
+) -> tuple[np.ndarray, np.ndarray]:
+    """``log_strains``, and their derivatives (3, 6, n) by ln(s/w), ln(w/h) and twist."""
+    at = locate(ratio, flatness, twist)
+    log, slopes = interpolate(table, at, slice(12, 18))
+    by_height = np.where(at.thinner < 0.0, *_BY_HEIGHT)
+    log = log - _BY_LENGTH * np.log(at.share) + by_height * at.thinner
+    slopes[0] += np.where(at.share < 1.0, _BY_LENGTH, 0.0)
+    slopes[1] += np.where(at.thinner != 0.0, by_height, 0.0)
+    return log, slopes
