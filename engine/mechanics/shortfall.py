@@ -1,8 +1,9 @@
 """Whether a shape is no success: pieces that stay flat, or come to rest far from their target, and what would help them.
 
-The relief of a surface is the root mean square distance of its middles from their best plane. Over 34 shapes (domes,
-saddles, hypars, barrels, tubes, waves of three heights, seamless or with a cross of seams, free or standing on their
-lowest quads) a sheet that stays flat keeps less than 12 % of its target's relief and every other one more than 45 %.
+The relief of a surface is the root mean square distance of its middles from their best plane. Two kinds are far apart:
+over 62 simulations of domes, saddles, hypars, barrels, tubes and waves of three heights, free or standing on their
+lowest quads, and 100 surfaces of the zoo, a sheet that stays flat keeps at most 12 % of its target's relief, nearly
+always none, and every other piece at least 45 %.
 """
 
 from __future__ import annotations
