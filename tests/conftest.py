@@ -66,6 +66,12 @@ def fuzz_readers() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def fuzz_meshes() -> ModuleType:
+    """The tool that spoils small quad meshes."""
+    return load_tool("fuzz_meshes")
+
+
+@pytest.fixture(scope="session")
 def zoo() -> ModuleType:
     """The surfaces that the project makes itself; with ``trial``, which runs the whole job on one, and ``summary``."""
     sys.path.append(str(ROOT / "tools"))  # as for the benches; at the end, where its names hide no others

@@ -1,4 +1,4 @@
-"""Damaged input through the program: ``bench fuzz readers|settings|stored [--count N] [--first N] [--whole K] [--one N]``.
+"""Damaged input through the program: ``bench fuzz readers|meshes|settings|stored [--count N] [--first N] [--whole K] [--one N]``.
 
 Every case is made from its number alone, so ``--one N`` plays it again. Only ``FlexMapsError`` may come of it, within
 ``SECONDS`` of processor time.
@@ -14,7 +14,7 @@ import time
 import traceback
 
 SECONDS = 5.0
-COUNTS = {"readers": 20_000, "settings": 20_000, "stored": 600}
+COUNTS = {"readers": 20_000, "meshes": 1000, "settings": 20_000, "stored": 600}
 
 
 def main(arguments: list[str]) -> int:

@@ -29,3 +29,9 @@ def test_damaged_files(fuzz_readers):
 
 def test_a_mutant_can_be_played_again(fuzz_readers):
     assert [fuzz_readers.mutant(n) for n in (3, 17, 12345)] == [fuzz_readers.mutant(n) for n in (3, 17, 12345)]
+
+
+def test_spoilt_meshes(fuzz_meshes):
+    """A few of those that ``bench fuzz meshes`` plays: what passes the checks is made, or refused in a sentence."""
+    outcomes = {fuzz_meshes.play(number, True) for number in range(12)}
+    assert outcomes >= {"faulty", "made"}
