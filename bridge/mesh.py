@@ -237,7 +237,7 @@ def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
     """Face attributes of the spirals; a simulation of others is dropped."""
     forget(obj, LAST_NAMES)
     attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
-    attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.degrees(design.twist))
+    attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.maximum(np.degrees(design.twist), 0.0))
 
 
 def shelve_design(obj: bpy.types.Object) -> None:

@@ -69,7 +69,7 @@ def _values(attribute: Any) -> tuple[str, np.ndarray]:
 def test_values_that_are_never_written_are_left_out(simulated: Any) -> None:
     for name, value in [
         ("flat", np.nan), ("flat", np.inf), ("patch", -1), ("patch", 2**31 - 1), ("energy", np.nan), ("energy", -1.0),
-        ("square", np.inf), ("width", np.nan), ("width", -2.0), ("width", 0.0), ("twist", np.inf), ("twist", 1e30),
+        ("square", np.inf), ("width", np.nan), ("width", -2.0), ("width", 0.0), ("twist", np.inf), ("twist", 1e30), ("twist", -300.0),
         ("distance", np.nan), ("strain", -np.inf), ("reach", -1), ("reach", 99), ("hub", np.nan),
     ]:  # fmt: skip
         key = attributes.PREFIX + name
