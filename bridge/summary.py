@@ -23,7 +23,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     if "optimise" in described:
         better = described["optimise"]
         print(f"  optimised in {better['iterations']} steps: RMSE {better['laplacian_rmse_mm_before']:.3g} "
-              f"to {better['laplacian_rmse_mm']:.3g} mm")  # fmt: skip
+              f"to {better['laplacian_rmse_mm']:.3g} mm. {better['end']}")  # fmt: skip
     if "equilibrium" in described:
         from . import equilibrium
 

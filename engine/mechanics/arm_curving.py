@@ -239,3 +239,13 @@ def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.nda
 def weighted(wrench: np.ndarray, curving: np.ndarray) -> np.ndarray:
     """(m, 6, 6): the sum over the strains of a wrench (m, 6) times D."""
     return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
+
+
+def moved_curving(curving: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """D (m, 6, 6, 6) of the motion of another point of the same frame, which lies ``offset`` (m, 3) m before the old one."""
+    out, across = curving.copy(), _skew(offset)[:, None]
+    # turns about another point come with shifts, in both places of the motion and in what comes out
+    out[..., 3:] -= out[..., :3] @ across
+    out[..., 3:, :] += across @ out[..., :3, :]
+    out[:, :3] += (across[:, 0] @ out[:, 3:].reshape(-1, 3, 36)).reshape(-1, 3, 6, 6)
+    return out

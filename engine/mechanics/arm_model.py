@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..materials import Material
 from . import stiffness
-from .arm_curving import Arms, curved, second_order_strains, weighted
+from .arm_curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .arm_sensitivity import JointChanges, arm_strains
 from .assembly import Assembly, Pose
 from .beyond import Beyond
@@ -66,11 +66,21 @@ class ArmModel:
     def varied(self, assembly: Assembly) -> ArmModel:
         """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
 
-        Without the strains' second order.
+        The strains' second order stays as it is at the joints.
         """
         known = self.compliance
         longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
-        return self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
+        found = self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
+        return found if self.curving is None else found.with_curving(self.curving_at_joint)
+
+    @property
+    def curving_at_joint(self) -> np.ndarray | None:
+        """(m, 6, 6, 6) the second order of the joints' own motion, instead of that of the bend points."""
+        return None if self.curving is None else moved_curving(self.curving, self.offset)
+
+    def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
+        """The model with this second order of the joints' own motion (m, 6, 6, 6)."""
+        return replace(self, curving=None if at_joint is None else moved_curving(at_joint, -self.offset))
 
     @classmethod
     def _with(cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None) -> ArmModel:
@@ -155,10 +165,9 @@ class ArmModel:
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def changes(self, state: ArmState) -> JointChanges:
-        """How the joints answer to the pose and to the design, without the strains' second order."""
-        if self.curving is not None:
-            raise ValueError("derivatives by the design are those of the model without the strains' second order")
-        return JointChanges.of(self.assembly, self.compliance, self.at_joint, self.offset, state.motion)
+        """How the joints answer to the pose and to the design; the strains' second order counts as given."""
+        known = (self.assembly, self.compliance, self.at_joint, self.offset)
+        return JointChanges.of(*known, state.motion, self.curving_at_joint)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
         return self.changes(state).gradient_by_design

@@ -6,6 +6,9 @@ a parameter of one arm by -n.C' n / 2, and, because the bend points move with th
     Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
 
 and beta is the way from an arm's bend point to the joint in the joint's axes. The derivatives by the pose follow.
+
+With the strains' second order y + y.D.y in the place of y (see ``arm_curving``), the wrench is S'K (y + y.D.y) with
+S = 1 + 2 y.D, and D counts as given: what the design changes in it is left out.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..materials import Material
+from .arm_curving import curved, weighted
 from .assembly import Assembly
 from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
 from .peak_strain import PeakStrain, peak_strain_slopes
@@ -48,26 +52,34 @@ class JointChanges:
         at_joint: np.ndarray,
         offset: np.ndarray,
         motion: JointMotion,
+        curving: np.ndarray | None = None,
     ) -> JointChanges:
-        """Arguments as in ``ArmModel``."""
+        """Arguments as in ``ArmModel``, but ``curving`` is that of the motion at the joint."""
         turn, base = motion.turn, motion.middle
         angle = np.linalg.norm(turn, axis=1)
         shift = motion.shift + np.cross(offset, turn)
-        wrench = times(at_joint, np.concatenate([shift, turn], axis=1))
+        strains = np.concatenate([shift, turn], axis=1)
+        slope, tangent = np.eye(6)[None], at_joint
+        if curving is not None:
+            strains, slope = curved(strains, curving)
+        inner, across = times(at_joint, strains), np.swapaxes(slope, 1, 2)
+        if curving is not None:
+            tangent = across @ at_joint @ slope + 2.0 * weighted(inner, curving)
+        wrench = times(across, inner)
         spread = np.zeros((len(base), 6, 6))
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.of(motion))
         by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
         changes, turned, axes = np.zeros((len(turn), 2, 2, 6)), np.zeros((len(turn), 2, 3)), assembly.arm_axes
         for side in (0, 1):
-            own = times(np.swapaxes(axes[:, side], 1, 2), wrench)
+            own = times(np.swapaxes(axes[:, side], 1, 2), inner)
             for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
-                changes[:, side, k] = -times(axes[:, side], times(change[:, side], own))
+                changes[:, side, k] = -times(across @ at_joint @ axes[:, side], times(change[:, side], own))
             sign = 1.0 if side == 0 else -1.0
             moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
-            changes[:, side, TWIST, :3] += sign * moved
+            changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
             turned[:, side] = -found
-        return cls(wrench, by_pose, changes @ at_joint[:, None], at_joint @ by_pose, turned)
+        return cls(wrench, by_pose, changes, tangent @ by_pose, turned)
 
     @property
     def gradient_by_design(self) -> np.ndarray:

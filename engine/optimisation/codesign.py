@@ -21,7 +21,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
-from .optimisers import Accepted, Trace
+from .optimisers import INNER_ITERATIONS, Accepted, Trace
 
 REACH = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
@@ -49,11 +49,21 @@ def refine(
         )
     flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, WEIGHT * start.mismatch.value)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
-    x = np.concatenate([start.x, np.full((len(design.flat.points), 2), 0.5)])
-    here = whole.at(x, start.equilibrium.pose, progress.quiet())
+    here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.quiet())
     found = method(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
+
+
+def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
+    """A share of the way from the start of ``refine`` to what it found."""
+    x = _stacked(start, found.problem.flat.flat)
+    return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+
+
+def _stacked(start: Point, flat: FlatPatches) -> np.ndarray:
+    """(n + P, 2) coordinates of spirals in their flat shapes as they are."""
+    return np.concatenate([start.x, np.full((len(flat.points), 2), 0.5)])
 
 
 def designed(point: Point, design: SpiralDesign, *, prove: bool = True) -> SpiralDesign:

@@ -98,6 +98,9 @@ class FlatCost:
 
     @cached_property
     def value(self) -> float:
+        """Infinite at the limits and beyond."""
+        if not self.inside:
+            return np.inf
         return -sum(float(np.log(part).mean()) for part in self.left if len(part))
 
     @cached_property

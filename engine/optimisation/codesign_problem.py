@@ -16,13 +16,13 @@ from ..mechanics.arm_model import ArmModel
 from ..mechanics.arm_sensitivity import StrainChanges
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
-from ..mechanics.equilibrium import solve
 from ..mechanics.stiffness import SCALE_RANGE, twist_limit
 from ..patches.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .inverse import Point, Problem
+from .work import GEOMETRY
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +92,15 @@ class FlatProblem(Problem):
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
-        model, system = self.build(assembly), self.system(start, keep)
-        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
+        model, factors = self.build(assembly), self.factors(start, keep)
+        found = self.rest(model, start, factors, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
             model=model,
             equilibrium=found,
             mismatch=self.target.compare(found.pose.centres),
-            system=system,
+            factors=factors,
             assembly=assembly,
         )
 
@@ -149,6 +149,7 @@ class FlatPoint(Point):
             pulls = model.pulls(state)
             return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)
 
+        self.problem.work.add(GEOMETRY, self.assembly.size)
         found = by_geometry(self.model, self.equilibrium.pose, measure)
         return found.reshape(*found.shape[:2], 6)
 

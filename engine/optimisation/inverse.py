@@ -22,6 +22,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .design_space import DesignSpace
 from .objective import Mismatch, Target
+from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,7 @@ class Problem:
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
+    work : counts what has been done for all points
     """
 
     assembly: Assembly
@@ -40,15 +42,16 @@ class Problem:
     simulate: SimulateParams
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
-    systems: list[NewtonSystem] = field(default_factory=list)
+    work: Work = field(default_factory=Work)
+    systems: list[Factors] = field(default_factory=list)
 
-    def system(self, start: Pose, keep: Point | None) -> NewtonSystem:
-        """The linear system for one more equilibrium, but not the one whose factor ``keep`` still needs."""
+    def factors(self, start: Pose, keep: Point | None) -> Factors:
+        """The linear system for one more equilibrium; not the one that ``keep`` uses, which would have to factor again."""
         if not self.systems:
             pairs = self.assembly.pairs
             held = self.loads.held(pairs, start.centres)
-            self.systems.extend(NewtonSystem(pairs, held) for _ in range(2))
-        return self.systems[1 if keep is not None and keep.system is self.systems[0] else 0]
+            self.systems.extend(Factors(NewtonSystem(pairs, held)) for _ in range(2))
+        return self.systems[1 if keep is not None and keep.factors is self.systems[0] else 0]
 
     @cached_property
     def joint_sum(self) -> JointSum:
@@ -66,30 +69,68 @@ class Problem:
     ) -> Point:
         """The point with coordinates (n, 2), its equilibrium sought from a pose and a foretold step (n, 6) from there.
 
-        ``keep`` stays usable, other points do not.
+        ``keep`` keeps its factor; other points have to factor again where they are asked for a derivative.
         """
         model = self.build(self.assembly.redesigned(*self.space.design(x)))
-        system = self.system(start, keep)
-        found = solve(model, start, self.loads, self.simulate, progress, system, iterations, step)
-        return Point(self, x, model, found, self.target.compare(found.pose.centres), system)
+        factors = self.factors(start, keep)
+        found = self.rest(model, start, factors, progress, iterations, step)
+        return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
+
+    def rest(
+        self,
+        model: ElasticModel,
+        start: Pose,
+        factors: Factors,
+        progress: Progress,
+        iterations: int | None,
+        step: np.ndarray | None,
+    ) -> Equilibrium:
+        """The equilibrium of a model, sought as in ``at``."""
+        found = solve(model, start, self.loads, self.simulate, progress, factors.system, iterations, step)
+        factors.of = found if found.converged else None
+        self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
+        return found
+
+
+@dataclass(eq=False)
+class Factors:
+    """A linear system that points use one after the other, and the equilibrium whose factor it holds."""
+
+    system: NewtonSystem
+    of: Equilibrium | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One design with its equilibrium. The derivatives belong to converged equilibria, whose factor ``system`` holds."""
+    """One design with its equilibrium. The derivatives belong to converged equilibria."""
 
     problem: Problem
     x: np.ndarray
     model: ElasticModel
     equilibrium: Equilibrium
     mismatch: Mismatch
-    system: NewtonSystem
+    factors: Factors
+
+    @property
+    def system(self) -> NewtonSystem:
+        """The linear system with the factor of this point: made again where another point has used it since."""
+        system = self.factors.system
+        if self.factors.of is not self.equilibrium:
+            if not system.factor(system.values(self.model.expand(self._state).hessian)):
+                raise ValueError("derivatives belong to converged equilibria")
+            self.factors.of = self.equilibrium
+        return system
 
     @cached_property
     def value(self) -> float:
         """The objective: mismatch, and roughness and excess of strain by their weights."""
         rough = 0.5 * self.problem.smoothness * float((self._steps**2).sum() / len(self._steps))
         return self.mismatch.value + rough + self._strain.value
+
+    @cached_property
+    def distance(self) -> float:
+        """RMS distance of the hubs to the target, in distances of neighbours."""
+        return self.problem.target.distance(self.equilibrium.pose)
 
     @property
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
@@ -170,6 +211,7 @@ class Point:
 
         With ``calm``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
         """
+        self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
         pull[:, 3:] = calm * moves[:, 3:]

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..mechanics.assembly import nearest_rotation
+from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
 
 
@@ -54,6 +54,14 @@ class Target:
     def centred(self, values: np.ndarray) -> np.ndarray:
         """Without the mean where it is free; Laplacian coordinates are without it already."""
         return values - values.mean(axis=0) if self.free and not self.laplacian else values
+
+    def laid(self, pose: Pose) -> Pose:
+        """A pose laid over the target where nothing holds the object."""
+        return pose.aligned(self.points) if self.free else pose
+
+    def distance(self, pose: Pose) -> float:
+        """RMS distance of a pose's centres to the target's, in units of ``unit``."""
+        return float(np.sqrt(((self.laid(pose).centres - self.points) ** 2).sum(axis=1).mean())) / self.unit
 
     def compare(self, centres: np.ndarray) -> Mismatch:
         """The mismatch of centres (n, 3) metres."""

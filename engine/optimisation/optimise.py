@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,28 +9,30 @@ import numpy as np
 
 from ..errors import Cancelled, FlexMapsError
 from ..materials import Material
-from ..mechanics.arm_model import ArmModel
-from ..mechanics.assembly import Pose, of_design, target_pose
-from ..mechanics.loads import Loads
-from ..mechanics.simulate import Simulation, build_model, carried, simulate
+from ..mechanics.assembly import Pose, target_pose
+from ..mechanics.simulate import Simulation, carried
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, curvature_adjusted, fitted
+from ..spirals.design import SpiralDesign, curvature_adjusted, proved
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
-from .design_space import DesignSpace
 from .inverse import Point, Problem
-from .objective import Target
-from .optimisers import Trace, gauss_newton, lbfgs
+from .optimisers import Trace
+from .search import Search, Task
+from .work import Work
 
-METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
-REPAIRS = 2  # rounds that go on after spirals had to give way to their neighbours
-REPAIR_STEPS = 6
-FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
-POLISH_STEPS = 8  # of the spirals alone, after the flat shapes have moved with them
-TOLERANCE = 1e-4  # of the equilibria on the way: what is left is stretch, which hardly moves anything
+ENDS = {
+    "converged": "Further steps would gain next to nothing.",
+    "iterations": "It took as many steps as it may; more of them may gain more.",
+    "time": "Its time was over; more patience may gain more.",
+    "stopped": "It was stopped.",
+    "nothing": "Nothing better was found.",
+}
+LOADS = (0.1, 0.3, 0.6, 1.0)  # shares in which the loads are put on where all at once lead to no equilibrium
+TRIES = 3  # designs that are proved, the best first, until one keeps its shape
+SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +55,10 @@ class Optimisation:
 
     before, after : the start and the result, simulated
     trace : seconds, objective and RMSE of every step, rejected and unstable ones counted
-    start : which start was taken: "curvature", "uniform" or "given"
+    start : which start was taken: "curvature", "uniform" or "given"; "stiff" or "soft" where those have no equilibrium
     at_bound : (F, 2) int, -1 and 1 where width and twist are at their lower or upper bound
     gradient : (F, 2) of the objective by the design's coordinates: where a bound holds the match back
-    finished : false if it was stopped before its end
+    ended : why it ended, one of ``ENDS``
     """
 
     before: Simulation
@@ -67,7 +68,12 @@ class Optimisation:
     start: str
     at_bound: np.ndarray
     gradient: np.ndarray
-    finished: bool
+    ended: str
+
+    @property
+    def finished(self) -> bool:
+        """False if it was stopped before its end."""
+        return self.ended != "stopped"
 
     @property
     def design(self) -> SpiralDesign:
@@ -82,6 +88,8 @@ class Optimisation:
             "method": self.method,
             "start": self.start,
             "finished": self.finished,
+            "ended": self.ended,
+            "end": ENDS[self.ended],
             "iterations": len(self.trace.rows),
             "evaluations": self.trace.evaluations,
             "rejected": self.trace.rejected,
@@ -112,108 +120,95 @@ def optimise(
     force: np.ndarray | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
-    """Improve a design until its equilibrium matches the target as well as the method finds.
+    """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
     Arguments as in ``simulate``. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
     is nearest to the target. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
-    When it is stopped it returns the best design so far, or raises Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
+    The result is never worse than the given design. When it is stopped it returns the best design so far, or raises
+    Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
         )
-    problem, pose = _problem(design, target, material, params, physics, supports, force)
+    task = Task(target, material, params, physics, supports, force, Work.of(len(design.width), params.patience))
+    problem = task.problem(design)
     progress(0.0, "Starting shapes")
-    points = _starts(problem, design, target, pose, params, progress.part(0.0, 0.1))
+    points = _starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
     # now rather than at the end, where somebody who stopped it would have to wait for this
-    nearby = points.get("given", start).equilibrium.pose
-    before = _simulated(design, target, material, physics, supports, force, nearby, progress.part(0.1, 0.12))
-    trace, best, finished = Trace(), start, True
+    given = points.get("given", start)
+    before = task.simulated(design, given.equilibrium.pose, progress.part(0.1, 0.12))
+    trace, latest = Trace(), (start, design)
 
     def accepted(point: Point) -> None:
-        nonlocal best
-        best = point
-        vertices = carried(design, _laid(point.equilibrium.pose, problem), target)
+        nonlocal latest
+        latest = point, search.cuts[-1].design if search.cuts else design
+        vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
+    search = Search(task, trace, accepted, given.distance)
     accepted(start)
     try:
-        codesigned = params.codesign and isinstance(start.model, ArmModel)
-        share = 0.3 if codesigned else 0.8
-        METHODS[params.method](problem, start, params, trace, accepted, progress.part(0.12, share))
-        if codesigned:
-            alone, part = (problem, design, best), progress.part(share, 0.75)
-            rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
-            codesign.refine(problem, best, design, rough, METHODS[params.method], trace, accepted, part)
-            moved = codesign.designed(best, design)
-            other = _problem(moved, target, material, params, physics, supports, force)[0]
-            start = other.at(other.space.coordinates(moved.width, moved.twist), best.equilibrium.pose, progress.quiet())
-            if start.equilibrium.converged:
-                problem, design = other, moved
-                accepted(start)
-                short = replace(params, iterations=min(POLISH_STEPS, params.iterations))
-                METHODS[params.method](problem, start, short, trace, accepted, progress.part(0.75, 0.8))
-            if not start.equilibrium.converged or best.value > alone[2].value:
-                problem, design, _ = alone
-                accepted(alone[2])
-        best, result = _repaired(problem, best, design, params, trace, accepted, progress.part(0.8, 0.95))
+        search.run(start, design, progress.part(0.12, 0.9))
+        ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0))
     except Cancelled:
-        finished = False
-        result = codesign.designed(best, design, prove=False)
-    # whoever has stopped it does not want to wait
-    quiet, pose = progress.part(0.95, 1.0) if finished else SILENT, best.equilibrium.pose
-    after = _simulated(result, target, material, physics, supports, force, pose, quiet, quick=not finished)
-    if name == "given" and not _better(before, after, params):
-        after, best = before, points["given"]
-    n = len(before.design.width)
-    return Optimisation(before, after, trace, params.method, name, _at_bound(best.x[:n]), best.gradient[:n], finished)
+        ended, found = "stopped", _so_far(search, *latest)
+    was = Found(before, given)
+    if not found.value < was.value:
+        found, ended = was, ended if ended == "stopped" else "nothing"
+    n, point = len(design.width), found.point
+    at_bound, gradient = _at_bound(point.x[:n]), point.gradient[:n]
+    return Optimisation(before, found.simulation, trace, params.method, name, at_bound, gradient, ended)
 
 
-def _better(before: Simulation, after: Simulation, params: OptimiseParams) -> bool:
-    """Whether the result is worth having, told by the whole model: on the way the quick one stood in for it."""
-    one, two = before.report(), after.report()
-    if params.strain_share > 0.0 and one.get("strain_share_max", 0.0) > params.strain_share:
-        return True  # it may cost some of the match to strain the arms less
-    kind = "laplacian_rmse_mm" if params.laplacian else "rms_mm"
-    return bool(two[kind] < one[kind])
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A simulated design, and the point of the search that it was."""
+
+    simulation: Simulation
+    point: Point
+
+    @property
+    def value(self) -> float:
+        """The objective of what was simulated; infinite without an equilibrium."""
+        if not self.simulation.equilibrium.converged:
+            return np.inf
+        mismatch = self.point.problem.target.compare(self.simulation.equilibrium.pose.centres)
+        return self.point.value - self.point.mismatch.value + mismatch.value
 
 
-def _problem(
-    design: SpiralDesign,
-    target: QuadMesh,
-    material: Material,
-    params: OptimiseParams,
-    physics: SimulateParams,
-    supports: np.ndarray | None,
-    force: np.ndarray | None,
-) -> tuple[Problem, Pose]:
-    """The problem, and the pose to start equilibria from."""
-    assembly = of_design(design)
-    mass = design.area * assembly.thickness * material.density if physics.gravity else None
-    loads = Loads.of(assembly.size, supports=supports, clamped=physics.clamped, force=force, mass=mass)
-    aim = Target(assembly.pairs, target.centroids, params.laplacian, free=not loads.fixed.any())
-    space = DesignSpace.of(design, assembly)
-    loose = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
-    bearing = (material, params.strain_share) if params.strain_share > 0.0 else None
-    problem = Problem(
-        assembly,
-        space,
-        aim,
-        loads,
-        lambda a: build_model(a, material, physics.model, quick=True),
-        loose,
-        params.smoothness,
-        bearing,
-    )
-    return problem, target_pose(target, design.flat.corners)
+def _proved(search: Search, progress: Progress) -> Found:
+    """The best design that keeps its shape when its outlines are drawn and mended where they touch."""
+    cuts = sorted(search.cuts, key=lambda cut: cut.value)
+    found: list[Found] = []
+    for cut in cuts[:TRIES]:
+        progress(0.3, "Proving that it can be cut")
+        pose = cut.point.equilibrium.pose
+        found.append(Found(search.task.simulated(proved(cut.design), pose, progress.part(0.6, 1.0)), cut.point))
+        if found[-1].value <= (1.0 + SAME) * cut.value:
+            break
+    return min(found, key=lambda one: one.value)
+
+
+def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
+    """The latest design, or the best that was known to be better; whoever has stopped the search does not want to wait."""
+    result = codesign.designed(point, design, prove=False)
+    found = [Found(search.task.simulated(result, point.equilibrium.pose, roughly=True), point)]
+    if search.cuts and search.best.value < found[0].value:
+        best = search.best
+        found.append(Found(search.task.simulated(best.design, best.point.equilibrium.pose, roughly=True), best.point))
+    return min(found, key=lambda one: one.value)
 
 
 def _starts(
-    problem: Problem, design: SpiralDesign, target: QuadMesh, pose: Pose, params: OptimiseParams, progress: Progress
+    problem: Problem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, Point]:
-    """The starts that have an equilibrium, by name; only the given design if it is to be improved further."""
-    space = problem.space
+    """The starts that have an equilibrium, by name; only the given design if it is to be improved further.
+
+    Where none of them has one, evenly stiff and evenly soft spirals are tried, and loads that grow little by little.
+    """
+    space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
     if params.restart:
         adjusted = curvature_adjusted(design.params, curvature.rms_curvature(target))
@@ -226,6 +221,14 @@ def _starts(
         point = problem.at(x, pose, progress.quiet(), keep=best)
         if point.equilibrium.converged:
             points[name] = point
+    stiff, soft = (np.broadcast_to(x, (len(design.width), 2)).copy() for x in ((1.0, 0.0), (0.5, 1.0)))
+    for name, x in {**places, "stiff": stiff, "soft": soft}.items():
+        if points:
+            break
+        progress(0.9, "Starting shapes, one load after the other")
+        point = _loaded(problem, x, pose, progress.quiet())
+        if point.equilibrium.converged:
+            points[name] = point
     if not points:
         raise FlexMapsError(
             "No equilibrium was found to start from: simulate the design first and mend what it reports"
@@ -233,65 +236,15 @@ def _starts(
     return points
 
 
-def _repaired(
-    problem: Problem,
-    best: Point,
-    design: SpiralDesign,
-    params: OptimiseParams,
-    trace: Trace,
-    accepted: Callable[[Point], None],
-    progress: Progress,
-) -> tuple[Point, SpiralDesign]:
-    """The best point as a design that can be cut; where spirals had to give way to their neighbours, the rest is adapted."""
-    for k in range(REPAIRS):
-        part = progress.part(k / (REPAIRS + 1), (k + 1) / (REPAIRS + 1))
-        wanted = problem.space.design(best.x)
-        result = fitted(design.flat, design.params, *wanted, prove=False)
-        given_way = result.twist < 0.999 * wanted[1]
-        if not given_way.any():
-            break
-        problem = replace(problem, space=problem.space.limited(result.width, result.twist, given_way))
-        x = problem.space.coordinates(result.width, result.twist)
-        start = problem.at(x, best.equilibrium.pose, part.quiet())
-        if not start.equilibrium.converged:
-            break
-        accepted(start)
-        short = replace(params, iterations=min(REPAIR_STEPS, params.iterations))
-        best = METHODS[params.method](problem, start, short, trace, accepted, part)
-    progress(0.9, "Proving that it can be cut")
-    return best, fitted(design.flat, design.params, *problem.space.design(best.x))
-
-
-def _laid(pose: Pose, problem: Problem) -> Pose:
-    return pose.aligned(problem.target.points) if problem.target.free else pose
+def _loaded(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:
+    """The point with coordinates (n, 2), its loads put on in parts."""
+    shares = LOADS if problem.loads.force.any() else LOADS[-1:]
+    for share in shares:
+        part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))
+        point = part.at(x, pose, progress)
+        pose = point.equilibrium.pose
+    return replace(point, problem=problem)
 
 
 def _at_bound(x: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
-
-
-def _simulated(
-    design: SpiralDesign,
-    target: QuadMesh,
-    material: Material,
-    physics: SimulateParams,
-    supports: np.ndarray | None,
-    force: np.ndarray | None,
-    start: Pose,
-    progress: Progress,
-    quick: bool = False,
-) -> Simulation:
-    # a quick look need not be exact
-    tolerance = max(physics.tolerance, TOLERANCE) if quick else physics.tolerance
-    once = replace(physics, restarts=0, tolerance=tolerance)
-    return simulate(
-        design,
-        target,
-        material,
-        once,
-        supports=supports,
-        force=force,
-        start=start,
-        quick=quick,
-        progress=progress.quiet(),
-    )

@@ -20,9 +20,10 @@ PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
+JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
 INNER_ITERATIONS = (
-    150  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
+    30  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
 )
 
 
@@ -31,7 +32,9 @@ class Trace:
     """What happened on the way.
 
     rows : seconds, objective and RMSE (metres) of every accepted point
-    rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found
+    rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found, or another
+        one than the nearest
+    ended : why the last search ended, one of ``ENDS``
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -39,12 +42,14 @@ class Trace:
     evaluations: int = 0
     rejected: int = 0
     unstable: int = 0
+    ended: str = "converged"
 
     def note(self, point: Point) -> None:
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
 
 
 Accepted = Callable[[Point], None]
+CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 
 
 @one_thread
@@ -63,7 +68,11 @@ def gauss_newton(
     """
     here, damping, calm = start, None, 0.0
     small = 0
+    trace.ended = ITERATIONS
     for k in range(params.iterations):
+        if problem.work.over:
+            trace.ended = TIME
+            break
         progress(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
         if damping is None:
             # so that a first step along the gradient would use a third of the box
@@ -71,7 +80,7 @@ def gauss_newton(
         found = None
         for _ in range(12):
             step = _box_step(here, damping, calm, params)
-            if not np.abs(step).max() > 1e-9:
+            if not np.abs(step).max() > 1e-9 or problem.work.over:
                 break
             moves = here.moves(step)
             gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
@@ -90,6 +99,7 @@ def gauss_newton(
                 break
             trace.rejected += 1
         if found is None:
+            trace.ended = TIME if problem.work.over else CONVERGED
             break
         # where the model is poor, a small fall does not mean that nothing is to be had any more
         fall = max(here.value - found.value, HOPE * gain) / here.value
@@ -98,6 +108,7 @@ def gauss_newton(
         accepted(here)
         small = small + 1 if fall < params.stop else 0
         if small == 2 or (params.stop and here.value < 0.5 * ENOUGH**2):
+            trace.ended = CONVERGED
             break
     return here
 
@@ -117,7 +128,25 @@ def _predicted(
     if not trial.equilibrium.converged:
         trace.unstable += 1
         return None
+    if jumped(here, trial, moves) and not (trial.value < here.value and trial.distance < here.distance):
+        trace.unstable += 1
+        return None
     return trial
+
+
+def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:
+    """Whether another equilibrium was found than the one that the moves (n, 6) from ``here`` foretell.
+
+    What the tangent does not tell is a fraction of what it does, but the way to another equilibrium is at least as long as
+    a spiral is wide.
+    """
+    target, pose = there.problem.target, here.equilibrium.pose
+    foretold = pose.moved(moves)
+    shifts = [
+        np.linalg.norm(target.laid(one).centres - target.laid(two).centres, axis=1).max()
+        for one, two in ((there.equilibrium.pose, foretold), (foretold, pose))
+    ]
+    return bool(shifts[0] > JUMP * target.unit + shifts[1])
 
 
 def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams) -> np.ndarray:
@@ -181,7 +210,7 @@ def lbfgs(
 ) -> Point:
     """L-BFGS-B with an equilibrium at every evaluation, the publication's way; kept as the baseline.
 
-    Where no equilibrium is found the objective counts as ten times the start's.
+    Where no equilibrium is found, and beyond the limits of flat shapes, the objective counts as ten times the start's.
     """
     from scipy.optimize import minimize
 
@@ -191,9 +220,11 @@ def lbfgs(
         nonlocal best, last
         progress(min(trace.evaluations / (1.2 * params.iterations), 1.0), f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
         trace.evaluations += 1
+        if problem.work.over:
+            raise StopIteration
         x = flat.reshape(-1, 2)
         point = problem.at(x, last.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
-        if not point.equilibrium.converged:
+        if not (point.equilibrium.converged and np.isfinite(point.value)):
             trace.unstable += 1
             return 10.0 * start.value, np.zeros_like(flat)
         last = point
@@ -204,12 +235,12 @@ def lbfgs(
             accepted(point)
         return point.value, gradient
 
-    minimize(
-        value,
-        start.x.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(0.0, 1.0)] * start.x.size,
-        options={"maxiter": params.iterations, "maxfun": 4 * params.iterations, "ftol": 0.0, "gtol": 0.0},
-    )
+    options = {"maxiter": params.iterations, "maxfun": 4 * params.iterations, "ftol": 0.0, "gtol": 0.0}
+    bounds = [(0.0, 1.0)] * start.x.size
+    try:
+        found = minimize(value, start.x.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        # 1 tells of too many steps; a line search that finds nothing better, 2, is how it ends with these options
+        trace.ended = ITERATIONS if found.status == 1 else CONVERGED
+    except StopIteration:
+        trace.ended = TIME
     return best

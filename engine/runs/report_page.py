@@ -188,8 +188,9 @@ def _notes(described: Mapping[str, Any]) -> str:
             said.append(
                 (True, f"Strain reaches {100 * strain:.0f} % of what the material bears: arms break or stay bent.")
             )
-    if "optimise" in described and not described["optimise"]["finished"]:
-        said.append((True, "Optimising was stopped before its end."))
+    better = described.get("optimise", {})
+    if "end" in better:
+        said.append((not better["finished"], f"How optimising ended: {better['end']}"))
     if "reach" in described:
         said.append((False, described["reach"]["advice"]))
     said += [(True, text) for text in sheets.get("warnings", ())]

@@ -176,7 +176,7 @@ def fitted(
     width = np.minimum(width, width_range(flat, params)[1])
     twist = np.minimum(twist, twist_bound(flat, params, width, progress.part(0.0, 0.2)))
     design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist, progress.part(0.2, 0.6)))
-    return _proved(design, progress.part(0.6, 1.0)) if prove else design
+    return proved(design, progress.part(0.6, 1.0)) if prove else design
 
 
 def outside(design: SpiralDesign) -> np.ndarray:
@@ -217,7 +217,7 @@ def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np
     return np.minimum(params.width_min, high), high
 
 
-def _proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) -> SpiralDesign:
+def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) -> SpiralDesign:
     """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
 
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.

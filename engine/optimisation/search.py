@@ -1,0 +1,247 @@
+"""The stages of one search: spirals alone, then flat shapes with them, then the spirals once more.
+
+Every stage ends in a design that can be cut, weighed with the whole elastic model, and the best of those is the result:
+a search never ends worse than it began, nor than the best it has held. Within a stage the second order of the strains is
+that of the design which the stage began with. That is what makes its gradients exact, and brings them near to the whole
+model's: without the second order, slender panels come to rest in shapes which the real piece never takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..materials import Material
+from ..mechanics.arm_model import ArmModel
+from ..mechanics.assembly import Assembly, Pose, of_design
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.loads import Loads
+from ..mechanics.simulate import Simulation, build_model, simulate
+from ..params import OptimiseParams, SimulateParams
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign, fitted
+from ..surface.mesh import QuadMesh
+from . import codesign
+from .design_space import DesignSpace
+from .inverse import Point, Problem
+from .objective import Target
+from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, jumped, lbfgs
+from .work import FIT, SPACE, Work
+
+Stage = Callable[["Cut", Progress], "Cut"]
+METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
+TOLERANCE = 1e-6
+FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
+FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
+BACK = (
+    0.5,
+    0.2,
+)  # shares of the way that are tried where a move of the flat shapes does not keep its shape when it is cut
+POLISH_STEPS, POLISHES, GAIN = 8, 3, 0.01  # of the spirals alone afterwards, and how often, as above
+ALONE, WITH_FLATS = 0.3, 0.8  # shares of the time by which these stages are over
+# A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
+# of neighbours and against the given design's.
+NEAR, FARTHER = 0.2, 1.1
+WALK_STEPS, WALK_LEAST = (
+    4,
+    1.0 / 16.0,
+)  # steps at every place on the way to the whole model, and the shortest way between two
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What a search is given besides the design; ``work`` counts for all of its problems."""
+
+    target: QuadMesh
+    material: Material
+    params: OptimiseParams
+    physics: SimulateParams
+    supports: np.ndarray | None
+    force: np.ndarray | None
+    work: Work
+
+    def problem(self, design: SpiralDesign) -> Problem:
+        """The problem in the whole model, of the spirals in this design's flat shapes."""
+        assembly, physics, params = of_design(design), self.physics, self.params
+        self.work.add(SPACE, assembly.size)
+        mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
+        loads = Loads.of(assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass)
+        return Problem(
+            assembly,
+            DesignSpace.of(design, assembly),
+            Target(assembly.pairs, self.target.centroids, params.laplacian, free=not loads.fixed.any()),
+            loads,
+            self.model,
+            replace(physics, tolerance=max(physics.tolerance, TOLERANCE)),
+            params.smoothness,
+            (self.material, params.strain_share) if params.strain_share > 0.0 else None,
+            self.work,
+        )
+
+    def model(self, assembly: Assembly) -> ElasticModel:
+        """The whole elastic model."""
+        return build_model(assembly, self.material, self.physics.model)
+
+    def as_at(self, problem: Problem, curving: np.ndarray | None) -> Problem:
+        """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None where there is none."""
+
+        def build(assembly: Assembly) -> ElasticModel:
+            model = build_model(assembly, self.material, self.physics.model, quick=True)
+            return model.with_curving(curving) if isinstance(model, ArmModel) else model
+
+        return replace(problem, build=build)
+
+    def simulated(
+        self, design: SpiralDesign, start: Pose, progress: Progress = SILENT, *, roughly: bool = False
+    ) -> Simulation:
+        """The whole model's equilibrium near to a pose; ``roughly`` need not be exact."""
+        tolerance = max(self.physics.tolerance, TOLERANCE) if roughly else self.physics.tolerance
+        once = replace(self.physics, restarts=0, tolerance=tolerance)
+        rest: dict[str, Any] = {"supports": self.supports, "force": self.force, "progress": progress.quiet()}
+        return simulate(design, self.target, self.material, once, start=start, **rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A design that can be cut, as far as that is known before its outlines are drawn.
+
+    problem : in the whole model, its space limited to what neighbours left each other; point : the design in it
+    farthest : RMS distance that it may have from the target, in distances of neighbours
+    """
+
+    design: SpiralDesign
+    problem: Problem
+    point: Point
+
+    farthest: float
+
+    @property
+    def value(self) -> float:
+        """The objective; infinite without an equilibrium, and where the piece has come to lie too far away."""
+        sound = self.point.equilibrium.converged and self.point.distance <= self.farthest
+        return self.point.value if sound else np.inf
+
+
+@dataclass(eq=False)
+class Search:
+    """One search.
+
+    distance : of the given design, RMS in distances of neighbours; cuts : the designs that it has held, the last one last
+    """
+
+    task: Task
+    trace: Trace
+    accepted: Accepted
+    distance: float
+    cuts: list[Cut] = field(default_factory=list)
+
+    @property
+    def best(self) -> Cut:
+        return min(self.cuts, key=lambda cut: cut.value)
+
+    def run(self, start: Point, design: SpiralDesign, progress: Progress) -> None:
+        """All stages, from a start in this design's flat shapes."""
+        params, work = self.task.params, self.task.work
+        codesigned = params.codesign and isinstance(start.model, ArmModel)
+        here = self.cut(design, start.problem, start, progress)
+        work.share = ALONE if codesigned else WITH_FLATS
+        found = self.improved(here, params, progress.part(0.0, 0.3 if codesigned else 0.8))
+        ended = self.trace.ended
+        here = self.cut(design, here.problem, found, progress)
+        work.share = WITH_FLATS
+        if codesigned:
+            here = self._again(self.moved, here, FLATS, FLAT_GAIN, progress.part(0.3, 0.8))
+        work.share = 1.0
+        self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 1.0))
+        self.trace.ended = "time" if work.over else "converged" if ended == "time" else ended
+
+    def _again(self, step: Stage, here: Cut, most: int, gain: float, progress: Progress) -> Cut:
+        """The design after a stage that is done so often while it brings this share of the objective, the best one."""
+        for k in range(most):
+            if self.task.work.over:
+                break
+            found = step(here, progress.part(k / most, (k + 1) / most))
+            here, last = (found if found.value < here.value else here), here.value
+            if not here.value < (1.0 - gain) * last:
+                break
+        return here
+
+    def polished(self, here: Cut, progress: Progress) -> Cut:
+        """A few more steps of the spirals alone."""
+        short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
+        return self.cut(here.design, here.problem, self.improved(here, short, progress), progress)
+
+    def improved(self, here: Cut, params: OptimiseParams, progress: Progress) -> Point:
+        """The best spirals near to a design, its second order of the strains kept."""
+        start = self.begun(here)
+        return METHODS[params.method](start.problem, start, params, self.trace, self.accepted, progress)
+
+    def begun(self, here: Cut) -> Point:
+        """The design's point in the problem that keeps its second order of the strains."""
+        curving = getattr(here.point.model, "curving_at_joint", None)
+        return replace(here.point, problem=self.task.as_at(here.problem, curving))
+
+    def moved(self, here: Cut, progress: Progress) -> Cut:
+        """The best spirals and flat shapes near to a design."""
+        params, start = self.task.params, self.begun(here)
+        rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
+        method = METHODS[params.method]
+        found = codesign.refine(start.problem, start, here.design, rough, method, self.trace, self.accepted, progress)
+        other = self.cut(codesign.designed(found, here.design, prove=False), None, found, progress)
+        for share in BACK:
+            if other.value < here.value:
+                break
+            # it does not keep its shape when it is cut: not all of the way there, then
+            part = codesign.between(start, found, share, progress)
+            if not part.equilibrium.converged:
+                continue
+            other = self.cut(codesign.designed(part, here.design, prove=False), None, part, progress)
+        return other
+
+    def cut(self, design: SpiralDesign, problem: Problem | None, found: Point, progress: Progress) -> Cut:
+        """What was found as a design that can be cut, in this design's flat shapes; noted among ``cuts``.
+
+        problem : that of these flat shapes, with the limits that are known; None to begin anew.
+        Where the way there throws the piece into another shape, the rest gives way with it, little by little.
+        """
+        made = self._made(design, problem or self.task.problem(design), found, progress)
+        if found.equilibrium.converged and jumped(found, made.point, np.zeros((made.point.problem.assembly.size, 6))):
+            walked = self._walked(made, found, progress)
+            made = walked if walked.value < made.value else made
+        self.cuts.append(made)
+        return made
+
+    def _made(self, design: SpiralDesign, problem: Problem, found: Point, progress: Progress) -> Cut:
+        wanted = found.spirals
+        result = fitted(design.flat, design.params, *wanted, prove=False)
+        self.task.work.add(FIT, problem.assembly.size)
+        given_way = result.twist < 0.999 * wanted[1]
+        space = problem.space.limited(result.width, result.twist, given_way)
+        problem = replace(problem, space=space, build=self.task.model)
+        x = space.coordinates(result.width, result.twist)
+        point = problem.at(x, found.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+        return Cut(result, problem, point, max(FARTHER * self.distance, NEAR))
+
+    def _walked(self, made: Cut, found: Point, progress: Progress) -> Cut:
+        """From what was found to the whole model in steps on each of which the spirals are adapted.
+
+        Only the second order of the strains changes on the way; spirals that had to give way have done so from the start.
+        """
+        old, new = (getattr(point.model, "curving_at_joint", None) for point in (found, made.point))
+        if old is None or new is None:
+            return made
+        here, share, step, x = found, 0.0, 0.25, made.point.x
+        params = replace(self.task.params, iterations=WALK_STEPS)
+        while share < 1.0 and step >= WALK_LEAST and not self.task.work.over:
+            ahead = min(1.0, share + step)
+            problem = self.task.as_at(made.problem, old + ahead * (new - old))
+            point = problem.at(x, here.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+            if not point.equilibrium.converged or jumped(here, point, np.zeros((len(x), 6))):
+                step *= 0.5
+                continue
+            here = METHODS[params.method](problem, point, params, self.trace, self.accepted, progress.quiet())
+            x, share = here.x, ahead
+        return self._made(made.design, made.problem, here, progress) if share == 1.0 else made
