@@ -117,6 +117,7 @@ TIPS: dict[str, str] = {
     "Also move the vertices of the flat patches a little where that lowers the mismatch: nearer to the target, but two to four times slower. With the elastic model Arms only": "Auch die Punkte der flachen Flicken ein wenig verschieben, wo es die Abweichung senkt: näher am Ziel, aber zwei- bis viermal langsamer. Nur mit dem elastischen Modell Arme",
     "Largest ARAP energy of a quad whose flat shape may move": "Größte ARAP-Energie eines Vierecks, dessen flache Form sich ändern darf",
     "Ends when two steps in a row improve the match by less than this share": "Endet, wenn zwei Schritte nacheinander weniger als diesen Anteil verbessern",
+    "How long the search may last: with 1 it ends with the best so far after about 20 s for 1,500 quads and 60 s for 6,000; 2 doubles that, 0 sets no limit": "Wie lange die Suche dauern darf: mit 1 endet sie nach etwa 20 s bei 1500 und 60 s bei 6000 Vierecken mit dem Besten bis dahin; 2 verdoppelt das, 0 setzt keine Grenze",
     # files
     "Where the files go; // is the folder of the .blend file": "Wohin die Dateien kommen; // ist der Ordner der .blend-Datei",
     "Write the sheets as SVG, with a layer and a colour per operation": "Die Platten als SVG schreiben, mit einer Ebene und einer Farbe je Arbeitsgang",

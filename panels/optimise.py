@@ -33,7 +33,7 @@ class OptimisePanel(StagePanel, bpy.types.Panel):
         more(layout, "flexmaps_optimise", obj.flexmaps.optimise, OptimiseParams)
         blocks = notes.read(obj.data)
         if "optimise" in blocks:
-            _found(result(layout, context, "optimise"), blocks["optimise"])
+            _found(result(layout, context, "optimise"), context, blocks["optimise"])
         if "reach" in blocks and look(context).states["reach"].kind == states.DONE:
             _limits(layout, context, blocks["reach"])
 
@@ -51,7 +51,7 @@ def _progress(layout: Any, rmse: list[float], step: str, now: float, seconds: fl
     column.label(text=f"{now:.3g} mm")
 
 
-def _found(layout: Any, block: dict[str, Any]) -> None:
+def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> None:
     history = block["history"]
     before, after = block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     if history:
@@ -63,6 +63,8 @@ def _found(layout: Any, block: dict[str, Any]) -> None:
     number(grid, "RMSE before", f"{before:.3g} mm")
     number(grid, "RMSE now", f"{after:.3g} mm")
     number(grid, "RMS distance", f"{block['rms_percent']:.2f} %")
+    if "end" in block and block["finished"]:
+        wrapped(layout, context, block["end"])
     rest = fold(layout, "flexmaps_optimise_rest", "More figures")
     if rest is not None:
         number(rest, "Largest distance", f"{block['max_percent']:.2f} %")

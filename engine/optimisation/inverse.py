@@ -32,6 +32,8 @@ class Problem:
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
     work : counts what has been done for all points
+    renewed : the problem whose elastic model knows what that of ``build`` takes as given, as it is at a point; None where
+        ``build`` takes nothing as given
     """
 
     assembly: Assembly
@@ -43,7 +45,9 @@ class Problem:
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
     work: Work = field(default_factory=Work)
+    renewed: Callable[[Point], Problem] | None = None
     systems: list[Factors] = field(default_factory=list)
+    sums: list[JointSum] = field(default_factory=list)
 
     def factors(self, start: Pose, keep: Point | None) -> Factors:
         """The linear system for one more equilibrium; not the one that ``keep`` uses, which would have to factor again."""
@@ -53,10 +57,12 @@ class Problem:
             self.systems.extend(Factors(NewtonSystem(pairs, held)) for _ in range(2))
         return self.systems[1 if keep is not None and keep.factors is self.systems[0] else 0]
 
-    @cached_property
+    @property
     def joint_sum(self) -> JointSum:
         """For the change of the hubs' forces with the design."""
-        return JointSum(self.assembly.pairs, self.assembly.size)
+        if not self.sums:
+            self.sums.append(JointSum(self.assembly.pairs, self.assembly.size))
+        return self.sums[0]
 
     def at(
         self,

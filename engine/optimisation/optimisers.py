@@ -21,6 +21,7 @@ CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
+WORSE = 1.1  # times the objective that a step may lead to when what its elastic model takes as given is brought up to date
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
 INNER_ITERATIONS = (
     30  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
@@ -67,7 +68,7 @@ def gauss_newton(
     foretells the objective well and rises where it does not; where no equilibrium is found, turns are damped instead.
     """
     here, damping, calm = start, None, 0.0
-    small = 0
+    small, best = 0, start
     trace.ended = ITERATIONS
     for k in range(params.iterations):
         if problem.work.over:
@@ -85,7 +86,7 @@ def gauss_newton(
             moves = here.moves(step)
             gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
             # near buckling, clipping a step that was not solved to the end may even point uphill
-            trial = _predicted(problem, here, step, moves, trace, progress) if gain > 0.0 else None
+            trial = _predicted(here, step, moves, trace, progress) if gain > 0.0 else None
             if trial is None:
                 calm = max(8.0 * calm, here.value / (TURN_MOST**2 * len(moves)))
                 continue
@@ -94,9 +95,10 @@ def gauss_newton(
                 damping, calm = 0.3 * damping, 0.3 * calm
             elif ratio < 0.25:
                 damping, calm = 4.0 * damping, 8.0 * calm
-            if ratio > 1e-3:
-                found = trial
+            found = _renewed(here, trial, progress) if ratio > 1e-3 else None
+            if found is not None:
                 break
+            damping = damping if ratio < 0.25 else 4.0 * damping / (0.3 if ratio > 0.7 else 1.0)
             trace.rejected += 1
         if found is None:
             trace.ended = TIME if problem.work.over else CONVERGED
@@ -104,17 +106,19 @@ def gauss_newton(
         # where the model is poor, a small fall does not mean that nothing is to be had any more
         fall = max(here.value - found.value, HOPE * gain) / here.value
         here = found
-        trace.note(here)
-        accepted(here)
+        if here.value < best.value:
+            best = here
+            trace.note(here)
+            accepted(here)
         small = small + 1 if fall < params.stop else 0
         if small == 2 or (params.stop and here.value < 0.5 * ENOUGH**2):
             trace.ended = CONVERGED
             break
-    return here
+    return best
 
 
 def _predicted(
-    problem: Problem, here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
+    here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
 ) -> Point | None:
     """The point one step on; None where no stable equilibrium is found near what the tangent predicts."""
     trace.evaluations += 1
@@ -124,14 +128,31 @@ def _predicted(
         return None
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
-    trial = problem.at(x, pose, progress.quiet(), INNER_ITERATIONS, here, moves)
-    if not trial.equilibrium.converged:
-        trace.unstable += 1
-        return None
-    if jumped(here, trial, moves) and not (trial.value < here.value and trial.distance < here.distance):
+    trial = here.problem.at(x, pose, progress.quiet(), INNER_ITERATIONS, here, moves)
+    if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None
     return trial
+
+
+def _renewed(here: Point, trial: Point, progress: Progress) -> Point | None:
+    """A better point with what its elastic model takes as given brought up to date; None where that spoils it.
+
+    A little worse than ``here`` is no harm, as what is taken as given comes nearer to the truth with every step.
+    """
+    if trial.problem.renewed is None:
+        return trial
+    problem = trial.problem.renewed(trial)
+    fresh = problem.at(trial.x, trial.equilibrium.pose, progress.quiet(), INNER_ITERATIONS, here)
+    if not fresh.equilibrium.converged or not fresh.value < WORSE * here.value:
+        return None
+    still = np.zeros((len(fresh.equilibrium.pose.centres), 6))
+    return fresh if not jumped(trial, fresh, still) or _nearer(fresh, here) else None
+
+
+def _nearer(there: Point, here: Point) -> bool:
+    """Whether another equilibrium is worth going to: it is better in the objective and nearer to the target."""
+    return there.value < here.value and there.distance < here.distance
 
 
 def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:

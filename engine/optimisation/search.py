@@ -29,7 +29,7 @@ from .design_space import DesignSpace
 from .inverse import Point, Problem
 from .objective import Target
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, jumped, lbfgs
-from .work import FIT, SPACE, Work
+from .work import CURVING, FIT, SPACE, Work
 
 Stage = Callable[["Cut", Progress], "Cut"]
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
@@ -85,14 +85,26 @@ class Task:
         """The whole elastic model."""
         return build_model(assembly, self.material, self.physics.model)
 
-    def as_at(self, problem: Problem, curving: np.ndarray | None) -> Problem:
-        """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None where there is none."""
+    def curving(self, assembly: Assembly) -> np.ndarray | None:
+        """(m, 6, 6, 6) the second order of the joints' motion in the whole model; None where it has none."""
+        self.work.add(CURVING, assembly.size)
+        return getattr(self.model(assembly), "curving_at_joint", None)
+
+    def as_at(self, problem: Problem, curving: np.ndarray | None, *, steady: bool = False) -> Problem:
+        """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None where there is none.
+
+        It is renewed after every step unless it is to be ``steady``.
+        """
 
         def build(assembly: Assembly) -> ElasticModel:
             model = build_model(assembly, self.material, self.physics.model, quick=True)
             return model.with_curving(curving) if isinstance(model, ArmModel) else model
 
-        return replace(problem, build=build)
+        def renewed(point: Point) -> Problem:
+            assert isinstance(point.model, ArmModel)
+            return self.as_at(point.problem, self.curving(point.model.assembly))
+
+        return replace(problem, build=build, renewed=None if steady or curving is None else renewed)
 
     def simulated(
         self, design: SpiralDesign, start: Pose, progress: Progress = SILENT, *, roughly: bool = False
@@ -220,7 +232,7 @@ class Search:
         self.task.work.add(FIT, problem.assembly.size)
         given_way = result.twist < 0.999 * wanted[1]
         space = problem.space.limited(result.width, result.twist, given_way)
-        problem = replace(problem, space=space, build=self.task.model)
+        problem = replace(problem, space=space, build=self.task.model, renewed=None)
         x = space.coordinates(result.width, result.twist)
         point = problem.at(x, found.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
         return Cut(result, problem, point, max(FARTHER * self.distance, NEAR))
@@ -237,7 +249,7 @@ class Search:
         params = replace(self.task.params, iterations=WALK_STEPS)
         while share < 1.0 and step >= WALK_LEAST and not self.task.work.over:
             ahead = min(1.0, share + step)
-            problem = self.task.as_at(made.problem, old + ahead * (new - old))
+            problem = self.task.as_at(made.problem, old + ahead * (new - old), steady=True)
             point = problem.at(x, here.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
             if not point.equilibrium.converged or jumped(here, point, np.zeros((len(x), 6))):
                 step *= 0.5

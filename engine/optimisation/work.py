@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 # seconds a spiral, on one core of 2020, measured on 40 surfaces of 150 to 3000 quads
-EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY, FIT, SPACE = 5e-5, 1.6e-5, 5e-6, 1.6e-4, 3e-4, 6e-4
+EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 5e-5, 1.6e-5, 5e-6, 1.6e-4
+CURVING, FIT, SPACE = 1e-4, 3e-4, 6e-4
 LIMITS = ((0, 12.0), (1500, 20.0), (6000, 60.0))  # seconds of so many spirals, and on as fast beyond
 SLOWEST = 3.0  # times that a machine may be slower than the usual one , by this thread's processor time, before that ends the search
 
