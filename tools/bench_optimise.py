@@ -22,7 +22,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.simulate import build_model
-from flexmaps.engine.optimisation import optimise, reach
+from flexmaps.engine.optimisation import optimise, reach, search
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
@@ -168,7 +168,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
     runs = []
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
     for method, params, tolerance in (
-        (gauss_newton, OptimiseParams(), optimise.TOLERANCE),
+        (gauss_newton, OptimiseParams(), search.TOLERANCE),
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
         trace, started = Trace(), time.process_time()

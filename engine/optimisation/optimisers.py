@@ -21,7 +21,9 @@ CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
-WORSE = 1.1  # times the objective that a step may lead to when what its elastic model takes as given is brought up to date
+WORSE = (
+    1.1  # times the objective that a step may lead to when what its elastic model takes as given is brought up to date
+)
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
 INNER_ITERATIONS = (
     30  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
@@ -117,9 +119,7 @@ def gauss_newton(
     return best
 
 
-def _predicted(
-    here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
-) -> Point | None:
+def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:
     """The point one step on; None where no stable equilibrium is found near what the tangent predicts."""
     trace.evaluations += 1
     turn = np.linalg.norm(moves[:, 3:], axis=1).max()

@@ -14,7 +14,7 @@ import numpy as np
 # seconds a spiral, on one core of 2020, measured on 40 surfaces of 150 to 3000 quads
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 5e-5, 1.6e-5, 5e-6, 1.6e-4
 CURVING, FIT, SPACE = 1e-4, 3e-4, 6e-4
-LIMITS = ((0, 12.0), (1500, 20.0), (6000, 60.0))  # seconds of so many spirals, and on as fast beyond
+SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 20.0, 60.0)  # seconds for so many; in proportion beyond
 SLOWEST = 3.0  # times that a machine may be slower than the usual one , by this thread's processor time, before that ends the search
 
 
@@ -30,7 +30,7 @@ class Work:
     @classmethod
     def of(cls, size: int, patience: float) -> Work:
         """For so many spirals; ``patience`` times the usual limit, none where it is 0."""
-        usual = float(np.interp(size, *zip(*LIMITS, strict=True))) * max(1.0, size / LIMITS[-1][0])
+        usual = float(np.interp(size, SPIRALS, LIMITS)) * max(1.0, size / SPIRALS[-1])
         return cls(patience * usual if patience else None)
 
     def add(self, seconds: float, size: int) -> None:

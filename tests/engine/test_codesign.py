@@ -18,7 +18,7 @@ from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Problem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton
+from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flatten import flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.progress import Progress
@@ -201,6 +201,21 @@ def test_optimise_moves_the_flat_shapes_where_asked() -> None:
     stopped = optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=stopping)
     assert not stopped.finished and stopped.design.flat is not design.flat
     assert stopped.report()["laplacian_rmse_mm"] < stopped.report()["laplacian_rmse_mm_before"]
+
+
+def test_the_published_method_keeps_the_limits_too() -> None:
+    """Its line search leaves the limits of the flat shapes; that is no result, and nothing is computed from it."""
+    design = made()[0]
+    whole, pose = problem()
+    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    start = alone.at(alone.space.coordinates(design.width, design.twist), pose)
+    trace, params = Trace(), OptimiseParams(iterations=6, method="lbfgs")
+    with np.errstate(all="raise"):
+        found = codesign.refine(alone, start, design, params, lbfgs, trace, lambda point: None)
+    assert found.cost.inside and found.value < start.value + whole.flat.weight * found.cost.value
+    assert trace.ended in ("iterations", "converged")
+    outside = FlatCost.of(whole.flat.limits, 1.5 * design.flat.points)
+    assert not outside.inside and outside.value == np.inf
 
 
 def test_rods_are_refused() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arm_model import ArmModel
 from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.simulate import build_model
@@ -17,8 +18,10 @@ from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.reach import NAMES, reach
+from flexmaps.engine.optimisation.search import Task
+from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.progress import Progress
+from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
 from flexmaps.engine.spirals.slots import twist_bound
@@ -84,6 +87,35 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
     assert here.equilibrium.converged
     assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+
+
+def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
+    design, mesh = made()
+    task = Task(mesh, VERO, OptimiseParams(strain_share=0.3), EXACT, None, None, Work())
+    whole = dataclasses.replace(task.problem(design), simulate=EXACT)
+    x = whole.space.coordinates(design.width, design.twist)
+    true = whole.at(x, target_pose(mesh, design.flat.corners))
+    assert isinstance(true.model, ArmModel)
+    kept = task.as_at(whole, true.model.curving_at_joint, steady=True)
+    here = kept.at(x, true.equilibrium.pose)
+    # at the design it comes from it is the whole model, and it is not the one without
+    assert here.value == pytest.approx(true.value, rel=1e-9)
+    without = task.as_at(whole, None).at(x, true.equilibrium.pose)
+    assert abs(without.value / true.value - 1.0) > 1e-3
+    here = kept.at(x, true.equilibrium.pose)
+    direction, h = np.random.default_rng(5).normal(size=x.shape), 1e-5
+    ahead, behind = (kept.at(x + s * direction, here.equilibrium.pose, keep=here).value for s in (h, -h))
+    assert (ahead - behind) / (2 * h) == pytest.approx(float((here.gradient * direction).sum()), rel=1e-5)
+
+
+def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
+    whole, here = problem()
+    alone = here.gradient.copy()
+    whole, here = problem()
+    start = here.equilibrium.pose
+    later = [whole.at(np.clip(here.x + shift, 0.0, 1.0), start) for shift in (0.1, -0.1, 0.15)]
+    assert all(point.equilibrium.converged for point in later)
+    assert here.gradient == pytest.approx(alone, rel=1e-6, abs=1e-12)
 
 
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
@@ -167,6 +199,71 @@ def test_a_further_run_never_ends_worse() -> None:
         rmse.append(found.report()["laplacian_rmse_mm"])
     # equilibria are found to a tolerance
     assert all(b <= a * (1.0 + 1e-6) for a, b in pairwise(rmse))
+
+
+def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
+    """A closed tube that nothing but its second order of the strains keeps from folding."""
+    around, across = 8, 3
+    u, v = (2.0 * np.pi * np.arange(k) / k for k in (around, across))
+    radius = 1.0 + 0.25 * np.cos(v)
+    points = np.stack(np.broadcast_arrays(
+        radius * np.cos(u)[:, None], radius * np.sin(u)[:, None], 0.25 * np.sin(v)), axis=-1)  # fmt: skip
+    index = np.arange(around * across).reshape(around, across)
+    ahead = np.roll(index, -1, axis=0)
+    quads = np.stack([index, ahead, np.roll(ahead, -1, axis=1), np.roll(index, -1, axis=1)], axis=-1)
+    mesh = shapes.subdivided(QuadMesh(points.reshape(-1, 3), quads.reshape(-1, 4)))
+    found = job.run(PolygonMesh.of(mesh), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
+    design, mesh = thin_ring()
+    found = optimise.optimise(
+        design, mesh, VERO, OptimiseParams(strain_share=0.0, iterations=8, codesign=False), SimulateParams()
+    )
+    block = found.report()
+    assert block["laplacian_rmse_mm"] < block["laplacian_rmse_mm_before"]
+    assert block["rms_percent"] < max(1.1 * block["rms_percent_before"], 1.0)
+    # nothing that was seen on the way is lost when arms give way and the whole model takes over
+    assert block["laplacian_rmse_mm"] < 1.5 * min(row["rmse_mm"] for row in block["history"])
+
+
+def test_the_end_is_told() -> None:
+    design, mesh = made()
+    patient = optimise.optimise(design, mesh, VERO, OptimiseParams(iterations=1, codesign=False), SimulateParams())
+    assert patient.ended == "iterations"
+    hasty = optimise.optimise(design, mesh, VERO, OptimiseParams(patience=0.02, codesign=False), SimulateParams())
+    assert hasty.ended in ("time", "nothing") and hasty.finished
+    assert hasty.report()["laplacian_rmse_mm"] <= hasty.report()["laplacian_rmse_mm_before"]
+    assert hasty.report()["end"] == optimise.ENDS[hasty.ended]
+
+
+def test_work_is_counted_not_timed() -> None:
+    assert Work.of(1500, 1.0).limit == pytest.approx(20.0)
+    assert Work.of(6000, 1.0).limit == pytest.approx(60.0)
+    assert Work.of(12000, 0.5).limit == pytest.approx(60.0)
+    endless, short = Work.of(100, 0.0), Work.of(100, 1.0)
+    for work in (endless, short):
+        work.add(1e6, 100)
+    assert short.over and not endless.over
+
+
+def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
+    """Where no start finds rest within a few iterations under the whole load, it does in parts."""
+    whole, here = problem(supports=True)
+    pull = np.zeros((len(here.x), 3))
+    pull[:, 2] = -0.02
+    loaded = dataclasses.replace(
+        whole,
+        loads=dataclasses.replace(whole.loads, force=pull),
+        simulate=SimulateParams(iterations=200, tolerance=1e-6),
+    )
+    direct = loaded.at(here.x, here.equilibrium.pose)
+    parts = optimise._loaded(loaded, here.x, here.equilibrium.pose, SILENT)
+    assert parts.equilibrium.converged and parts.problem is loaded
+    if direct.equilibrium.converged:
+        assert parts.value == pytest.approx(direct.value, rel=1e-3)
 
 
 def test_stopping_keeps_the_best_so_far() -> None:
