@@ -155,7 +155,7 @@ def optimise(
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
     was = Found(before, given)
-    if not found.value < was.value:
+    if found is None or not found.value < was.value:
         found, ended = was, ended if ended == "stopped" else "nothing"
     n, point = len(design.width), found.point
     at_bound, gradient = _at_bound(point.x[:n]), point.gradient[:n]
@@ -178,17 +178,21 @@ class Found:
         return self.point.value - self.point.mismatch.value + mismatch.value
 
 
-def _proved(search: Search, progress: Progress) -> Found:
-    """The best design that keeps its shape when its outlines are drawn and mended where they touch."""
+def _proved(search: Search, progress: Progress) -> Found | None:
+    """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
     cuts = sorted(search.cuts, key=lambda cut: cut.value)
     found: list[Found] = []
     for cut in cuts[:TRIES]:
         progress(0.3, "Proving that it can be cut")
         pose = cut.point.equilibrium.pose
-        found.append(Found(search.task.simulated(proved(cut.design), pose, progress.part(0.6, 1.0)), cut.point))
+        try:
+            design = proved(cut.design, progress.part(0.3, 0.7))
+        except FlexMapsError:
+            continue
+        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), cut.point))
         if found[-1].value <= (1.0 + SAME) * cut.value:
             break
-    return min(found, key=lambda one: one.value)
+    return min(found, key=lambda one: one.value, default=None)
 
 
 def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:

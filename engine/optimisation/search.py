@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import FlexMapsError
 from ..materials import Material
 from ..mechanics.arm_model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design
@@ -175,7 +176,10 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            found = step(here, progress.part(k / most, (k + 1) / most))
+            try:
+                found = step(here, progress.part(k / most, (k + 1) / most))
+            except FlexMapsError:  # there is no room to cut what it led to: what there is stays
+                break
             here, last = (found if found.value < here.value else here), here.value
             if not here.value < (1.0 - gain) * last:
                 break
@@ -228,7 +232,7 @@ class Search:
 
     def _made(self, design: SpiralDesign, problem: Problem, found: Point, progress: Progress) -> Cut:
         wanted = found.spirals
-        result = fitted(design.flat, design.params, *wanted, prove=False)
+        result = fitted(design.flat, design.params, *wanted, prove=False, progress=progress.quiet())
         self.task.work.add(FIT, problem.assembly.size)
         given_way = result.twist < 0.999 * wanted[1]
         space = problem.space.limited(result.width, result.twist, given_way)
