@@ -47,7 +47,7 @@ class Table:
             for name, value in one["peer"].items()
         )
         measured = f"{one['measured']:.5g}" if isinstance(one["measured"], float) else str(one["measured"])
-        line = f"{one['mesh']:<18}{one['row']:<{self._width}}{one['asked']:>12}{measured:>14}  {mark:<4} {peer}"
+        line = f"{one['mesh'] + ' ':<18}{one['row']:<{self._width}}{one['asked']:>12}{measured:>14}  {mark:<4} {peer}"
         print(line.rstrip(), flush=True)
 
     def finish(self, path: Path | None, keep: bool = False) -> None:
