@@ -60,7 +60,8 @@ def write(
             progress(0.0, "writing the sheets")
             written = write_sheets(result, name, out / SHEET, formats, new, out / GUIDE, progress.part(0.0, 0.2))
         progress(0.2, "building the Blender file")
-        model = scene.show(result, name, settings)
+        model = scene.show(result, name, settings, progress.part(0.2, 0.28))
+        progress(0.28, "saving the Blender file")
         scene.save(new(out / MODEL))
         if pictures:
             simulated = result.simulation is not None

@@ -13,6 +13,7 @@ from ..engine.fabrication.estimates import estimates_report
 from ..engine.fabrication.sheets import sheets_report
 from ..engine.params import Settings
 from ..engine.patches.flatten import layout_report
+from ..engine.progress import SILENT, Progress
 from ..engine.runs.job import Result
 from ..engine.spirals.contours import hubs, outlines
 from ..engine.spirals.design import SpiralDesign, design_report
@@ -52,7 +53,9 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     return obj
 
 
-def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -> bpy.types.Object:
+def show(
+    result: Result, name: str = "FlexMaps", used: Settings | None = None, progress: Progress = SILENT
+) -> bpy.types.Object:
     """Empty the file and put a finished job into it: the model with seams, UV map, attributes and colours, and what is flat.
 
     name : of the model; used : the settings of the job, which the object then carries with it
@@ -61,13 +64,19 @@ def show(result: Result, name: str = "FlexMaps", used: Settings | None = None) -
     scene = bpy.context.scene
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
-    put(result, obj, scene, used)
+    put(result, obj, scene, used, progress)
     if equilibrium.key_of(obj.data) is not None:
         equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
 
 
-def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Settings | None = None) -> None:
+def put(
+    result: Result,
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    used: Settings | None = None,
+    progress: Progress = SILENT,
+) -> None:
     """Write what the stages of a job have made into the object that it is about, as the operators do one by one.
 
     The object has the quads of the job's mesh, in their order; its vertices come to lie where they are there.
@@ -86,7 +95,8 @@ def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Set
         surface = mesh.read_surface(obj, scene)
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
-        _put_flat(result, obj, scene, surface)
+        _put_flat(result, obj, scene, surface, progress.part(0.1, 0.9))
+    progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
         if result.optimisation is not None:
@@ -97,10 +107,14 @@ def put(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, used: Set
     states.stamp(obj, scene)
 
 
-def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> None:
+def _put_flat(
+    result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, progress: Progress
+) -> None:
     """Seams, flat patches and spirals, and what lies beside the model."""
     assert result.flat is not None
+    progress(0.0, "panels side by side")
     centres = arrange.side_by_side(result.flat)
+    progress(0.1, "flat patches in the Blender file")
     mesh.write_flat(obj, surface, result.flat, centres)
     notes.write(obj.data, "layout", layout_report(result.flat))
     overlay.store(obj, "PATCH")
@@ -110,9 +124,10 @@ def _put_flat(result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, sur
         return
     mesh.write_design(obj, result.design)
     notes.write(obj.data, "spirals", design_report(result.design))
+    progress(0.2, "solids of the panels")
     shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
     for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
-        pass
+        progress(0.6, "panels in the Blender file")
 
 
 def _outlines(result: Result) -> list[tuple[Any, ...]]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import growth
 import numpy as np
 import shapely
 from bench_layout import EDGE, surfaces
@@ -21,7 +22,13 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import connector_check, dxf, nesting, packing, pdf, sheets, solid_files, svg
 from flexmaps.engine.fabrication.connectors import Connections
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from flexmaps.engine.params import (
+    ConnectorParams,
+    LayoutParams,
+    RegulariseParams,
+    SheetParams,
+    SpiralParams,
+)
 from flexmaps.engine.patches import merge, split, trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -47,7 +54,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--json", type=Path, help="write the rows here too, in the place of earlier ones of the same meshes"
     )
-    parser.add_argument("--only", nargs="*", help="only meshes of these names")
+    parser.add_argument("--only", nargs="*", help="only meshes of these names; 'growth' for its rows")
     parser.add_argument("--nesting", default="20", help="seconds of the search for fewer sheets, or FAST for none")
     options = parser.parse_args(arguments)
     table = Table()
@@ -58,6 +65,8 @@ def main(arguments: list[str]) -> int:
             table.add(*measure(name, polygons, asked_nesting(options.nesting)))
         except FlexMapsError as error:
             table.add(row(name, "refused", "", str(error)[:90], True))
+    if not options.only or growth.NAME in options.only:
+        table.add(*growth.rows(asked_nesting("FAST")))
     table.finish(options.json, keep=bool(options.only))
     return 0
 

@@ -226,6 +226,7 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
     changed = set(every)
     for turn in range(50):
+        progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
         giving = _crowded(room, chosen, changed)
         if not giving:
             break

@@ -84,10 +84,13 @@ def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
     return ", ".join(named) + (", ..." if len(joints) > most else "")
 
 
-def oversize(panels: Sequence[Panel], patches: tuple[np.ndarray, ...], params: SheetParams) -> list[str]:
+def oversize(
+    panels: Sequence[Panel], patches: tuple[np.ndarray, ...], params: SheetParams, progress: Progress = SILENT
+) -> list[str]:
     """A warning for every panel that is larger than the sheet, or an error if so asked."""
     found = []
-    for panel in panels:
+    for number, panel in enumerate(panels):
+        progress(number / len(panels), "size of the panels")
         shape = panel.outline.sampled(1e-4)
         if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
             continue

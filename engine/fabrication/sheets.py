@@ -121,28 +121,37 @@ def make_sheets(
         else Labels(((),) * len(drawn), 0, 0)
     )
     holds = _holds(design, made)
-    panels = tuple(
-        Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], o.outer.area + sum(h.area for h in o.holes), holds[i])
-        for i, o in enumerate(drawn)
-    )
+    made_of = []
+    for i, o in enumerate(drawn):
+        progress(0.6, "areas of the panels")
+        area = o.outer.area + sum(h.area for h in o.holes)
+        made_of.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
+    panels = tuple(made_of)
     check_kerf(design, panels, params, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
-    warnings = [*oversize(panels, layout.patches, params), *tight(design), *without(made, connectors)]
+    slot, bridge = design.measured(progress.part(0.65, 0.7))
+    warnings = [
+        *oversize(panels, layout.patches, params, progress.part(0.7, 0.72)),
+        *tight(design),
+        *without(made, connectors),
+    ]
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
-    shapes = [p.outline.sampled(2e-5) for p in panels]
-    packing = with_keys(nest(shapes, params, progress.part(0.65, 1.0)), made.keys, params)
+    shapes = []
+    for p in panels:
+        progress(0.72, "outlines of the panels")
+        shapes.append(p.outline.sampled(2e-5))
+    packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
     keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
     panels += tuple(
         Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
         for k, (name, a) in zip(made.keys, keyed, strict=True)
     )
-    slot, bridge = design.narrowest
     return CutSheets(
         panels, packing, params, tuple(warnings), labels.placed, labels.left_out,
         slot, min(bridge, made.bridge), design.params.thickness, cut, made,

@@ -92,14 +92,26 @@ class SpiralDesign:
         """(N,) int: quads too small for the smallest width, with thinner arms than asked for."""
         return np.flatnonzero(self.width < self.params.width_min * (1.0 - 1e-6))
 
-    @cached_property
+    @property
     def narrowest(self) -> tuple[float, float]:
         """Width in metres of the narrowest slot and of the narrowest piece of material, between the true edges."""
-        layout, every = self.flat.layout, np.arange(len(self.width))
-        slot, bridge = narrowest(self.arms, self.roots.left, self.roots.right, self.params.fillet)
-        # what lies across a cut is another panel
-        across = gaps_across(self.arms, layout.mesh, self.flat.corners, every)[~layout.outline_sides]
-        return min(slot, float(across.min(initial=slot)), float(gaps_round(self.arms, layout, every).min())), bridge
+        return self.measured()
+
+    def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
+        """The same, once looked for, with progress."""
+        if "_narrowest" not in self.__dict__:
+            layout, slot, bridge = self.flat.layout, np.inf, np.inf
+            for first in range(0, len(self.width), TOGETHER):
+                progress(first / len(self.width), "the narrowest places")
+                some = np.arange(first, min(first + TOGETHER, len(self.width)))
+                left, right = self.roots.left[some], self.roots.right[some]
+                found = narrowest(self.arms.of(some), left, right, self.params.fillet)
+                # what lies across a cut is another panel
+                across = gaps_across(self.arms, layout.mesh, self.flat.corners, some)[~layout.outline_sides[some]]
+                beside = float(gaps_round(self.arms, layout, some).min())
+                slot, bridge = min(slot, found[0], float(across.min(initial=np.inf)), beside), min(bridge, found[1])
+            self.__dict__["_narrowest"] = slot, bridge
+        return self.__dict__["_narrowest"]
 
     def narrower(self, width: float) -> np.ndarray:
         """(N,) int: quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
