@@ -168,16 +168,20 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def save(piece: Piece, path: str | Path) -> Path:
-    """Save a .blend file with the piece: the file it came from with the object brought up to date, else a new one."""
+    """Save a .blend file with the piece: the file it came from with the object brought up to date, else one of its own.
+
+    Blender's open file stays as it is, but for an object that is brought up to date.
+    """
     from .bridge import scene
     from .engine import files
 
-    if piece.uid is None:
-        scene.show(piece.result, piece.name, piece.settings)
-    else:
+    if piece.uid is not None:
         show(piece)
     with files.replacing(path) as new:
-        scene.save(new)
+        if piece.uid is None:
+            scene.save_alone(new, piece.result, piece.name, piece.settings)
+        else:
+            scene.save(new)
     return Path(path)
 
 

@@ -61,7 +61,11 @@ def show(
     name : of the model; used : the settings of the job, which the object then carries with it
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
-    scene = bpy.context.scene
+    return _filled(bpy.context.scene, result, name, used)
+
+
+def _filled(scene: bpy.types.Scene, result: Result, name: str, used: Settings | None) -> bpy.types.Object:
+    """Put a finished job into an empty scene; returns the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
@@ -145,9 +149,9 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
     data.materials.append(beside.material("FlexMaps panel", None))
     obj = bpy.data.objects.new(name, data)
     scene.collection.objects.link(obj)
-    layer = bpy.context.view_layer
+    layer = scene.view_layers[0]
     layer.objects.active = obj
-    obj.select_set(True)
+    obj.select_set(True, view_layer=layer)
     layer.update()
     return obj
 
@@ -161,6 +165,31 @@ def save(path: str | Path) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
     except RuntimeError as error:
         raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
+
+
+def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
+    """Save a file that holds a finished job and nothing of the open one, which stays as it is.
+
+    Raises ``FlexMapsError`` where it cannot be written.
+    """
+    path = Path(path).absolute()
+    there = _everything()
+    scene = bpy.data.scenes.new(name)
+    try:
+        _filled(scene, result, name, used)
+        path.unlink(missing_ok=True)
+        try:
+            bpy.data.libraries.write(str(path), {scene}, compress=True)
+        except RuntimeError as error:
+            raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
+    finally:
+        bpy.data.batch_remove(_everything() - there)
+
+
+def _everything() -> set[bpy.types.ID]:
+    """All that the open file holds."""
+    groups = (getattr(bpy.data, prop.identifier) for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION")
+    return {one for group in groups for one in group if isinstance(one, bpy.types.ID)}
 
 
 def _frame_views() -> None:

@@ -185,6 +185,20 @@ def test_what_is_shown_can_be_loaded_again(strip: api.Piece, tmp_path: Path) -> 
     assert api.load(path).result.design is not None
 
 
+def test_saving_a_piece_leaves_the_open_file_alone(strip: api.Piece, dome: Any, tmp_path: Path) -> None:
+    """Somebody has work open that is not saved, and saves a piece that came from elsewhere."""
+    kinds = ("objects", "meshes", "scenes", "collections", "materials", "images")
+    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
+    path = api.save(strip, tmp_path / "strip.blend")
+    assert {kind: set(getattr(bpy.data, kind)) for kind in kinds} == before
+    assert bpy.context.object == dome and len(dome.data.polygons)
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert "piece" not in bpy.data.objects  # nor is anything of it in the file
+    shown = bpy.context.view_layer.objects.active
+    assert len(shown.data.polygons) == len(strip.mesh.quads) and "flexmaps_flat" in shown.data.uv_layers
+    assert bpy.context.scene.unit_settings.length_unit == "MILLIMETERS"
+
+
 def test_an_object_moves_only_when_it_is_regularised(dome: Any) -> None:
     before = np.array([v.co for v in dome.data.vertices])
     assert api.show(api.layout(api.load(dome))) == dome
