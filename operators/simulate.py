@@ -50,6 +50,7 @@ class Simulate(Stage, bpy.types.Operator):
             found = simulate.simulate(
                 design, quads, material, settings.simulate, supports=held, force=force, progress=moving
             )
+            progress(0.99, "Looking for what limits the match")
             return found, reach.reach(found)
 
         return work

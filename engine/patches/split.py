@@ -55,7 +55,7 @@ def split(
             progress((turn + number / len(large)) / rounds, "cutting patches to the sheet's size")
             if patch in done:
                 continue  # as the mirror image of another one
-            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet)
+            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet, progress.quiet())
             if run is not None:
                 for edges in (run, *(image.edges[run] for image in mirrored)):
                     done |= _cut_once(flat.layout, edges, cut, done)
@@ -224,12 +224,18 @@ def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[
 
 
 def _best_run(
-    flat: FlatPatches, patch: int, params: LayoutParams, room: np.ndarray, sheet: SheetParams
+    flat: FlatPatches,
+    patch: int,
+    params: LayoutParams,
+    room: np.ndarray,
+    sheet: SheetParams,
+    progress: Progress = SILENT,
 ) -> np.ndarray | None:
     """The mesh edges of the best run through a patch; ``None`` if there is none."""
     runs = _runs(flat, patch)
     if runs is None:
         return None
+    progress(0.0)
     number = np.full(len(flat.points), -1)
     number[runs.loop] = np.arange(len(runs.loop))
     needed, tails, heads = _needed(flat, runs, number, room, sheet)
@@ -245,6 +251,7 @@ def _best_run(
     found: list[tuple[float, int, np.ndarray]] = []
     piece = _Piece(*alone(flat.layout, flat.layout.patches[patch]), flat.corners[flat.layout.patches[patch]])
     for start, end in _worth_checking(score, needed):
+        progress(0.0)
         edges = runs.edges(start, end)
         judged = _judged(piece, edges, params, room, sheet)
         if judged is not None:
