@@ -132,7 +132,7 @@ def _outline(flat: FlatPatches, sides: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _runs(ids: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
     """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
     at = {int(s): i for i, s in enumerate(starts)}
-    following = np.array([at.get(int(e), -1) for e in ends])
+    following = np.array([at.get(int(e), -1) for e in ends], int)  # none where a closed body has no cut
     same = (following >= 0) & (ids[following] == ids)
     has_before = np.zeros(len(ids), bool)
     has_before[following[same]] = True

@@ -11,6 +11,7 @@ import time
 import warnings
 from pathlib import Path
 
+import bmesh
 import bpy
 import numpy as np
 
@@ -96,7 +97,22 @@ def redraws():
 
 def walk():
     yield from install()
-    for part in (make_quads, layout, spirals, simulate, optimise, export, undo, preview, animate, render, presets):
+    for part in (
+        make_quads,
+        layout,
+        seams,
+        spirals,
+        stopped,
+        simulate,
+        optimise,
+        export,
+        undo,
+        preview,
+        animate,
+        render,
+        presets,
+        letters,
+    ):
         start = time.perf_counter()
         yield from part()
         FOUND.setdefault("seconds", {})[part.__name__] = round(time.perf_counter() - start, 1)
@@ -123,6 +139,9 @@ def make_quads():
     expect(bpy.context.object.flexmaps.remesh.quads == QUADS, "a typed number is taken over")
     FOUND["redraw_ms"] = yield from redraws()
     ball = bpy.context.object.name
+    yield from hands.key("Escape")  # Blender remembers it, and QuadriFlow once took itself for cancelled ever after
+    yield from press_and_stop("quad_remesh")
+    expect(bpy.context.object.name == ball, "a remesh that was stopped changes nothing")
     yield from press("quad_remesh")
     obj = bpy.context.object
     expect(obj.name != ball and bpy.data.objects[ball].hide_get(), "a new object takes the place of the old one")
@@ -155,6 +174,35 @@ def layout():
     yield from picture("merged")
 
 
+def seams():
+    """The way of the guide: edit the seams by hand in edit mode, and let the panels follow."""
+    obj = bpy.context.object
+    before = blocks()["layout"]["patches"]
+    yield from hands.key("Tab")
+    expect(obj.mode == "EDIT", "Tab goes to edit mode")
+    bm = bmesh.from_edit_mesh(obj.data)
+    inner = [e for e in bm.edges if e.seam][:1]
+    ends = inner[0].verts
+    beside = next(e for v in ends for e in v.link_edges if not e.seam)
+    for element in (*bm.verts, *bm.edges, *bm.faces):
+        element.select = False
+    beside.select = True
+    bm.select_flush_mode()
+    bmesh.update_edit_mesh(obj.data)
+    with hands.in_view():
+        bpy.ops.mesh.mark_seam()
+    yield 0.5
+    yield from press("update_from_seams")
+    expect(obj.mode == "EDIT", "edit mode is not left")
+    block = blocks()["layout"]
+    expect(block["patches"] >= before and block["flips"] == 0, f"the panels follow the seams: {before} to {block}")
+    yield from picture("seams")
+    yield from press("merge")  # in edit mode too
+    yield from hands.key("Tab")
+    expect(obj.mode == "OBJECT" and "flexmaps_seam" in obj.data.attributes, "what was written in edit mode is there")
+    expect(obj.data.validate() is False, "the mesh is whole")
+
+
 def spirals():
     yield from press("spirals")
     names = {a.name for a in bpy.context.object.data.attributes}
@@ -162,6 +210,61 @@ def spirals():
     expect(blocks()["spirals"]["slot_min_mm"] > 0.2, "slots can be cut")
     yield from press("overlay", text="Twist")
     yield from picture("spirals")
+
+
+def press_and_stop(name):
+    """Press a button, then Esc at once; how long it takes until the sidebar is free again is kept."""
+    stopped = []
+
+    def stop():
+        yield from hands.aside()
+        if current() is not None:
+            stopped.append((time.perf_counter(), time.process_time()))
+            hands.xdotool("key", "Escape")
+
+    yield from press(name, meanwhile=stop)
+    figures = FOUND["stages"].pop(name)
+    if stopped:
+        wall, own = time.perf_counter() - stopped[0][0], time.process_time() - stopped[0][1]
+        FOUND.setdefault("stopped", {})[name] = {"seconds": round(wall, 2), "of the processor": round(own, 2)} | figures
+
+
+def stopped():
+    """Esc in every stage leaves everything as it was, and the next press works."""
+    before = blocks()
+    for name in ("merge", "spirals", "simulate", "export"):
+        yield from press_and_stop(name)
+        expect(current() is None, f"{name} ends after Esc")
+    expect(blocks().get("layout") == before["layout"], "a stopped stage changes nothing")
+    if "spirals" not in blocks():
+        yield from press("spirals")
+
+
+def letters():
+    """A text from its letters to the sheets with Next alone, as somebody does who has read nothing."""
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    bpy.ops.object.text_add()
+    bpy.context.object.data.body = "Hi"
+    bpy.ops.object.convert(target="MESH")
+    bpy.context.object.flexmaps.remesh.quads = 150
+    bpy.context.object.flexmaps.optimise.iterations = 3
+    bpy.context.object.flexmaps.export.folder = str(HERE / "letters")
+    yield from hands.look_at([bpy.context.object])
+    states = hands.module("bridge.states")
+    pressed = []
+    for _ in range(12):
+        obj = bpy.context.object
+        if obj.mode == "EDIT":
+            yield from hands.key("Tab")
+        name = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+        if not name:
+            break
+        pressed.append(name)
+        yield from press(name, text=hands.NEXT)
+    FOUND["next"] = pressed
+    expect("sheets" in blocks(), f"Next leads to the sheets: {pressed}")
+    yield from picture("letters")
 
 
 def simulate():
