@@ -61,10 +61,12 @@ def show(
     name : of the model; used : the settings of the job, which the object then carries with it
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
-    return _filled(bpy.context.scene, result, name, used)
+    return _filled(bpy.context.scene, result, name, used, progress)
 
 
-def _filled(scene: bpy.types.Scene, result: Result, name: str, used: Settings | None) -> bpy.types.Object:
+def _filled(
+    scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
+) -> bpy.types.Object:
     """Put a finished job into an empty scene; returns the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
