@@ -135,7 +135,7 @@ class PatchLayout:
     def planar(self) -> np.ndarray:
         """(N,) bool: patches that can be laid flat: disks, or disks with holes that are no openings of a tube."""
         loops = np.bincount(self.loop_patch, minlength=len(self.patches))
-        good = self.euler == 2 - loops
+        good = (self.euler == 2 - loops) & (loops > 0)  # what is closed all round cannot
         for patch in np.flatnonzero(good & (loops > 1)).tolist():
             quads = self.patches[patch]
             corners = np.unique(self.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)

@@ -127,3 +127,12 @@ def test_a_closed_run_is_walked_once_round() -> None:
     assert sorted(walk.tolist()) == sorted(outer.tolist())
     for one, two in zip(walk, np.roll(walk, -1), strict=True):
         assert set(mesh.edges[one].tolist()) & set(mesh.edges[two].tolist())
+
+
+def test_a_closed_body_is_no_patch_that_lies_flat() -> None:
+    from flexmaps.engine.patches import trace
+
+    mesh = shapes.two_bodies()
+    layout = PatchLayout(mesh, np.zeros(len(mesh.edges), bool))
+    assert not layout.planar.any()
+    assert trace.make_disks(layout).planar.all()
