@@ -41,6 +41,9 @@ def read(obj: bpy.types.Object, to_metres: np.ndarray) -> Pose | None:
         return None
     centre, x, y = (np.asarray(values, dtype=float) @ to_metres[:3, :3].T for values in found)
     normal = np.cross(x, y)
+    squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
+    if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):
+        return None  # whoever wrote that, it is no pose
     # stored in single precision: square again, with either axis as much changed as the other
     u, _, vt = np.linalg.svd(np.stack([x, y, normal / np.linalg.norm(normal, axis=1, keepdims=True)], axis=2))
     return Pose(centre + to_metres[:3, 3], u @ vt)

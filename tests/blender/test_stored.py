@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge import attributes, beside, notes, states
+from flexmaps.bridge import attributes, beside, notes, pose, states
 from flexmaps.engine.optimisation import reach
 
 NOTES = {
@@ -139,6 +139,22 @@ def test_properties_of_another_kind(spiralled: Any) -> None:
         spiralled["flexmaps_collection"] = value
         assert beside.existing(spiralled) is None
     assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
+
+
+def test_hubs_that_make_no_pose(simulated: Any) -> None:
+    """A simulation would begin there."""
+    to_metres = np.array(simulated.matrix_world)
+    assert pose.read(simulated, to_metres) is not None
+    for name, value in (("hub", 2147483647.0), ("hub", 0.0), ("hub_x", 0.0), ("hub_y", 1.0)):
+        attribute = simulated.data.attributes[attributes.PREFIX + name]
+        prop, values = _values(attribute)
+        attribute.data.foreach_set(prop, np.full_like(values, value))
+        if name == "hub_y":
+            other = simulated.data.attributes["flexmaps_hub_x"]
+            other.data.foreach_set("vector", np.full_like(values, value))
+        assert pose.read(simulated, to_metres) is None
+        attribute.data.foreach_set(prop, values)
+    assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
 
 
 def test_an_equilibrium_that_is_nowhere(simulated: Any) -> None:
