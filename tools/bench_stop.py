@@ -19,6 +19,7 @@ from typing import Any
 
 from rows import Row, Table, at_most
 
+ROOT = Path(__file__).resolve().parent.parent
 WANTED = 0.5  # seconds of the processor
 STAGES = ("regularise", "trace", "merge", "flatten", "spirals", "simulate", "optimise", "preview", "export", "report")
 
@@ -42,7 +43,7 @@ def stages(wanted: list[str]) -> Iterator[Row]:
     from bench_blender import _piece
 
     obj = _piece()
-    obj.flexmaps.export.folder = "/tmp/flexmaps-bench-stop"
+    obj.flexmaps.export.folder = str(ROOT / "out" / "bench-stop")
     name = f"{len(obj.data.polygons)} quads"
     for stage in STAGES[: 1 + max(STAGES.index(word) for word in wanted)]:
         started = time.process_time()
