@@ -142,6 +142,12 @@ class LayoutParams(Params):
     neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a patch", low=1, high=10)
     patch_min: int = setting(6, "Smallest patch", "Fewest quads in a patch, where the surface allows", low=1, high=1000)
     symmetric: bool = setting(True, "Keep symmetry", "Give a symmetric surface a symmetric layout where possible")
+    seamless: bool = setting(
+        False,
+        "One panel without a cut",
+        "Leave a curved surface in one panel where it lies flat in one. Without supports such a panel stays flat: "
+        "nothing makes it leave the plane",
+    )
 
 
 @dataclass(frozen=True)

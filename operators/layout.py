@@ -62,10 +62,12 @@ class Merge(LayoutStage, bpy.types.Operator):
             from ..engine.surface import check
 
             quads = check.as_quad_mesh(surface.polygons)
-            layout = mesh.layout_of(surface, quads)
-            if not layout.cut.any():
-                layout = trace.trace(quads, settings.layout, progress.part(0.0, 0.1))
-            flat = merge.merge(trace.make_disks(layout), settings.layout, progress.part(0.1, 0.9))
+            layout = trace.make_disks(mesh.layout_of(surface, quads))
+            traced = trace.trace(quads, settings.layout, progress.part(0.0, 0.1))
+            if not surface.seams.any() or (layout.cut == traced.cut).all():
+                layout = traced  # nobody chose these cuts
+            held = bool(settings.loads.supports)
+            flat = merge.merge(layout, settings.layout, progress.part(0.1, 0.9), held=held)
             flat = split.split(flat, settings.layout, settings.sheet, progress.part(0.9, 1.0))
             return flat, flatten.layout_report(flat)
 

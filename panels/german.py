@@ -44,6 +44,7 @@ WORDS: dict[str, str] = {
     "Compactness limit": "Grenze der Gestrecktheit",
     "Smallest neck": "Engste Stelle",
     "Smallest patch": "Kleinster Flicken",
+    "One panel without a cut": "Eine Platte ohne Schnitt",
     "Keep symmetry": "Symmetrie erhalten",
     "Largest distortion": "Größte Verzerrung",
     "Seam mismatch": "Nahtversatz",

@@ -34,6 +34,7 @@ TIPS: dict[str, str] = {
     "Largest perimeter / sqrt(area) of a patch; a square has 4": "Größter Umfang / Wurzel(Fläche) eines Flickens; ein Quadrat hat 4",
     "Fewest quads across any isthmus of a patch": "Wenigste Vierecke quer über jede Engstelle eines Flickens",
     "Fewest quads in a patch, where the surface allows": "Wenigste Vierecke in einem Flicken, wo die Oberfläche es zulässt",
+    "Leave a curved surface in one panel where it lies flat in one. Without supports such a panel stays flat: nothing makes it leave the plane": "Eine gekrümmte Oberfläche in einer Platte lassen, wo sie in einer flach liegt. Ohne Auflager bleibt eine solche Platte flach: nichts hebt sie aus der Ebene",
     "Give a symmetric surface a symmetric layout where possible": "Einer symmetrischen Oberfläche, wo möglich, symmetrische Flicken geben",
     # spirals
     "Thickness of the sheet": "Dicke der Platte",

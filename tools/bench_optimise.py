@@ -27,7 +27,7 @@ from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
-from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -60,6 +60,7 @@ PUBLISHED = {
     "flower_cmc1": Published("Shell", 1296, 4, 28.79, 0.107),
 }
 MEASURED = (*PUBLISHED, "spot")
+STANDING = Settings(layout=LayoutParams(seamless=True))  # what stands on supports may be one panel
 LARGE_SIDE = 100  # quads along either side of the largest vault
 
 
@@ -102,7 +103,7 @@ def supports(mesh: QuadMesh) -> np.ndarray | None:
 @one_thread
 def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     """All rows of one mesh."""
-    found = job.run(polygons, Settings(), edge=EDGE, stop_after="spirals")
+    found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
     design, mesh, published = found.design, found.mesh, PUBLISHED.get(name)
     assert design is not None
     held = supports(mesh)
@@ -185,7 +186,7 @@ def large() -> list[Row]:
     from flexmaps.engine.surface import shapes
 
     vault = shapes.vault(LARGE_SIDE)
-    found = job.run(PolygonMesh.of(vault), Settings(), edge=EDGE, stop_after="spirals")
+    found = job.run(PolygonMesh.of(vault), STANDING, edge=EDGE, stop_after="spirals")
     assert found.design is not None
     started, alone = time.process_time(), OptimiseParams(codesign=False)
     result = optimise.optimise(

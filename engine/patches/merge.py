@@ -17,6 +17,7 @@ from .layout import PatchLayout, alone
 from .regions import Halving
 from .reroute import reroute
 from .rescue import rescue
+from .spring import halved, springs_by_itself
 from .tidy import badness, drawing_cost, natural_stops, tidy, widen
 from .trace import middle_line
 
@@ -30,12 +31,15 @@ TRIES = 5  # most groups of symmetries that are tried
 
 
 @one_thread
-def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
+def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT, *, held: bool = False) -> FlatPatches:
     """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
 
     A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
     which symmetries the surface has, which were kept, and what broke the others. Every body is laid out by itself.
+    held : something holds the piece in its shape; else a curved surface never becomes one panel without a cut, unless
+        ``params.seamless``
     """
+    seamless = held or params.seamless
     mesh, progress = layout.mesh, _rising(progress)
     bodies = int(mesh.body_of.max()) + 1
     cut = layout.cut.copy()
@@ -45,12 +49,12 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
     for body in range(bodies):
         part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
         if bodies == 1:
-            board, said = _merge_body(layout, params, part, 1)
+            board, said = _merge_body(layout, params, part, 1, seamless)
             cut, start, notes = board.cut, board.rotations(), notes | said
         else:
             quads = np.flatnonzero(mesh.body_of == body)
             part_of, edges = alone(layout, quads)
-            board, said = _merge_body(part_of, params, part, bodies)
+            board, said = _merge_body(part_of, params, part, bodies, seamless)
             cut[edges], start[quads] = board.cut, board.rotations()
             each.append(said)
     if any(each):
@@ -80,7 +84,7 @@ def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, sta
 
 
 def _merge_body(
-    layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int
+    layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
     progress(0.0, "Looking for symmetries")
@@ -116,7 +120,11 @@ def _merge_body(
             share = HALF if keeping(found, board.cut) else 1.0
             if (not _fits(other), worth(other)) < (not _fits(board), share * worth(board)):
                 board = other
-    return board, symmetry_notes(found, kept, ranked, board)
+    if seamless or springs_by_itself(board):
+        return board, symmetry_notes(found, kept, ranked, board)
+    board = halved(board, found, progress.part(0.95, 1.0))
+    said = symmetry_kept(found, keeping(found, board.cut)) if found else None
+    return board, {"halved": HALVED} | ({} if said is None else said[0] | {"symmetry": said[1]})
 
 
 def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
@@ -202,6 +210,12 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
                 "every change to it would go beyond another limit"
             )
     return {"forced": listed} if listed else {}
+
+
+HALVED = (
+    "The surface would lie flat in one panel, but nothing would make that leave the plane; its seam does. "
+    'Give it supports, or choose "One panel without a cut", to keep it whole'
+)
 
 
 @dataclass(frozen=True)

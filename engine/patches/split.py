@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from ..errors import FlexMapsError
 from ..params import LayoutParams, SheetParams
@@ -21,9 +19,9 @@ from .edit import with_cuts
 from .flatten import FlatPatches
 from .layout import PatchLayout, alone
 from .merge import forced_notes, symmetry_kept
+from .runs import Runs, chord_areas, straight_runs
 
 ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet
-BEND = 3.0  # what a quarter turn of a run costs, in mean edges
 CHECKED = 40  # runs that are looked at closely, best first
 NEEDED, UNEVEN = 2.0, 0.5  # what one more piece costs, and pieces as unequal as can be, against a run across the patch
 CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew
@@ -158,71 +156,6 @@ def _sheets_needed(width: np.ndarray, room: np.ndarray, rotation: str) -> np.nda
     return np.ceil(_ratios(width, room, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
-@dataclass(frozen=True, eq=False)
-class _Runs:
-    """All straightest runs through a patch, from every place of its outline to every other one.
-
-    loop : (n,) flat vertices of the outline; inner : (m,) mesh edges inside the patch
-    tail, head : (2 m,) flat vertices of every inner edge in both directions
-    starts : (s,) directed edges that begin on the outline; ends : (e,) those that end there
-    cost : (s, e) metres, length and bends; before : (s, 2 m) the directed edge before every one
-    """
-
-    loop: np.ndarray
-    inner: np.ndarray
-    tail: np.ndarray
-    head: np.ndarray
-    starts: np.ndarray
-    ends: np.ndarray
-    cost: np.ndarray
-    before: np.ndarray
-
-    def edges(self, start: int, end: int) -> np.ndarray:
-        """The mesh edges of one run."""
-        walk = [int(self.ends[end])]
-        while walk[-1] != self.starts[start]:
-            walk.append(int(self.before[start, walk[-1]]))
-        return self.inner[np.array(walk) % len(self.inner)]
-
-
-def _runs(flat: FlatPatches, patch: int) -> _Runs | None:
-    layout, mesh = flat.layout, flat.layout.mesh
-    loop = flat.outlines[patch]
-    inner = layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]
-    if not len(inner):
-        return None
-    quad, side = mesh.edge_quads[inner, 0], mesh.edge_sides[inner, 0]
-    a, b = layout.flat_corners[quad, side], layout.flat_corners[quad, (side + 1) % 4]
-    tail, head = np.concatenate([a, b]), np.concatenate([b, a])
-    on_outline = np.zeros(len(flat.points), dtype=bool)
-    on_outline[loop] = True
-    step = flat.points[head] - flat.points[tail]
-    length = np.linalg.norm(step, axis=1)
-    one, two = _following(tail, head, ~on_outline)
-    cross = step[one, 0] * step[two, 1] - step[one, 1] * step[two, 0]
-    bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
-    # half a right angle is not yet a corner: lines of quads bend a little all the time
-    corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
-    weight = length[two] + BEND * length.mean() * (corner + 0.02 * bend)
-    starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
-    graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()
-    cost, before = dijkstra(graph, indices=starts, return_predecessors=True)
-    return _Runs(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
-
-
-def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of directed edges of which the second begins where the first ends, at a vertex inside, and does not go back."""
-    order = np.argsort(tail, kind="stable")
-    count = np.bincount(tail, minlength=len(inside))
-    first = np.concatenate([[0], np.cumsum(count)])
-    number = np.where(inside[head], count[head], 0)
-    one = np.repeat(np.arange(len(head)), number)
-    place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
-    two = order[first[head[one]] + place]
-    forward = head[two] != tail[one]
-    return one[forward], two[forward]
-
-
 def _best_run(
     flat: FlatPatches,
     patch: int,
@@ -232,7 +165,7 @@ def _best_run(
     progress: Progress = SILENT,
 ) -> np.ndarray | None:
     """The mesh edges of the best run through a patch; ``None`` if there is none."""
-    runs = _runs(flat, patch)
+    runs = straight_runs(flat, patch)
     if runs is None:
         return None
     progress(0.0)
@@ -242,7 +175,7 @@ def _best_run(
     points = flat.points[runs.loop]
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
     # a chord's share of the area: as good as the run's own while the run is nearly straight
-    area = _chord_areas(points)[tails[:, None], heads]
+    area = chord_areas(points)[tails[:, None], heads]
     whole = 0.5 * (points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum()
     uneven = np.abs(2.0 * area / whole - 1.0)
     score = NEEDED * needed + 0.5 * runs.cost / size + UNEVEN * uneven**2
@@ -271,7 +204,7 @@ def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, in
 
 
 def _needed(
-    flat: FlatPatches, runs: _Runs, number: np.ndarray, room: np.ndarray, sheet: SheetParams
+    flat: FlatPatches, runs: Runs, number: np.ndarray, room: np.ndarray, sheet: SheetParams
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(s, e) int: pieces that the two sides of every run need, by their parts of the outline; and places of starts and ends."""
     tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
@@ -285,15 +218,6 @@ def _needed(
         both = _sheets_needed(ahead.T, room, sheet.rotation) + _sheets_needed(behind.T, room, sheet.rotation)
         needed[tails == start] = both[(heads - start) % count]
     return needed, tails, heads
-
-
-def _chord_areas(points: np.ndarray) -> np.ndarray:
-    """(n, n) square metres: area of an outline's part from point i on to point j, closed by the chord."""
-    after = np.roll(points, -1, axis=0)
-    parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
-    sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]
-    chord = 0.5 * (points[None, :, 0] * points[:, None, 1] - points[None, :, 1] * points[:, None, 0])
-    return sums[None, :] - sums[:, None] + chord
 
 
 @dataclass(frozen=True, eq=False)

@@ -199,7 +199,8 @@ def _traced(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _merged(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.layout is not None
-    return replace(without(result, "flat"), flat=merge.merge(result.layout, settings.layout, progress))
+    held = result.supports is not None and len(result.supports) > 0
+    return replace(without(result, "flat"), flat=merge.merge(result.layout, settings.layout, progress, held=held))
 
 
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:

@@ -1,0 +1,95 @@
+"""Straight runs of edges through a flat patch, from its outline to its outline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from .flatten import FlatPatches
+
+BEND = 3.0  # what a quarter turn of a run costs, in mean edges
+MOST = 5_000_000  # starts times directed edges: beyond, only some of the starts are taken
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """All straightest runs through a patch, from places all round its outline to every other one.
+
+    A run may go along the rim of a hole, where there is nothing to cut.
+
+    loop : (n,) flat vertices of the outline; inner : (m,) mesh edges inside the patch, and round its holes
+    tail, head : (2 m,) flat vertices of every inner edge in both directions
+    starts : (s,) directed edges that begin on the outline; ends : (e,) those that end there
+    cost : (s, e) metres, length and bends; before : (s, 2 m) the directed edge before every one
+    """
+
+    loop: np.ndarray
+    inner: np.ndarray
+    tail: np.ndarray
+    head: np.ndarray
+    starts: np.ndarray
+    ends: np.ndarray
+    cost: np.ndarray
+    before: np.ndarray
+
+    def edges(self, start: int, end: int) -> np.ndarray:
+        """The mesh edges of one run."""
+        walk = [int(self.ends[end])]
+        while walk[-1] != self.starts[start]:
+            walk.append(int(self.before[start, walk[-1]]))
+        return self.inner[np.array(walk) % len(self.inner)]
+
+
+def straight_runs(flat: FlatPatches, patch: int) -> Runs | None:
+    layout, mesh = flat.layout, flat.layout.mesh
+    loop = flat.outlines[patch]
+    inner = layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]
+    if not len(inner):
+        return None
+    quads = layout.patches[patch]
+    away = ~np.isin(layout.flat_corners[quads], loop) & layout.outline_sides[quads]
+    inner = np.concatenate([inner, mesh.quad_edges[quads][away]])
+    first = (mesh.edge_quads[inner, 0] < 0).astype(np.int64)
+    quad, side = mesh.edge_quads[inner, first], mesh.edge_sides[inner, first]
+    a, b = layout.flat_corners[quad, side], layout.flat_corners[quad, (side + 1) % 4]
+    tail, head = np.concatenate([a, b]), np.concatenate([b, a])
+    on_outline = np.zeros(len(flat.points), dtype=bool)
+    on_outline[loop] = True
+    step = flat.points[head] - flat.points[tail]
+    length = np.linalg.norm(step, axis=1)
+    one, two = _following(tail, head, ~on_outline)
+    cross = step[one, 0] * step[two, 1] - step[one, 1] * step[two, 0]
+    bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
+    # half a right angle is not yet a corner: lines of quads bend a little all the time
+    corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
+    weight = length[two] + BEND * length.mean() * (corner + 0.02 * bend)
+    starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
+    starts = starts[:: max(1, len(starts) * len(tail) // MOST)]
+    graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()
+    cost, before = dijkstra(graph, indices=starts, return_predecessors=True)
+    return Runs(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
+
+
+def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of directed edges of which the second begins where the first ends, at a vertex inside, and does not go back."""
+    order = np.argsort(tail, kind="stable")
+    count = np.bincount(tail, minlength=len(inside))
+    first = np.concatenate([[0], np.cumsum(count)])
+    number = np.where(inside[head], count[head], 0)
+    one = np.repeat(np.arange(len(head)), number)
+    place = np.arange(number.sum()) - np.repeat(np.cumsum(number) - number, number)
+    two = order[first[head[one]] + place]
+    forward = head[two] != tail[one]
+    return one[forward], two[forward]
+
+
+def chord_areas(points: np.ndarray) -> np.ndarray:
+    """(n, n) square metres: area of an outline's part from point i on to point j, closed by the chord."""
+    after = np.roll(points, -1, axis=0)
+    parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
+    sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]
+    chord = 0.5 * (points[None, :, 0] * points[:, None, 1] - points[None, :, 1] * points[:, None, 0])
+    return sums[None, :] - sums[:, None] + chord
