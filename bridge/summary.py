@@ -17,6 +17,8 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     if "layout" in described:
         layout = described["layout"]
         print(f"  {layout['patches']} patches, worst distortion {layout['energy_max']:.4f}")
+        for text in layout.get("remarks", ()):
+            print(f"  warning: {text}")
     if "spirals" in described:
         spirals = described["spirals"]
         print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")

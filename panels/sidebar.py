@@ -131,9 +131,11 @@ class PatchPanel(StagePanel, bpy.types.Panel):
             alert=block.get("energy_max", 0) > limit * 1.0001,
         )
         number(grid, "Seam mismatch", percent(block, "seam_mismatch_max"))
-        for name, label in (("flips", "Flipped quads"), ("overlaps", "Overlapping quads")):
+        for name, label in (("flips", "Flipped triangles"), ("overlaps", "Overlapping patches")):
             if block.get(name):
                 number(grid, label, str(block[name]), alert=True)
+        for text in block.get("remarks", ()):
+            wrapped(layout, context, text, icon="INFO")
         rest = fold(layout, "flexmaps_layout_rest", "More figures")
         if rest is not None:
             number(rest, "Smallest neck", iface_("{} quads").format(block.get("neck_min_quads", "-")))

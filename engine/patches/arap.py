@@ -7,6 +7,7 @@ triangles, which are both of its triangulations.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -147,10 +148,11 @@ class PatchProblem:
     mesh : the surface
     quads : (q,) int, the quads of the patch
     corners : (q, 4) int, the local flat vertex of every corner, 0..n-1
+    tick : called at every solve, so that long ones can be stopped
     """
 
-    def __init__(self, mesh: QuadMesh, quads: np.ndarray, corners: np.ndarray):
-        self.mesh, self.quads, self.corners = mesh, quads, corners
+    def __init__(self, mesh: QuadMesh, quads: np.ndarray, corners: np.ndarray, tick: Callable[[], None] = lambda: None):
+        self.mesh, self.quads, self.corners, self.tick = mesh, quads, corners, tick
         self.tri = corner_triangles(mesh).pick(quads)
         self.count = int(corners.max()) + 1
         self._analyse()
@@ -175,6 +177,7 @@ class PatchProblem:
 
     def factor(self, weights: np.ndarray, springs: Springs | None = None) -> np.ndarray:
         """Banded Cholesky factor of the weighted Laplacian; one vertex is held, which changes nothing else."""
+        self.tick()
         values = (weights[:, None, None] * self.tri.stiffness).reshape(-1)[self._lower]
         slots = self._slot
         size = (self.band + 1) * self.count
@@ -209,6 +212,7 @@ class PatchProblem:
         self, factor: np.ndarray, weights: np.ndarray, rotation: np.ndarray, springs: Springs | None = None
     ) -> np.ndarray:
         """The points (n,) that fit the rotations (q, 4) best."""
+        self.tick()
         t = self.tri
         s = t.area * weights[:, None] * rotation
         pull = t.along.conj() * s + (t.against.conj() * s)[:, NEXT]

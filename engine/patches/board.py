@@ -113,6 +113,7 @@ class Board:
         params: LayoutParams,
         symmetries: Sequence[Symmetry] = (),
         effort: Effort | None = None,
+        tick: Callable[[], None] = lambda: None,
     ):
         self.mesh, self.params, self.symmetries = layout.mesh, params, list(symmetries)
         self.angles = corner_angles(layout.mesh)
@@ -124,7 +125,7 @@ class Board:
         self.room = ROOM
         self.lenient = False
         self.effort = effort or Effort()
-        self.tick: Callable[[], None] = lambda: None
+        self.tick = tick
         self.serial = 0
         # what straightening has looked at and what it was refused, under these symmetries and limits
         self.swept: set[tuple[object, ...]] = set()
@@ -135,7 +136,7 @@ class Board:
         self.pieces: dict[int, Piece] = {}
         for quads in layout.patches:
             sketch = self.sketch(quads, self.cut)
-            problem = PatchProblem(self.mesh, quads, sketch.corners)
+            problem = PatchProblem(self.mesh, quads, sketch.corners, tick)
             self._put(self._named(sketch, minimax(problem, settle(problem), target=0.9 * params.distortion_limit)))
 
     @property
@@ -293,7 +294,7 @@ class Board:
         return None if piece.neck < min(NECK / self.waist, *(p.neck for p in parents)) else piece
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
-        problem = PatchProblem(self.mesh, sketch.quads, sketch.corners)
+        problem = PatchProblem(self.mesh, sketch.quads, sketch.corners, self.tick)
         self.effort.left -= SOLVES * len(sketch.quads)
         # weighing the bad quads brings the worst energy down by a half; by far more where a few quads hold it all
         bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from .arap import PatchProblem, corner_triangles, quad_energy, square_energy
 from .layout import PatchLayout
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
+
+
+REMARKS = 3  # patches beyond a limit that are named one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +69,7 @@ def flatten(
             corners[quads] = previous.corners[quads] @ np.array([1.0, 1.0j])
         else:
             local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
-            problems.append(PatchProblem(layout.mesh, quads, local))
+            problems.append(PatchProblem(layout.mesh, quads, local, partial(progress, 0.1, "Flattening")))
     progress(0.1, "Flattening")
     solved = match_seams(layout, problems, corners, params, progress, start, ROUNDS if not known else QUICK)
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
@@ -168,7 +172,10 @@ def flips(corners: np.ndarray) -> np.ndarray:
 
 
 def layout_report(flat: FlatPatches) -> dict[str, object]:
-    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers."""
+    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers.
+
+    ``flips`` counts corner triangles, four a quad; ``overlaps`` counts patches; ``remarks`` are sentences for the user.
+    """
     layout = flat.layout
     mismatch = seam_mismatch(flat)
     points = (flat.points[:, 0] + 1j * flat.points[:, 1])[layout.flat_corners]
@@ -188,4 +195,15 @@ def layout_report(flat: FlatPatches) -> dict[str, object]:
         "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
         "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,
     }
-    return report | layout.notes
+    return report | layout.notes | remarks(layout.notes)
+
+
+def remarks(notes: Mapping[str, object]) -> dict[str, object]:
+    """What of a layout's notes everyone should read: ``remarks``, a few sentences; nothing if there are none."""
+    said = [str(notes["halved"])] if "halved" in notes else []
+    forced = notes.get("forced")
+    if isinstance(forced, list):
+        said += forced[:REMARKS]
+        if len(forced) > REMARKS:
+            said.append(f"{len(forced) - REMARKS} patches more go beyond a limit in such a way; the report names them")
+    return {"remarks": said} if said else {}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, replace
+from functools import partial as bound
 
 import numpy as np
 
@@ -23,9 +24,9 @@ from .trace import middle_line
 
 WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
 MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
-HALF = 0.5
+HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better
 FEW = 40  # median quads a patch below which another way of laying out is tried
-WORK_LEAST, WORK_EACH = 4e6, 1e4  # work, see ``Effort``: at least, and for every quad
+WORK_LEAST, WORK_EACH = 2e6, 2.5e3  # work, see ``Effort``: at least, and for every quad
 STOPS = 12  # most places where a part of a seam may begin or end
 TRIES = 5  # most groups of symmetries that are tried
 
@@ -87,11 +88,11 @@ def _merge_body(
     layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
-    progress(0.0, "Looking for symmetries")
-    found = symmetries(layout.mesh) if params.symmetric else []
+    found = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     kept = keeping(found, layout.cut)
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
-    start = Board(layout, params, effort=effort)
+    tick = bound(progress, 0.0, "Flattening the first patches")
+    start = Board(layout, params, effort=effort, tick=tick)
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
     groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 3)), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
@@ -113,12 +114,16 @@ def _merge_body(
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
         if (parts.cut != layout.cut).any():
             own, ranked = ranked, []
-            attempt(Board(parts, params, effort=effort), [], FACES)
+            attempt(Board(parts, params, effort=effort, tick=tick), [], FACES)
             other = _best(ranked, progress.part(0.95, 1.0))
             ranked = own
             # what is symmetric gives way only to less than half as many patches
             share = HALF if keeping(found, board.cut) else 1.0
-            if (not _fits(other), worth(other)) < (not _fits(board), share * worth(board)):
+            before, after = (
+                (not _fits(board, progress), share * _in_the_end(board)),
+                (not _fits(other, progress), _in_the_end(other)),
+            )
+            if after < before:
                 board = other
     if seamless or springs_by_itself(board):
         return board, symmetry_notes(found, kept, ranked, board)
@@ -130,23 +135,30 @@ def _merge_body(
 def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
     """The best merged layout whose seams can be fitted, merged on as far as the whole distortion limit lets it."""
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
-    board = next((b for b in ordered if _fits(b)), ordered[0])
+    board = next((b for b in ordered if _fits(b, progress)), ordered[0])
     tighter = board.copy()
     tighter.room = 1.0
     run(tighter, LAST, progress)
-    return tighter if len(tighter.pieces) < len(board.pieces) and _fits(tighter) else board
+    return tighter if len(tighter.pieces) < len(board.pieces) and _fits(tighter, progress) else board
+
+
+def _in_the_end(board: Board) -> float:
+    """The worth of a layout once its long patches are cut up."""
+    return worth(board) + len(split_long(board.layout, board.params).patches) - len(board.pieces)
 
 
 def _poor(board: Board) -> bool:
     """Does a merged layout leave so much to be desired that another way is worth trying?"""
-    sizes = np.array([len(p.quads) for p in board.pieces.values()])
+    sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
     necks = sum(p.sketch.necks for p in board.pieces.values())
     return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < FEW)
 
 
-def _fits(board: Board) -> bool:
+def _fits(board: Board, progress: Progress) -> bool:
     """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
-    flat = flatten(board.layout, board.params, start=board.rotations())
+    if not board.cut.any():
+        return all(p.flat.worst <= board.params.distortion_limit for p in board.pieces.values())
+    flat = flatten(board.layout, board.params, progress, start=board.rotations())
     apart = seam_mismatch(flat)
     return bool(
         apart.max(initial=0.0) < MISMATCH
@@ -196,7 +208,7 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     for patch, quads in enumerate(layout.patches):
         reasons = []
         if len(quads) < params.patch_min:
-            reasons.append(f"{len(quads)} quads")
+            reasons.append("one quad" if len(quads) == 1 else f"{len(quads)} quads")
         if necks[patch] < params.neck_min:
             reasons.append(f"a neck of {necks[patch]}")
         if layout.compactness[patch] > params.compactness_limit:
@@ -205,8 +217,9 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
             reasons.append(f"a distortion of {worst:.3f}")
         if reasons:
             x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
+            name = f"Patch {patch + 1}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
             listed.append(
-                f"patch {patch} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
+                f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
                 "every change to it would go beyond another limit"
             )
     return {"forced": listed} if listed else {}

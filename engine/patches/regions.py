@@ -7,6 +7,9 @@ again until every region is a disk under the distortion limit.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra, maximum_flow
@@ -56,8 +59,9 @@ class Halving:
         count, done = int(region.max()) + 1, 0
         while waiting:
             quads = waiting.pop()
-            progress(done / len(mesh.quads), "Dividing the surface")
-            if len(quads) == 1 or self.lies_flat(quads):
+            tick = partial(progress, done / len(mesh.quads), "Dividing the surface")
+            tick()
+            if len(quads) == 1 or self.lies_flat(quads, tick=tick):
                 done += len(quads)
                 continue
             for part in self.halves(quads)[1:]:
@@ -69,7 +73,7 @@ class Halving:
         cut[mesh.dual_edges] = region[self.dual[:, 0]] != region[self.dual[:, 1]]
         return PatchLayout(mesh, cut)
 
-    def lies_flat(self, quads: np.ndarray, room: float = 1.0) -> bool:
+    def lies_flat(self, quads: np.ndarray, room: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
         """Can a region be laid flat in one piece, within this share of the distortion limit and not lying over itself?"""
         mesh, limit = self.mesh, room * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
@@ -93,7 +97,7 @@ class Halving:
         perimeter = longest(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]])
         if perimeter > self.params.compactness_limit * np.sqrt(mesh.areas[quads].sum()) * (1 + 1e-9):
             return False
-        problem = PatchProblem(mesh, quads, corners)
+        problem = PatchProblem(mesh, quads, corners, tick)
         flat = settle(problem, tolerance=0.01, hopeless=3 * limit)
         if flat.worst > 5 * limit:
             return False

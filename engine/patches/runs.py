@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,8 @@ from scipy.sparse.csgraph import dijkstra
 from .flatten import FlatPatches
 
 BEND = 3.0  # what a quarter turn of a run costs, in mean edges
-MOST = 5_000_000  # starts times directed edges: beyond, only some of the starts are taken
+# starts times directed edges: beyond, only some of the starts are taken; and so many at a time
+MOST, CHUNK = 10_000_000, 500_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +45,8 @@ class Runs:
         return self.inner[np.array(walk) % len(self.inner)]
 
 
-def straight_runs(flat: FlatPatches, patch: int) -> Runs | None:
+def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lambda: None) -> Runs | None:
+    """The runs through one patch; ``None`` where it has no inner edges."""
     layout, mesh = flat.layout, flat.layout.mesh
     loop = flat.outlines[patch]
     inner = layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]
@@ -69,7 +72,11 @@ def straight_runs(flat: FlatPatches, patch: int) -> Runs | None:
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
     starts = starts[:: max(1, len(starts) * len(tail) // MOST)]
     graph = coo_array((weight, (one, two)), shape=(len(tail), len(tail))).tocsr()
-    cost, before = dijkstra(graph, indices=starts, return_predecessors=True)
+    found = []
+    for part in np.array_split(starts, -(-len(starts) * len(tail) // CHUNK)):
+        tick()
+        found.append(dijkstra(graph, indices=part, return_predecessors=True))
+    cost, before = (np.concatenate(x) for x in zip(*found, strict=True))
     return Runs(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
 
 

@@ -6,6 +6,8 @@ curves in the plane. The less of the surface's curvature the panels' own distort
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ..params import LayoutParams
@@ -37,10 +39,11 @@ def halved(board: Board, found: list[Symmetry], progress: Progress) -> Board:
     layout = board.layout
     ranked: list[tuple[float, int, Board]] = []
     for number, cut in enumerate(_cuts(layout, board.params, progress)):
-        progress(0.5 + 0.5 * number / RUNS, "Looking for the seam that drives the panel")
+        tick = partial(progress, 0.5 + 0.5 * number / RUNS, "Looking for the seam that drives the panel")
+        tick()
         if not PatchLayout(layout.mesh, cut).planar.all():
             continue
-        made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort)
+        made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick)
         kept = keeping(found, made.cut)
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())
@@ -53,7 +56,7 @@ def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list
     """(E,) bool each: straight runs through the panel, those first that are straightest and halve it best."""
     mesh = layout.mesh
     flat = flatten(layout, params, progress)
-    runs = straight_runs(flat, 0)
+    runs = straight_runs(flat, 0, partial(progress, 0.4, "Looking for the seam that drives the panel"))
     if runs is None:
         return []
     number = np.full(len(flat.points), -1)

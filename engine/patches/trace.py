@@ -6,6 +6,9 @@ there (Eppstein et al. 2008). What is then no disk is cut along its shortest str
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from ..errors import FlexMapsError
@@ -32,8 +35,9 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
     bodies = [np.flatnonzero(body == n) for n in range(int(body.max()) + 1)]
     whole = np.zeros(len(bodies), dtype=bool)
     for number, quads in enumerate(bodies):
-        progress(0.1 * number / len(bodies), "Tracing parametric lines")
-        whole[number] = halving.lies_flat(quads, ROOM)
+        tick = partial(progress, 0.1 * number / len(bodies), "Tracing parametric lines")
+        tick()
+        whole[number] = halving.lies_flat(quads, ROOM, tick)
     sides = body[mesh.edge_quads].max(axis=1)  # the body of every edge
     lines = motorcycles(mesh) & ~whole[sides]
     layout = make_disks(PatchLayout(mesh, lines), where=~whole)
@@ -56,11 +60,12 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
     for round_ in range(30):
         cut = layout.cut.copy()
         for number, quads in enumerate(layout.patches):
-            progress(round_ / 30, "Flattening the first patches")
+            tick = partial(progress, round_ / 30, "Flattening the first patches")
+            tick()
             key = quads.tobytes()
             if key in good or not wanted[mesh.body_of[quads[0]]]:
                 continue
-            if _worst(layout, quads) > params.distortion_limit and len(line := middle_line(layout, number)):
+            if _worst(layout, quads, tick) > params.distortion_limit and len(line := middle_line(layout, number)):
                 cut[line] = True
             else:
                 good.add(key)
@@ -70,10 +75,10 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
     return layout
 
 
-def _worst(layout: PatchLayout, quads: np.ndarray) -> float:
+def _worst(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
     """Worst energy of a patch, as far as weighing its quads brings it down."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
-    problem = PatchProblem(layout.mesh, quads, corners)
+    problem = PatchProblem(layout.mesh, quads, corners, tick)
     flat = settle(problem, tolerance=0.01)
     return minimax(problem, flat, target=0.01).worst
 

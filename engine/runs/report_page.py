@@ -178,6 +178,7 @@ def _paper_row(described: Mapping[str, Any], title: str) -> str:
 
 def _notes(described: Mapping[str, Any]) -> str:
     said: list[tuple[bool, str]] = [(True, finding["message"]) for finding in described.get("checks", ())]
+    said += [(True, text) for text in described.get("layout", {}).get("remarks", ())]
     shape, sheets = described.get("equilibrium", {}), described.get("sheets", {})
     if shape:
         strain = shape.get("strain_share_max", 0.0)

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..progress import SILENT, Progress
 from .mesh import QuadMesh
+
+SEARCH = "Looking for symmetries"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +51,9 @@ def _direction(axis: np.ndarray) -> str:
     return "(" + ", ".join(f"{round(float(x), 2) + 0.0:g}" for x in axis) + ")"
 
 
-def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> list[Symmetry]:
+def symmetries(
+    mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128, progress: Progress = SILENT
+) -> list[Symmetry]:
     """Every rigid motion but the identity that maps the mesh onto itself, corner by corner.
 
     tolerance : how far a vertex may be off, as a share of the median edge
@@ -56,7 +61,7 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
     """
     centre = mesh.vertices.mean(axis=0)
     points = mesh.vertices - centre
-    marks = _marks(mesh, points)
+    marks = _marks(mesh, points, progress)
     slack = 2 * tolerance * mesh.median_edge
     tree = cKDTree(points)
     # the quad whose looks are rarest has the fewest places to go
@@ -66,7 +71,8 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
     alike = np.flatnonzero((np.abs(marks - marks[first]) < slack).all(axis=1))
     found: dict[bytes, Symmetry] = {}
     still = np.arange(len(points)).tobytes()
-    for quad in alike.tolist():
+    for number, quad in enumerate(alike.tolist()):
+        progress(number / len(alike), SEARCH)
         for corner in range(4):
             for way in (1, -1):
                 order = (corner + way * np.arange(4)) % 4
@@ -78,7 +84,7 @@ def symmetries(mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128) -> l
     return list(found.values())
 
 
-def _marks(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
     """(F, 9) metres: what a rigid motion about the centre leaves of a quad.
 
     Distances of its corners and middle, sorted, and how many edges its corners are from irregular vertices and borders.
@@ -88,6 +94,7 @@ def _marks(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     hops = np.where(mesh.irregular | mesh.on_border, 0, len(points))
     a, b = mesh.edges.T
     for _ in range(len(points)):
+        progress(0.0, SEARCH)
         before = hops.copy()
         np.minimum.at(hops, a, before[b] + 1)
         np.minimum.at(hops, b, before[a] + 1)
