@@ -16,7 +16,6 @@ from .layout import PatchLayout
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
 
-
 REMARKS = 3  # patches beyond a limit that are named one by one
 
 

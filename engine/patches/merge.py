@@ -28,6 +28,7 @@ HALF = 0.5  # share of a symmetric layout's patches below which one without symm
 FEW = 40  # median quads a patch below which another way of laying out is tried
 WORK_LEAST, WORK_EACH = 2e6, 2.5e3  # work, see ``Effort``: at least, and for every quad
 STOPS = 12  # most places where a part of a seam may begin or end
+ROUNDS = 3  # how often at most what was merged is merged again
 TRIES = 5  # most groups of symmetries that are tried
 
 
@@ -89,47 +90,66 @@ def _merge_body(
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
     found = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
-    kept = keeping(found, layout.cut)
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
     tick = bound(progress, 0.0, "Flattening the first patches")
     start = Board(layout, params, effort=effort, tick=tick)
-    dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    groups = [*_worth_trying(subgroups(kept, 60), 0 if dear else max(TRIES // bodies, 3)), []] if kept else [[]]
-    ranked: list[tuple[float, int, Board]] = []
-
-    def attempt(board: Board, group: list[Symmetry], way: Way) -> None:
-        part = progress.part(len(ranked) / 16, (len(ranked) + 1) / 16)
-        board.symmetries, board.waist = group, way.waist
-        run(board, way, part)
-        ranked.append((round(worth(board), 9), len(ranked), board))
-
-    ways = WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
-    for way in [replace(w, redraw=layout.origin == "regions") for w in ways]:
-        for group in groups:
-            # where trying is dear, go on from what the larger group has left
-            again = bool(ranked) and dear
-            attempt((ranked[-1][2] if again else start).copy(), group, LAST if again else way)
-    board = _best(ranked, progress.part(0.7, 0.75))
+    ranked = _merged(start, layout.origin, found, bodies, progress.part(0.02, 0.5))
+    board = _best(ranked, progress.part(0.5, 0.55))
+    if not layout.origin and not _better(board, start, found, progress):
+        board = start  # it was merged before
     if layout.origin and _poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
-        if (parts.cut != layout.cut).any():
-            own, ranked = ranked, []
-            attempt(Board(parts, params, effort=effort, tick=tick), [], FACES)
-            other = _best(ranked, progress.part(0.95, 1.0))
-            ranked = own
-            # what is symmetric gives way only to less than half as many patches
-            share = HALF if keeping(found, board.cut) else 1.0
-            before, after = (
-                (not _fits(board, progress), share * _in_the_end(board)),
-                (not _fits(other, progress), _in_the_end(other)),
-            )
-            if after < before:
-                board = other
+        other = Board(parts, params, effort=effort, tick=tick)
+        run(other, FACES, progress.part(0.55, 0.75))
+        other = _best([(0.0, 0, other)], progress.part(0.75, 0.8))
+        if _better(other, board, found, progress):
+            board = other
+    for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
+        # what merging gives is to be what merging it once more gives
+        again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick)
+        part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
+        again = _best(_merged(again, "", found, bodies, part), part)
+        if effort.over or not _better(again, board, found, progress):
+            break
+        board = again
     if seamless or springs_by_itself(board):
-        return board, symmetry_notes(found, kept, ranked, board)
+        return board, symmetry_notes(found, keeping(found, layout.cut), ranked, board)
     board = halved(board, found, progress.part(0.95, 1.0))
     said = symmetry_kept(found, keeping(found, board.cut)) if found else None
     return board, {"halved": HALVED} | ({} if said is None else said[0] | {"symmetry": said[1]})
+
+
+def _merged(
+    start: Board, origin: str, found: list[Symmetry], bodies: int, progress: Progress
+) -> list[tuple[float, int, Board]]:
+    """A layout merged in several ways, each with its worth and a number."""
+    layout = start.layout
+    kept = keeping(found, layout.cut)
+    dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
+    once = not origin and len(layout.mesh.quads) > FEW * len(layout.patches)  # it was merged before
+    most = 1 if once else 0 if dear else max(TRIES // bodies, 3)
+    groups = [*_worth_trying(subgroups(kept, 60), most), []] if kept else [[]]
+    ranked: list[tuple[float, int, Board]] = []
+    ways = WAYS if not dear and not once and len(start.pieces) > 1 else WAYS[:1]
+    for way in [replace(w, redraw=origin == "regions") for w in ways]:
+        for group in groups:
+            # where trying is dear, go on from what the larger group has left
+            again = bool(ranked) and dear
+            board = (ranked[-1][2] if again else start).copy()
+            board.symmetries, board.waist = group, way.waist
+            run(board, LAST if again else way, progress.part(len(ranked) / 16, (len(ranked) + 1) / 16))
+            ranked.append((round(worth(board), 9), len(ranked), board))
+    return ranked
+
+
+def _better(one: Board, two: Board, found: list[Symmetry], progress: Progress) -> bool:
+    """Is one layout better than another, and not only drawn a little otherwise?
+
+    What is symmetric gives way only to less than half as many patches.
+    """
+    lost = len(keeping(found, one.cut)) < len(keeping(found, two.cut))
+    share = HALF if lost else 1.0
+    return (not _fits(one, progress), _in_the_end(one) + 0.01) < (not _fits(two, progress), share * _in_the_end(two))
 
 
 def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
@@ -143,8 +163,9 @@ def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
 
 
 def _in_the_end(board: Board) -> float:
-    """The worth of a layout once its long patches are cut up."""
-    return worth(board) + len(split_long(board.layout, board.params).patches) - len(board.pieces)
+    """How much there is to a layout once its long patches are cut up: patches, what is wrong with them, and their drawing."""
+    added = len(split_long(board.layout, board.params).patches) - len(board.pieces)
+    return badness(board, board.pieces.values()) + added + 1e-3 * drawing_cost(board)
 
 
 def _poor(board: Board) -> bool:

@@ -17,7 +17,7 @@ from flexmaps.engine.surface.mesh import QuadMesh
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")
-PATCHES = {"cubesphere": 1, "vault": 1, "quad": 1, "two_bodies": 2, "torus": 4}
+PATCHES = {"cubesphere": 1, "vault": 2, "quad": 1, "two_bodies": 2, "torus": 4}
 
 
 def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
