@@ -19,7 +19,7 @@ from .regions import Halving
 from .reroute import reroute
 from .rescue import rescue
 from .spring import halved, springs_by_itself
-from .tidy import badness, drawing_cost, natural_stops, tidy, widen
+from .tidy import LONG, badness, drawing_cost, natural_stops, tidy, widen
 from .trace import middle_line
 
 WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
@@ -115,8 +115,13 @@ def _merge_body(
     if seamless or springs_by_itself(board):
         return board, symmetry_notes(found, keeping(found, layout.cut), ranked, board)
     board = halved(board, found, progress.part(0.95, 1.0))
-    said = symmetry_kept(found, keeping(found, board.cut)) if found else None
-    return board, {"halved": HALVED} | ({} if said is None else said[0] | {"symmetry": said[1]})
+    said: dict[str, object] = {"halved": HALVED}
+    if found:
+        rest = keeping(found, board.cut)
+        counts, text = symmetry_kept(found, rest)
+        broken = "; the seam that drives the panel broke the others" if len(rest) < len(found) else ""
+        said |= counts | {"symmetry": text + broken}
+    return board, said
 
 
 def _merged(
@@ -164,8 +169,13 @@ def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
 
 def _in_the_end(board: Board) -> float:
     """How much there is to a layout once its long patches are cut up: patches, what is wrong with them, and their drawing."""
-    added = len(split_long(board.layout, board.params).patches) - len(board.pieces)
-    return badness(board, board.pieces.values()) + added + 1e-3 * drawing_cost(board)
+    pieces, limit = board.pieces.values(), board.params.compactness_limit
+    split = split_long(board.layout, board.params)
+    total = len(split.patches) + badness(board, pieces) - len(pieces)
+    # what is too long now is cut up then
+    total += LONG * float(np.maximum(split.compactness - limit, 0.0).sum())
+    total -= LONG * sum(max(p.sketch.compactness - limit, 0.0) for p in pieces)
+    return total + 1e-3 * drawing_cost(board)
 
 
 def _poor(board: Board) -> bool:

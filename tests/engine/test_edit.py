@@ -45,7 +45,7 @@ def test_closing_again_is_as_before(flat: FlatPatches) -> None:
 
 
 def test_the_border_is_never_cut() -> None:
-    flat = merge.merge(trace.trace(shapes.make("vault"), PARAMS), PARAMS)
+    flat = merge.merge(trace.trace(shapes.make("vault"), PARAMS), PARAMS, held=True)
     after = edit.close_run(flat, np.flatnonzero(flat.layout.mesh.border), PARAMS)
     assert not after.layout.cut.any()
 
