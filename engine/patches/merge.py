@@ -135,7 +135,7 @@ def _merged(
     most = 1 if once else 0 if dear else max(TRIES // bodies, 3)
     groups = [*_worth_trying(subgroups(kept, 60), most), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
-    ways = WAYS if not dear and not once and len(start.pieces) > 1 else WAYS[:1]
+    ways = (LAST,) if once else WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
     for way in [replace(w, redraw=origin == "regions") for w in ways]:
         for group in groups:
             # where trying is dear, go on from what the larger group has left
