@@ -37,17 +37,20 @@ def refine(
     trace: Trace,
     accepted: Accepted,
     progress: Progress = SILENT,
+    first: FlatPatches | None = None,
 ) -> FlatPoint:
     """The best spirals and flat shapes near to a design whose equilibrium is ``start``.
 
-    method : one of ``optimisers``; trace, accepted : as there. ``designed`` makes a design of what is returned.
+    method : one of ``optimisers``; trace, accepted : as there; first : the flat patches before earlier runs moved them, so
+    that limits which they exceed do not creep. ``designed`` makes a design of what is returned.
     Raises FlexMapsError for the rod model, whose rods answer to the size of the whole spiral.
     """
     if not isinstance(start.model, ArmModel):
         raise FlexMapsError(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
-    flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, WEIGHT * start.mismatch.value)
+    weight, first = WEIGHT * start.mismatch.value, first or design.flat
+    flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, weight, first)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.quiet())
     found = method(whole, here, params, trace, accepted, progress)

@@ -39,12 +39,17 @@ class FlatRange:
     weight: float
 
     @classmethod
-    def of(cls, flat: FlatPatches, reach: float, energy: float, seam: float, weight: float) -> FlatRange:
-        """reach : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``"""
+    def of(
+        cls, flat: FlatPatches, reach: float, energy: float, seam: float, weight: float, first: FlatPatches
+    ) -> FlatRange:
+        """reach : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
+
+        first : the patches before they were moved at all, whose own measures count where they are beyond the limits
+        """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
         np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
-        return cls(flat, reach * nearest, FlatLimits.of(flat, energy, seam), weight)
+        return cls(flat, reach * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """(P, 2) metres of coordinates (P, 2)."""

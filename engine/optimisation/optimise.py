@@ -147,7 +147,7 @@ def optimise(
         vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
-    search = Search(task, trace, accepted, given.distance)
+    search = Search(task, trace, accepted, given.distance, design.flat)
     accepted(start)
     try:
         search.run(start, design, progress.part(0.12, 0.9))

@@ -17,11 +17,12 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..materials import Material
 from ..mechanics.arm_model import ArmModel
-from ..mechanics.assembly import Assembly, Pose, of_design
+from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
 from ..mechanics.simulate import Simulation, build_model, simulate
 from ..params import OptimiseParams, SimulateParams
+from ..patches.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
 from ..surface.mesh import QuadMesh
@@ -37,6 +38,7 @@ METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs
 TOLERANCE = 1e-6
 FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
+CUT_ITERATIONS = 150  # Newton iterations for what can be cut, which may lie farther away than a step leads
 BACK = (
     0.5,
     0.2,
@@ -149,6 +151,7 @@ class Search:
     trace: Trace
     accepted: Accepted
     distance: float
+    first: FlatPatches
     cuts: list[Cut] = field(default_factory=list)
 
     @property
@@ -163,7 +166,16 @@ class Search:
         work.share = ALONE if codesigned else WITH_FLATS
         found = self.improved(here, params, progress.part(0.0, 0.3 if codesigned else 0.8))
         ended = self.trace.ended
-        here = self.cut(design, here.problem, found, progress)
+        other = self.cut(design, here.problem, found, progress)
+        for share in BACK:
+            if other.value < here.value:
+                break
+            # as in ``moved``
+            start, x = self.begun(here), here.problem.space.coordinates(*found.spirals)
+            part = start.problem.at(start.x + share * (x - start.x), start.equilibrium.pose, progress.quiet())
+            if part.equilibrium.converged:
+                other = self.cut(design, here.problem, part, progress)
+        here = other if other.value < here.value else here
         work.share = WITH_FLATS
         if codesigned:
             here = self._again(self.moved, here, FLATS, FLAT_GAIN, progress.part(0.3, 0.8))
@@ -205,7 +217,9 @@ class Search:
         params, start = self.task.params, self.begun(here)
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method = METHODS[params.method]
-        found = codesign.refine(start.problem, start, here.design, rough, method, self.trace, self.accepted, progress)
+        found = codesign.refine(
+            start.problem, start, here.design, rough, method, self.trace, self.accepted, progress, self.first
+        )
         other = self.cut(codesign.designed(found, here.design, prove=False), None, found, progress)
         for share in BACK:
             if other.value < here.value:
@@ -221,16 +235,24 @@ class Search:
         """What was found as a design that can be cut, in this design's flat shapes; noted among ``cuts``.
 
         problem : that of these flat shapes, with the limits that are known; None to begin anew.
-        Where the way there throws the piece into another shape, the rest gives way with it, little by little.
+        Where the way there throws the piece into another shape, it is sought from the target's, and the rest gives way
+        with what has to, little by little.
         """
         made = self._made(design, problem or self.task.problem(design), found, progress)
         if found.equilibrium.converged and jumped(found, made.point, np.zeros((made.point.problem.assembly.size, 6))):
+            share, self.task.work.share = self.task.work.share, 1.0  # this cannot wait
+            near = self._made(design, made.problem, found, progress, target_pose(self.task.target, design.flat.corners))
+            made = near if near.value < made.value else made
             walked = self._walked(made, found, progress)
+            self.task.work.share = share
             made = walked if walked.value < made.value else made
         self.cuts.append(made)
         return made
 
-    def _made(self, design: SpiralDesign, problem: Problem, found: Point, progress: Progress) -> Cut:
+    def _made(
+        self, design: SpiralDesign, problem: Problem, found: Point, progress: Progress, start: Pose | None = None
+    ) -> Cut:
+        """What was found as it can be cut, its equilibrium sought from a pose, else from what was found."""
         wanted = found.spirals
         result = fitted(design.flat, design.params, *wanted, prove=False, progress=progress.quiet())
         self.task.work.add(FIT, problem.assembly.size)
@@ -238,26 +260,28 @@ class Search:
         space = problem.space.limited(result.width, result.twist, given_way)
         problem = replace(problem, space=space, build=self.task.model, renewed=None)
         x = space.coordinates(result.width, result.twist)
-        point = problem.at(x, found.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+        point = problem.at(x, start or found.equilibrium.pose, progress.quiet(), CUT_ITERATIONS)
         return Cut(result, problem, point, max(FARTHER * self.distance, NEAR))
 
     def _walked(self, made: Cut, found: Point, progress: Progress) -> Cut:
-        """From what was found to the whole model in steps on each of which the spirals are adapted.
-
-        Only the second order of the strains changes on the way; spirals that had to give way have done so from the start.
-        """
+        """From what was found to the whole model and to what can be cut, in steps on each of which the rest is adapted."""
         old, new = (getattr(point.model, "curving_at_joint", None) for point in (found, made.point))
         if old is None or new is None:
             return made
-        here, share, step, x = found, 0.0, 0.25, made.point.x
+        wanted, given = found.spirals[1], made.design.twist
+        wide = replace(made.problem.space, cap=np.ones(len(given)))
+        here, share, step = found, 0.0, 0.25
         params = replace(self.task.params, iterations=WALK_STEPS)
         while share < 1.0 and step >= WALK_LEAST and not self.task.work.over:
             ahead = min(1.0, share + step)
-            problem = self.task.as_at(made.problem, old + ahead * (new - old), steady=True)
+            twist = wanted + ahead * (given - wanted)
+            space = wide.limited(made.design.width, twist, given < 0.999 * wanted)
+            problem = self.task.as_at(replace(made.problem, space=space), old + ahead * (new - old), steady=True)
+            x = space.coordinates(*here.spirals)
             point = problem.at(x, here.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
             if not point.equilibrium.converged or jumped(here, point, np.zeros((len(x), 6))):
                 step *= 0.5
                 continue
             here = METHODS[params.method](problem, point, params, self.trace, self.accepted, progress.quiet())
-            x, share = here.x, ahead
+            share = ahead
         return self._made(made.design, made.problem, here, progress) if share == 1.0 else made

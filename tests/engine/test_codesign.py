@@ -51,7 +51,7 @@ def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
         build=lambda a: build_model(a, VERO, model, quick=True),
         simulate=EXACT,
         bearing=(VERO, share) if share else None,
-        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3),
+        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat),
     )
     return whole, target_pose(mesh, design.flat.corners)
 
