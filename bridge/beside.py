@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ..engine.spirals.design import SpiralDesign
     from .solids import Solid
 
+LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
+PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
 LINE = 0.03  # half the thickness of a drawn line, in quad edges
 
 
@@ -48,6 +50,12 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     if owner is not None and owner != obj and owner.get("flexmaps_collection") == found:
         return None
     return found
+
+
+def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The panels that stand beside an object."""
+    found = existing(obj)
+    return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
 
 
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:

@@ -84,9 +84,9 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
 
 
 def write(
-    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach
+    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach | None
 ) -> None:
-    """Shape keys, face attributes and notes of a simulation, and what limits its match with the target.
+    """Shape keys, face attributes and notes of a simulation, and what limits its match with the target, where that is known.
 
     Edit mode is left: shape keys are seen outside it.
     """
@@ -109,11 +109,14 @@ def write(
             attributes.remove(obj, attributes.PREFIX + name)
         else:
             attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
-    attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
+    attributes.remove(obj, attributes.PREFIX + REACH)
+    if limits is not None:
+        attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
     obj.data.update()
     notes.write(obj.data, "equilibrium", simulation.report())
-    notes.write(obj.data, "reach", limits.report())
+    if limits is not None:
+        notes.write(obj.data, "reach", limits.report())
 
 
 def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:

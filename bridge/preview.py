@@ -61,16 +61,21 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
     return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
 
 
-def build(design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = ()) -> Built:
+def build(
+    design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = (), progress: Progress = SILENT
+) -> Built:
     """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
     from ..engine.fabrication.panel_mesh import DETAILS, panel_mesh
     from ..engine.mechanics.bent_arms import bent
 
     began = time.perf_counter()
+    progress(0.0, "Bending the arms")
     arms = bent(design, pose)
     if detail == "LINES":
         return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began)
+    progress(0.4, "Drawing the arms")
     panels = panel_mesh(design, DETAILS[detail], tips)
+    progress(0.8, "Drawing the arms")
     vertices = panels.placed(arms, pose)
     return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)
 

@@ -14,7 +14,7 @@ from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ExportParams, ObjectSettings
 from ..engine.progress import Progress
-from .spirals import Drawn, shown
+from .spirals import Drawn
 from .stage import Stage, Work
 
 
@@ -29,14 +29,14 @@ class Export(Stage, bpy.types.Operator):
         return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import equilibrium, mesh, supports
+        from ..bridge import beside, equilibrium, mesh, supports
         from ..bridge.objects import find
 
         formats = _formats(settings.export)
         obj = find(surface.uid)
         name, look = obj.name, Drawn.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
-        stale = any(o.get("flexmaps_look", look) != look for o in shown(obj))
+        stale = any(o.get(beside.LOOK, look) != look for o in beside.panels_of(obj))
         base = _folder(settings.export.folder) / _file_name(name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
         resting = equilibrium.resting(obj, bpy.context.scene, surface)

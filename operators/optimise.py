@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -20,6 +19,7 @@ from .stage import Stage, Work
 if TYPE_CHECKING:
     from ..bridge.live import Moving
     from ..engine.optimisation.optimise import Look
+    from ..engine.optimisation.reach import Reach
 
 
 class Optimise(Stage, bpy.types.Operator):
@@ -76,12 +76,18 @@ class Optimise(Stage, bpy.types.Operator):
                 force=force,
                 progress=progress.part(0.0, 0.95).showing(seen),
             )
-            with suppress(Cancelled):  # stopped or not, there is a result to keep
+            limits: Reach | None = None
+            try:
                 progress(0.95, "Drawing outlines")
-            panels = Drawn.of(found.design, settings)
+                panels = Drawn.of(found.design, settings, progress.part(0.95, 0.98))
+                spirals = design.design_report(found.design, progress.part(0.98, 1.0))
+                progress(1.0, "Looking for what limits the match")
+                limits = reach.reach(found)
+            except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
+                panels, spirals = Drawn.plain(found.design), design.design_report(found.design, measured=False)
             flat = found.design.flat
             layout = None if flat is start.flat else flatten.layout_report(flat)
-            return panels, found.after, found.report(), reach.reach(found), design.design_report(found.design), layout
+            return panels, found.after, found.report(), limits, spirals, layout
 
         return work
 

@@ -44,9 +44,10 @@ class Preview(Stage, bpy.types.Operator):
                 raise FlexMapsError("There are no spirals yet; press Spirals first")
             wires = settings.preview.detail == "LINES"
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
-            progress(0.7, "Bending the arms")
+            bending = progress.part(0.7, 1.0)
             stand = target_pose(quads, design.flat.corners) if found is None else found
-            return preview.build(design, stand, settings.preview.detail, tips), settings.preview, found is not None
+            built = preview.build(design, stand, settings.preview.detail, tips, bending)
+            return built, settings.preview, found is not None
 
         return work
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Drawn:
     """The panels of a design, ready to be shown beside the model.
 
-    look : the settings that their connectors were made with
+    look : the settings that their connectors were made with, or ``beside.PLAIN``
     centres : (N, 2) metres, where the origin of every panel lies; outlines : of every panel the outer one, then its holes
     """
 
@@ -57,6 +57,14 @@ class Drawn:
         return cls.made_of(design, made, settings)
 
     @classmethod
+    def plain(cls, design: SpiralDesign) -> Drawn:
+        """At once, without connectors and outlines; ``Export`` draws them true."""
+        from ..bridge import arrange, beside, solids
+
+        centres = arrange.side_by_side(design.flat)
+        return cls(design, beside.PLAIN, centres, solids.light(design, centres), [])
+
+    @classmethod
     def made_of(cls, design: SpiralDesign, made: Connections, settings: ObjectSettings) -> Drawn:
         """With connectors that are there already."""
         from ..bridge import arrange, solids
@@ -71,16 +79,8 @@ class Drawn:
 
         obj = find(surface.uid)
         yield from beside.show_spirals(obj, context.scene, self.design, self.shape, self.outlines, self.centres)
-        for panels in shown(find(surface.uid)):
-            panels["flexmaps_look"] = self.look
-
-
-def shown(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """The panels that stand beside an object."""
-    from ..bridge import beside
-
-    found = beside.existing(obj)
-    return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
+        for panels in beside.panels_of(find(surface.uid)):
+            panels[beside.LOOK] = self.look
 
 
 class Spirals(Stage, bpy.types.Operator):
@@ -106,7 +106,8 @@ class Spirals(Stage, bpy.types.Operator):
             bent = curvature.rms_curvature(quads)
             made = design.from_curvature(flat, settings.spiral, bent, progress.part(0.1, 0.5))
             progress(0.5, "Drawing outlines")
-            return Drawn.of(made, settings, progress.part(0.5, 1.0)), design.design_report(made)
+            drawn = Drawn.of(made, settings, progress.part(0.5, 0.9))
+            return drawn, design.design_report(made, progress.part(0.9, 1.0))
 
         return work
 

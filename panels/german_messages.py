@@ -13,6 +13,8 @@ MESSAGES: dict[str, str] = {
     "{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}": "{} Spiralen, Windung {:.0f} bis {:.0f}\N{DEGREE SIGN}",
     "Distance to the target: RMS {:.2f} mm, {:.2f} %.": "Abstand zum Ziel: RMS {:.2f} mm, {:.2f} %.",
     "Strain reaches {:.0f} % of what the material bears: arms break or stay bent.": "Die Dehnung erreicht {:.0f} % dessen, was das Material erträgt: Arme brechen oder bleiben gebogen.",
+    "The panels beside it are drawn without connectors yet; Export draws them as they will be cut": "Die Teile daneben sind noch ohne Verbinder gezeichnet; die Ausgabe zeichnet sie, wie sie geschnitten werden",
+    "and {} more; Report tells them all": "und {} weitere; der Bericht nennt sie alle",
     "Stopped; the best so far is kept": "Angehalten; das Beste bis dahin bleibt",
     "RMSE {:.3g} to {:.3g} mm in {} steps": "RMSE {:.3g} auf {:.3g} mm in {} Schritten",
     "{} in {}": "{} in {}",

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import job, notes, warm
+from ..bridge import beside, job, notes, warm
 from ..bridge.objects import changed_by_modifiers, shared, unusable
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import optimise, presets, simulate
@@ -16,6 +16,7 @@ from .rows import choice_row, decimals, fold, more, number, numbers, percent, se
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
 
 SPIRAL = ("thickness", "width_min", "width_max")  # what is always in sight; the rest is folded away
+UNDRAWN = "The panels beside it are drawn without connectors yet; Export draws them as they will be cut"
 
 
 class MainPanel(Sidebar, bpy.types.Panel):
@@ -134,8 +135,11 @@ class PatchPanel(StagePanel, bpy.types.Panel):
         for name, label in (("flips", "Flipped triangles"), ("overlaps", "Overlapping patches")):
             if block.get(name):
                 number(grid, label, str(block[name]), alert=True)
-        for text in block.get("remarks", ()):
-            wrapped(layout, context, text, icon="INFO")
+        first, *others = block.get("remarks") or [""]
+        if first:
+            wrapped(layout, context, first, icon="ERROR")
+        if others:
+            wrapped(layout, context, iface_("and {} more; Report tells them all").format(len(others)), icon="BLANK1")
         rest = fold(layout, "flexmaps_layout_rest", "More figures")
         if rest is not None:
             number(rest, "Smallest neck", iface_("{} quads").format(block.get("neck_min_quads", "-")))
@@ -165,6 +169,8 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         number(grid, "Width", span(block, "width_mm", " mm"))
         number(grid, "Twist", span(block, "twist_deg", "\N{DEGREE SIGN}"))
         number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
+        if any(panels.get(beside.LOOK) == beside.PLAIN for panels in beside.panels_of(obj)):
+            wrapped(layout, context, UNDRAWN, icon="INFO")
         choice_row(layout, context.window_manager, "flexmaps_overlay", (("WIDTH", "Width"), ("TWIST", "Twist")))
 
 

@@ -176,7 +176,9 @@ def simulate(
     Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where weight or forces meet no support.
     """
     assembly = of_design(design)
+    progress(0.0, "Stiffness of the arms")
     model = build_model(assembly, material, params.model, quick=quick)
+    progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     aim = target_pose(target, design.flat.corners)

@@ -227,16 +227,14 @@ def _spirals(described: Mapping[str, Any]) -> str:
         low, mean, high = block[key]
         return f"{low:.3g} to {high:.3g}{unit}, mean {mean:.3g}"
 
-    return _tables(
-        [
-            [
-                ("Width", span("width_mm", " mm")),
-                ("Twist", span("twist_deg", "\N{DEGREE SIGN}")),
-                ("Diameter", span("scale_mm", " mm")),
-                ("Narrowest slot", f"{block['slot_min_mm']:.2f} mm"),
-            ]
-        ]
-    )
+    rows = [
+        ("Width", span("width_mm", " mm")),
+        ("Twist", span("twist_deg", "\N{DEGREE SIGN}")),
+        ("Diameter", span("scale_mm", " mm")),
+    ]
+    if "slot_min_mm" in block:  # not measured where a search was stopped
+        rows.append(("Narrowest slot", f"{block['slot_min_mm']:.2f} mm"))
+    return _tables([rows])
 
 
 def _patches(described: Mapping[str, Any]) -> str:

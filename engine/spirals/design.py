@@ -322,17 +322,18 @@ def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray, enough: float) -> np
     return np.minimum(gap, gaps_round(shape, flat.layout, quads, enough)).min(axis=1)
 
 
-def design_report(design: SpiralDesign) -> dict[str, Any]:
-    """The ``spirals`` block of report.json."""
+def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:
+    """The ``spirals`` block of report.json; without its narrowest slot, which takes a while, if it is not to be ``measured``."""
 
     def spread(x: np.ndarray) -> list[float]:
         return [round(float(v), 4) for v in (x.min(), x.mean(), x.max())]
 
+    slot = {"slot_min_mm": round(design.measured(progress)[0] * 1e3, 4)} if measured else {}
     return {
         "count": len(design.width),
         "width_mm": spread(design.width * 1e3),
         "twist_deg": spread(np.degrees(design.twist)),
         "scale_mm": spread(design.scale * 1e3),
-        "slot_min_mm": round(design.narrowest[0] * 1e3, 4),
+        **slot,
         "too_thin": len(design.thin),
     }

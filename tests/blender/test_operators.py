@@ -662,6 +662,20 @@ def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> N
     assert bpy.ops.flexmaps.trace.poll()
 
 
+def test_the_sidebar_shows_the_first_remark_on_a_layout(dome: Any, sides: Any) -> None:
+    press("flatten")
+    quiet = sides()
+    found = report(dome)["layout"]
+    notes.write(
+        dome.data, "layout", found | {"remarks": ["Panel 3 is one quad", "Panel 4 is another", "So is panel 5"]}
+    )
+    said = [line for line in sides() if line not in quiet]
+    assert said[0] == "Panel 3 is one quad" and "and 2 more" in said[1]
+    assert not any("another" in line or "So is" in line for line in said)
+    notes.write(dome.data, "layout", found | {"remarks": ["Panel 3 is one quad"]})
+    assert "more; Report" not in " ".join(sides())
+
+
 def test_the_report_on_the_mesh_is_plain_json(dome: Any) -> None:
     press("merge")
     assert json.loads(dome.data["flexmaps_report"])["layout"]["patches"] >= 1

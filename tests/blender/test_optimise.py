@@ -213,6 +213,33 @@ def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
     assert block(piece)["laplacian_rmse_mm"] <= found["laplacian_rmse_mm"] * (1 + 1e-3)
 
 
+def test_who_stops_it_does_not_wait_for_the_true_panels(
+    piece: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from flexmaps.bridge import beside
+    from flexmaps.engine.fabrication import connectors
+
+    def unwanted(*_: Any, **__: Any) -> None:
+        raise AssertionError("drawn after the stop")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(connectors, "connect", unwanted)
+        background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
+    (plain,) = beside.panels_of(piece)
+    # they stand where the new spirals are, and tell that they are not the last word
+    assert plain[beside.LOOK] == beside.PLAIN
+    assert not [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
+    assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in notes.read(piece.data)
+    light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
+    assert len(plain.data.vertices) == len(light.vertices)
+    press("report")  # with what is known
+    piece.flexmaps.export.folder = str(tmp_path)
+    press("export")
+    (drawn,) = beside.panels_of(piece)
+    assert drawn[beside.LOOK] != beside.PLAIN
+    assert [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
+
+
 def test_stopped_at_any_moment_the_scene_is_sound(piece: Any, all_of: Any, tmp_path: Path) -> None:
     piece.flexmaps.optimise.iterations = 6
     began = time.monotonic()
