@@ -72,6 +72,26 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.svg"))
 
 
+@pytest.mark.parametrize("shape", ["monkey", "cylinder", "text"])
+def test_next_leads_from_blenders_own_shapes_to_the_sheets(shape: str, tmp_path: Path) -> None:
+    if shape == "text":
+        bpy.ops.object.text_add()
+        bpy.context.object.data.body = "Hi"
+        bpy.ops.object.convert(target="MESH")
+    else:
+        getattr(bpy.ops.mesh, f"primitive_{shape}_add")()
+    given = bpy.context.object.flexmaps
+    given.remesh.quads, given.optimise.iterations, given.optimise.restart = 120, 1, False
+    given.export.folder, given.sheet.nesting = str(tmp_path), "FAST"
+    pressed: list[str] = []
+    while offered(bpy.context.object):
+        pressed.append(offered(bpy.context.object))
+        press(pressed[-1])
+        assert len(pressed) < 12, pressed
+    assert "quad_remesh" in pressed and pressed[-1] == "export", pressed
+    assert list(tmp_path.glob("*.svg"))
+
+
 def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> None:
     ball = add(scaled(shapes.cubesphere(3)))
     press("check")
