@@ -78,31 +78,43 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
     ``None`` too where one of our names holds what we never write: any program or script can write there.
     """
+    values = _raw(mesh, name)
+    return None if values is None or (_is_ours(name) and not fits(name, values)) else values
+
+
+def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """The values as they stand there; ``None`` where the attribute is missing, or of another place or kind than we write."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
+        return None
+    if _is_ours(name) and (attribute.domain, attribute.data_type) != OURS[name.removeprefix(PREFIX)][:2]:
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
     values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
     attribute.data.foreach_get(prop, values)
-    if not _is_ours(name, attribute.domain, attribute.data_type, values):
-        return None
     return values.reshape(-1, width) if width > 1 else values
 
 
-def _is_ours(name: str, domain: str, kind: str, values: np.ndarray) -> bool:
-    """Whether we could have written an attribute; True for those that are not ours."""
-    short = name.removeprefix(PREFIX)
-    if short == name or short not in OURS:
-        return True
-    return (domain, kind) == OURS[short][:2] and fits(name, values)
+def _is_ours(name: str) -> bool:
+    return name.startswith(PREFIX) and name.removeprefix(PREFIX) in OURS
 
 
 def fits(name: str, values: np.ndarray) -> bool:
     """Whether the values of an attribute of ours are within what we write; not a number is not."""
+    return bool(_within(name, values).all())
+
+
+def _within(name: str, values: np.ndarray) -> np.ndarray:
     _, _, low, high = OURS[name.removeprefix(PREFIX)]
     if high == np.inf:
         high = len(values) - 1
-    return bool(((values >= low) & (values <= high)).all())
+    return np.asarray((values >= low) & (values <= high))
+
+
+def misfits(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """(k,) int: the elements at which an attribute of ours, one number each, holds what we never write."""
+    values = _raw(mesh, name)
+    return np.zeros(0, dtype=np.int64) if values is None else np.flatnonzero(~_within(name, values))
 
 
 def unsound(mesh: bpy.types.Mesh) -> list[str]:

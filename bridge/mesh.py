@@ -104,7 +104,8 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
         found = attributes.get(mesh, attributes.PREFIX + name)
         if found is not None:
             values[name] = found
-    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values)
+    spoilt = np.unique(np.concatenate([attributes.misfits(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]))
+    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt)
 
 
 def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:
@@ -190,6 +191,8 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     made : the note of the stage that wrote them. Raises ``FlexMapsError`` where there are no spirals, or where somebody
     else wrote some that cannot be cut.
     """
+    if len(surface.spoilt):
+        raise _cannot_be_cut(surface.spoilt)
     design = design_of(surface, flat, params)
     ours = made is not None and design is not None and _as_noted(design, made)
     if design is None:
@@ -201,11 +204,13 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     if not len(wrong):
         return design
     if not ours:
-        raise FlexMapsError(
-            f"{len(wrong)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew",
-            faces=wrong,
-        )
+        raise _cannot_be_cut(wrong)
     return fitted(flat, params, design.width, design.twist, prove=False)
+
+
+def _cannot_be_cut(faces: np.ndarray) -> FlexMapsError:
+    text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
+    return FlexMapsError(text, faces=faces)
 
 
 def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:

@@ -22,6 +22,7 @@ class Surface:
     loops : (C,) int, Blender's corner of every corner of ``polygons``
     to_metres : (4, 4), from the object's frame to metres in world axes
     values : attributes of ours by name, without the prefix, in Blender's order
+    spoilt : (k,) int, faces whose width or twist is none that we write
     """
 
     uid: int
@@ -32,6 +33,7 @@ class Surface:
     loops: np.ndarray
     to_metres: np.ndarray
     values: dict[str, np.ndarray]
+    spoilt: np.ndarray
 
     @cached_property
     def edge_of(self) -> np.ndarray:

@@ -328,8 +328,9 @@ class SheetParams(Params):
             ("FAST", "Quick", "Quarter turns only, without a search"),
         ),
     )  # fmt: skip
+    # the panels of 986 quads came onto as few sheets, as full, in 8 s as in 20
     nesting_seconds: float = setting(
-        20.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
+        8.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
     )
     seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
 

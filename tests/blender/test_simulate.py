@@ -587,10 +587,12 @@ def test_the_assembly_sheet_tells_the_forces_at_rest(
     """Only where the piece was simulated and nothing has changed since."""
     told: list[Any] = []
 
-    def write(*args: Any) -> Path:
-        told.append(args[-1])
-        args[5](args[3]).write_bytes(b"")
-        return args[3]
+    def write(
+        design: Any, sheets: Any, figures: Any, target: Path, title: str, new: Any, checked: Any, *_: Any
+    ) -> Path:
+        told.append(checked)
+        new(target).write_bytes(b"")
+        return target
 
     monkeypatch.setattr(assembly_sheet, "write", write)
     spiralled.flexmaps.export.folder, spiralled.flexmaps.export.dxf = str(tmp_path), "NONE"
