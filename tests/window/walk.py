@@ -24,6 +24,7 @@ warnings.filterwarnings("default", module=r"bl_ext\.")  # all of ours, also of d
 QUADS = 250
 STATUS = 26  # rows of the status bar
 FOUND = {"stages": {}, "errors": [], "wrong": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
+BEGUN = []  # all jobs, in their order
 
 
 def expect(holds, sentence):
@@ -59,18 +60,30 @@ def last_operator():
     return (len(done), done[-1].as_pointer()) if done else None
 
 
+def count_jobs():
+    """Note every job that begins: a quick one that is refused is over before anybody has looked."""
+    kind = hands.module("bridge.job").Job
+    start = kind.start
+
+    def noted(self):
+        BEGUN.append(self)
+        start(self)
+
+    kind.start = noted
+
+
 def press(name, text=None, meanwhile=None):
     """Click the button of an operator, wait until its work is over, and keep what was measured."""
     place = yield from hands.find("operator", f"flexmaps.{name}", text)
     yield from hands.move(place)
     yield 0.3
-    bar, before = hands.pixels()[-STATUS:].copy(), last_operator()
+    bar, before = hands.pixels()[-STATUS:].copy(), (len(BEGUN), last_operator())
     meter = Meter(lambda: not np.array_equal(hands.pixels()[-STATUS:], bar))
     pressed = time.perf_counter()
     hands.xdotool("click", 1)
-    while current() is None and last_operator() == before and time.perf_counter() - pressed < 5:
+    while (len(BEGUN), last_operator()) == before and time.perf_counter() - pressed < 5:
         yield 0.02
-    if current() is None and last_operator() == before:
+    if (len(BEGUN), last_operator()) == before:
         raise LookupError(f"a click on {name} does nothing")
     if meanwhile is not None:
         yield from meanwhile()
@@ -120,6 +133,7 @@ def walk():
 
 def install():
     yield from hands.installed()
+    count_jobs()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
     bpy.context.object.scale = (1.3, 1.0, 0.7)
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
@@ -296,6 +310,8 @@ def optimise():
     expect(not block["finished"], "Optimise was stopped by Esc")
     expect(block["laplacian_rmse_mm"] < block["laplacian_rmse_mm_before"], f"the best is kept: {FOUND['rmse']}")
     expect(blocks()["spirals"] != before[0], "the spirals are others")
+    expect("reach" not in blocks(), "who has stopped it did not wait for the limits of the match")
+    yield from press("simulate")
     yield from press("overlay", text="Limits")
     yield from picture("optimised")
 
