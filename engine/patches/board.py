@@ -143,6 +143,13 @@ class Board:
     def layout(self) -> PatchLayout:
         return PatchLayout(self.mesh, self.cut.copy())
 
+    def leads(self, edges: np.ndarray | Sequence[int]) -> bool:
+        """Is a run of edges the first of its mirror images? A change of the others comes to the same."""
+        if not self.symmetries:
+            return True
+        lowest = min(int(s.edges[edges].min()) for s in self.symmetries)
+        return int(np.min(edges)) <= lowest
+
     def rotations(self) -> np.ndarray:
         """(F, 4) complex: the rotation of every corner triangle, each piece in a frame of its own."""
         result = np.ones((len(self.mesh.quads), 4), dtype=complex)

@@ -13,19 +13,16 @@ from ..progress import SILENT, Progress
 from ..surface.symmetry import Symmetry, keeping, subgroups, symmetries
 from ..threads import one_thread
 from .board import WAIST, Board, Change, Effort
-from .flatten import FlatPatches, flatten, overlapping, seam_mismatch
+from .flatten import FlatPatches, flatten
 from .layout import PatchLayout, alone
+from .ranking import Ranking, poor, split_long, worth
 from .regions import Halving
 from .reroute import reroute
 from .rescue import rescue
 from .spring import halved, springs_by_itself
-from .tidy import LONG, badness, drawing_cost, natural_stops, tidy, widen
-from .trace import middle_line
+from .tidy import natural_stops, tidy, widen
 
 WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
-MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
-HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better
-FEW = 40  # median quads a patch below which another way of laying out is tried
 WORK_LEAST, WORK_EACH = 2e6, 2.5e3  # work, see ``Effort``: at least, and for every quad
 STOPS = 12  # most places where a part of a seam may begin or end
 ROUNDS = 3  # how often at most what was merged is merged again
@@ -92,24 +89,28 @@ def _merge_body(
     found = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
     tick = bound(progress, 0.0, "Flattening the first patches")
+    ranking = Ranking(found)
     start = Board(layout, params, effort=effort, tick=tick)
     ranked = _merged(start, layout.origin, found, bodies, progress.part(0.02, 0.5))
-    board = _best(ranked, progress.part(0.5, 0.55))
-    if not layout.origin and not _better(board, start, found, progress):
+    board = _best(ranked, ranking, progress.part(0.5, 0.55))
+    if not layout.origin and not ranking.better(board, start, progress):
         board = start  # it was merged before
-    if layout.origin and _poor(board):
+    if layout.origin and poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
         other = Board(parts, params, effort=effort, tick=tick)
         run(other, FACES, progress.part(0.55, 0.75))
-        other = _best([(0.0, 0, other)], progress.part(0.75, 0.8))
-        if _better(other, board, found, progress):
+        other = _best([(0.0, 0, other)], ranking, progress.part(0.75, 0.8))
+        if ranking.better(other, board, progress):
             board = other
     for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
         # what merging gives is to be what merging it once more gives
         again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
-        again = _best(_merged(again, "", found, bodies, part), part)
-        if effort.over or not _better(again, board, found, progress):
+        more = _merged(again, "", found, bodies, part)
+        if (more[0][2].cut == board.cut).all():
+            break
+        again = _best(more, ranking, part)
+        if effort.over or not ranking.better(again, board, progress):
             break
         board = again
     if seamless or springs_by_itself(board):
@@ -130,12 +131,17 @@ def _merged(
     """A layout merged in several ways, each with its worth and a number."""
     layout = start.layout
     kept = keeping(found, layout.cut)
+    if not origin:
+        board = start.copy()
+        board.symmetries = kept
+        run(board, LAST, progress.part(0.0, 0.5))
+        if (board.cut == start.cut).all():
+            return [(round(worth(board), 9), 0, board)]  # it was merged before
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
-    once = not origin and len(layout.mesh.quads) > FEW * len(layout.patches)  # it was merged before
-    most = 1 if once else 0 if dear else max(TRIES // bodies, 3)
+    most = 0 if dear else max(TRIES // bodies, 3)
     groups = [*_worth_trying(subgroups(kept, 60), most), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
-    ways = (LAST,) if once else WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
+    ways = WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
     for way in [replace(w, redraw=origin == "regions") for w in ways]:
         for group in groups:
             # where trying is dear, go on from what the larger group has left
@@ -147,56 +153,14 @@ def _merged(
     return ranked
 
 
-def _better(one: Board, two: Board, found: list[Symmetry], progress: Progress) -> bool:
-    """Is one layout better than another, and not only drawn a little otherwise?
-
-    What is symmetric gives way only to less than half as many patches.
-    """
-    lost = len(keeping(found, one.cut)) < len(keeping(found, two.cut))
-    share = HALF if lost else 1.0
-    return (not _fits(one, progress), _in_the_end(one) + 0.01) < (not _fits(two, progress), share * _in_the_end(two))
-
-
-def _best(ranked: list[tuple[float, int, Board]], progress: Progress) -> Board:
+def _best(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Progress) -> Board:
     """The best merged layout whose seams can be fitted, merged on as far as the whole distortion limit lets it."""
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
-    board = next((b for b in ordered if _fits(b, progress)), ordered[0])
+    board = next((b for b in ordered if ranking.fits(b, progress)), ordered[0])
     tighter = board.copy()
     tighter.room = 1.0
     run(tighter, LAST, progress)
-    return tighter if len(tighter.pieces) < len(board.pieces) and _fits(tighter, progress) else board
-
-
-def _in_the_end(board: Board) -> float:
-    """How much there is to a layout once its long patches are cut up: patches, what is wrong with them, and their drawing."""
-    pieces, limit = board.pieces.values(), board.params.compactness_limit
-    split = split_long(board.layout, board.params)
-    total = len(split.patches) + badness(board, pieces) - len(pieces)
-    # what is too long now is cut up then
-    total += LONG * float(np.maximum(split.compactness - limit, 0.0).sum())
-    total -= LONG * sum(max(p.sketch.compactness - limit, 0.0) for p in pieces)
-    return total + 1e-3 * drawing_cost(board)
-
-
-def _poor(board: Board) -> bool:
-    """Does a merged layout leave so much to be desired that another way is worth trying?"""
-    sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
-    necks = sum(p.sketch.necks for p in board.pieces.values())
-    return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < FEW)
-
-
-def _fits(board: Board, progress: Progress) -> bool:
-    """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
-    if not board.cut.any():
-        return all(p.flat.worst <= board.params.distortion_limit for p in board.pieces.values())
-    flat = flatten(board.layout, board.params, progress, start=board.rotations())
-    apart = seam_mismatch(flat)
-    return bool(
-        apart.max(initial=0.0) < MISMATCH
-        and (not len(apart) or np.median(apart) < 0.3 * MISMATCH)
-        and flat.energy.max() <= board.params.distortion_limit
-        and not overlapping(flat)
-    )
+    return tighter if len(tighter.pieces) < len(board.pieces) and ranking.fits(tighter, progress) else board
 
 
 def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
@@ -206,29 +170,6 @@ def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry
         return groups[:1] + fours[:1] + twos[:1]
     rest = [g for g in groups[1:] if len(g) in (1, 3)]
     return (groups[:1] + sorted(rest, key=len))[:most]
-
-
-def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
-    """Halve patches that are less compact than allowed, while that helps: long strips that no merge has taken in."""
-    for _ in range(20):
-        cut = layout.cut.copy()
-        for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():
-            line = middle_line(layout, patch)
-            halves = layout.cut.copy()
-            halves[line] = True
-            tried = PatchLayout(layout.mesh, halves, layout.notes)
-            parts = np.unique(tried.patch_of[layout.patches[patch]])
-            small = min(len(tried.patches[n]) for n in parts)
-            if (
-                len(parts) > 1
-                and small >= params.patch_min
-                and (tried.compactness[parts] < layout.compactness[patch]).all()
-            ):
-                cut[line] = True
-        if (cut == layout.cut).all():
-            break
-        layout = PatchLayout(layout.mesh, cut, layout.notes)
-    return layout
 
 
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
@@ -322,12 +263,6 @@ def open_parts(board: Board, way: Way, progress: Progress) -> bool:
     return changed
 
 
-def worth(board: Board) -> float:
-    """Patches, less what symmetry is worth: a mirror makes up for a fifth of them; then the drawing of the cuts."""
-    share = 0.6 + 0.4 / (1 + len(board.symmetries))
-    return badness(board, board.pieces.values()) * share + 1e-3 * drawing_cost(board)
-
-
 def symmetry_notes(
     found: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
 ) -> dict[str, object]:
@@ -370,6 +305,8 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
             key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
             if a == b and (way.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
                 continue  # without an inner cut that has no free end the patch would be a ring
+            if not board.leads(edges):
+                continue
             current[key] = edges
             if key not in tried:
                 tried[key] = None
@@ -405,7 +342,7 @@ def partial(board: Board, way: Way, progress: Progress) -> bool:
     best: tuple[float, int, Change] | None = None
     for number, edges in enumerate(board.layout.seams):
         a, b = board.sides_of(edges[:1])[0].tolist()
-        if a == b:
+        if a == b or not board.leads(edges):
             continue
         change = longest_part(board, edges)
         if change is not None:

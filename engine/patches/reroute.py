@@ -57,6 +57,8 @@ def reroute(board: Board) -> bool:
         around = np.sort(board.sides_of(seam), axis=1)
         if names[0] == names[1] or not board.cut[seam].all() or (around != np.sort(names)).any():
             continue  # an inner cut, or one that is no longer there
+        if not board.leads(seam):
+            continue
         listed = []
         for slide in SLIDES:
             way = _way(board, seam, names, slide)

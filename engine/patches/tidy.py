@@ -200,6 +200,8 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
     mesh = board.mesh
     border = mesh.border
     for vertices, edges, stops in bars(board.layout):
+        if not board.leads(edges):
+            continue
         if fresh:
             around = frozenset(board.sides_of(np.array(edges)).ravel().tolist())
             key = (edges[0], edges[-1], tuple(stops), around)
@@ -287,7 +289,7 @@ def _close_inner(board: Board) -> bool:
     layout = board.layout
     for edges in layout.seams:
         names = board.sides_of(edges[:1])[0]
-        if names[0] != names[1] or not board.cut[edges].all():
+        if names[0] != names[1] or not board.cut[edges].all() or not board.leads(edges):
             continue
         free = [layout.cut_degree[v] == 1 for v in _run_ends(mesh.edges[edges])]
         if not any(free):
