@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from .errors import Cancelled
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,18 @@ class Progress:
     def part(self, lo: float, hi: float) -> Progress:
         span = self.hi - self.lo
         return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
+
+    def each(self, things: Sequence[T], text: str) -> Iterator[T]:
+        """Things that are worked on one after the other, each told before it is handed out."""
+        for number, thing in enumerate(things):
+            self(number / len(things), text)
+            yield thing
+
+    def batches(self, count: int, size: int, text: str) -> Iterator[slice]:
+        """Slices of ``size`` of ``count`` things that are worked on one after the other, each told before it begins."""
+        for first in range(0, count, size):
+            self(first / count, text)
+            yield slice(first, min(first + size, count))
 
     def quiet(self) -> Progress:
         """For work within a step: it can be stopped, but does not report."""

@@ -69,6 +69,7 @@ def pages(
     look = Look(
         hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
     )
+    progress(0.0, "the order of the steps")
     order = steps(flat.layout)
     found = [_overview(flat, sheets, figures, title, look, checked, progress)]
     drawn = min(len(order), max(SHOWN // len(flat.layout.mesh.quads), ROWS))
@@ -101,9 +102,11 @@ def _overview(
     page, layout = Page(WIDTH, HEIGHT), flat.layout
     page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
     page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
+    progress(0.0, "drawing the whole piece")
     everything = tuple(range(len(layout.patches)))
     view = camera(np.array([0.6, -0.8, 0.0]))
     model(page, Box(MARGIN, 0.155, 0.115, 0.105), flat, everything, everything, (), look, view)
+    progress(0.0, "the figures of the sheets")
     y = HEIGHT - 0.045
     for name, value in _figures(sheets, figures, len(layout.patches)):
         page.text(name, (0.135, y), 0.0032, GREY)

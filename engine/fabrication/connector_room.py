@@ -15,6 +15,7 @@ from itertools import product
 import numpy as np
 
 from ..params import ConnectorParams
+from ..progress import SILENT, Progress
 from ..spirals.contours import Tips
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
@@ -34,6 +35,7 @@ _TRIES = 4  # shifts that are tried for every size before necks may lie beside t
 _LOOK = 2e-4  # metres along the arm from one look to the next
 _RAYS = 20_000  # lines of sight that are followed together
 _PIECES = 8  # parts of every arm, so that few lie near a place
+_TOGETHER = 500  # quads whose arms are drawn together
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,7 @@ class Openings:
 class Room:
     """What is known of a design before any connector is made."""
 
-    def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0):
+    def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
         self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
         self.slot = slot_needed(design.params)
@@ -112,6 +114,7 @@ class Room:
         width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
         self.width = np.floor(width / STEP + 1e-6) * STEP
         self._openings: dict[int, Openings] = {}
+        self.bodies = self._bodies(progress)
 
     @cached_property
     def through(self) -> Throughs:
@@ -175,26 +178,30 @@ class Room:
 
     # -- what is near --------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def bodies(self) -> _Bodies:
+    def _bodies(self, progress: Progress) -> _Bodies:
         """All arms and hubs."""
-        arms, roots = self.design.arms, self.design.roots
-        patch_of, count = self.design.flat.layout.patch_of, len(arms.centre)
+        patch_of, found = self.design.flat.layout.patch_of, []
+        for part in progress.batches(len(patch_of), _TOGETHER, "what is near the joints"):
+            found.append(self._pieces(np.arange(part.start, part.stop)))
+        rings, arm, quad = (np.concatenate(x) for x in zip(*found, strict=True))
+        return _Bodies(rings + self.pitch * patch_of[quad][:, None], arm)
+
+    def _pieces(self, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The arms of some quads in pieces, and their hubs: rings in their patches' frames, and the arm and quad of each."""
+        arms, roots, count = self.design.arms.of(quads), self.design.roots, len(quads)
+        t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
-        left = complexes(edge(arms, even * roots.left[..., None], LEFT)[0]).reshape(4 * count, -1)
-        right = complexes(edge(arms, even * np.roll(roots.right, 1, axis=1)[..., None], RIGHT)[0]).reshape(
-            4 * count, -1
-        )
+        left = complexes(edge(arms, even * t_left[..., None], LEFT)[0]).reshape(4 * count, -1)
+        right = complexes(edge(arms, even * t_right[..., None], RIGHT)[0]).reshape(4 * count, -1)
         pieces = [
             np.concatenate([left[:, k : k + 11], right[:, k : k + 11][:, ::-1]], axis=1)
             for k in range(0, 10 * _PIECES, 10)
         ]
         hub = np.stack([right[:, -1], left[:, -1]], axis=1).reshape(count, 8)
         hub = np.concatenate([hub, np.repeat(hub[:, -1:], pieces[0].shape[1] - 8, axis=1)], axis=1)
-        rings = np.concatenate([*pieces, hub])
-        arm = np.concatenate([np.tile(np.arange(4 * count), _PIECES), np.full(count, -1)])
-        patch = np.concatenate([np.tile(np.repeat(patch_of, 4), _PIECES), patch_of])
-        return _Bodies(rings + self.pitch * patch[:, None], arm)
+        own = (4 * quads[:, None] + np.arange(4)).ravel()
+        arm = np.concatenate([np.tile(own, _PIECES), np.full(count, -1)])
+        return np.concatenate([*pieces, hub]), arm, np.concatenate([np.tile(own // 4, _PIECES), quads])
 
     @cached_property
     def pitch(self) -> float:
@@ -288,8 +295,18 @@ class _Bodies:
         import shapely
 
         self.rings, self.arm = rings, arm
-        self.shapes = shapely.polygons(pairs(rings))
-        self.tree = shapely.STRtree(self.shapes)
+        low, high = (pairs(f(rings.real, axis=1) + 1j * f(rings.imag, axis=1)) for f in (np.min, np.max))
+        self.tree = shapely.STRtree(shapely.box(*low.T, *high.T))
+        # polygons are made where they are asked for: most never are
+        self._shapes, self._known = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
+
+    def _polygons(self, pieces: np.ndarray) -> np.ndarray:
+        import shapely
+
+        new = np.unique(pieces[~self._known[pieces]])
+        self._shapes[new] = shapely.polygons(pairs(self.rings[new]))
+        self._known[new] = True
+        return self._shapes[pieces]
 
     def near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
         """(N,) whether a piece lies within ``distance`` metres of shapes (N,), but for those of the arms ``without`` (N, 2)."""
@@ -301,7 +318,7 @@ class _Bodies:
         shape, piece = shape[other], piece[other]
         shapely.prepare(shapes)
         found = np.zeros(len(shapes), dtype=bool)
-        found[shape[shapely.dwithin(shapes[shape], self.shapes[piece], distance)]] = True
+        found[shape[shapely.dwithin(shapes[shape], self._polygons(piece), distance)]] = True
         return found
 
     def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:

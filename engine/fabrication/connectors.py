@@ -20,6 +20,7 @@ from .connector_tips import Attempt, Tip
 from .labels import seam_labels
 
 CHUNK = 200  # attempts that are judged together, a tenth of a second of work
+_TIPS = 2000  # ends of arms that are compared with all others together
 FEW, MANY = 4, 16  # attempts of one joint that are judged together, after the first and at the most
 
 
@@ -122,8 +123,9 @@ def connect(
     ``FlexMapsError`` where the clearance is so large that nothing holds.
     """
     taken = np.zeros((len(design.width), 4))
-    if params.connector == "none":
-        return Connections(tuple(design.outlines(tolerance)), (), (), params.clearance, taken)
+    if params.connector == "none" or not design.flat.layout.cut.any():
+        drawn = design.outlines(tolerance, None, progress)
+        return Connections(tuple(drawn), (), (), params.clearance, taken)
     least = size(float(design.arms.joint_width.min()), params, min(SCALES), mill)
     catch = 0.5 * (least.head - least.neck)
     if params.clearance > 0.5 * catch:
@@ -131,8 +133,8 @@ def connect(
             f"With a clearance of {params.clearance * 1e3:g} mm connectors would slip out, for the smallest ones catch by "
             f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
         )
-    room = Room(design, params, mill)
-    chosen = _chosen(room, progress.part(0.0, 0.8))
+    room = Room(design, params, mill, progress.part(0.0, 0.1))
+    chosen = _chosen(room, progress.part(0.1, 0.8))
     labels = seam_labels(design.flat.layout)
     made: list[Connector] = []
     unsolved: list[tuple[str, int, int]] = []
@@ -227,7 +229,7 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     changed = set(every)
     for turn in range(50):
         progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
-        giving = _crowded(room, chosen, changed)
+        giving = _crowded(room, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
         for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn), FEW).items():
@@ -236,7 +238,7 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     return chosen
 
 
-def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> list[int]:
+def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int], progress: Progress) -> list[int]:
     """Joints that have to give way because two tips are nearer than the smallest slot.
 
     Only tips near those of the ``changed`` joints are looked for.
@@ -254,9 +256,13 @@ def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int]) -> lis
     giving: set[int] = set()
     # in one panel, and in two panels that lie side by side along their joint
     for shapes in (flat, beside):
-        one, two = tree.query(shapes[fresh], predicate="dwithin", distance=slot)
-        one = fresh[one]
-        near = one != two if shapes is flat else owner[one] != owner[two]
-        one, two = one[near], two[near]
-        giving |= set(np.where(area[one] > area[two], owner[one], owner[two]).tolist())
+        around = shapely.box(*(shapely.bounds(shapes[fresh]) + slot * np.array([-1.0, -1.0, 1.0, 1.0])).T)
+        for part in progress.batches(len(fresh), _TIPS, "connectors that are too near to each other"):
+            one, two = tree.query(around[part])
+            one = fresh[part][one]
+            other = one != two if shapes is flat else owner[one] != owner[two]
+            one, two = one[other], two[other]
+            near = shapely.dwithin(shapes[one], flat[two], slot)
+            one, two = one[near], two[near]
+            giving |= set(np.where(area[one] > area[two], owner[one], owner[two]).tolist())
     return sorted(giving)

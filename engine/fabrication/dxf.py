@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve
 from .series import numbered, numbered_before
 from .sheets import CutSheets
-from .svg import operations
+from .svg import WRITING, operations
 
 # name and AutoCAD colour index, in the order of the work; 7 is black on white
 LAYERS = (("ENGRAVE", 7), ("CUT_INNER", 5), ("CUT_OUTER", 1))
 VERSIONS = ("R12", "R2010")
+TOLD = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
 def write(
@@ -49,8 +51,23 @@ def write(
         if version == "R12":
             new(target).write_text(_r12(sheets, index, part), encoding="ascii", newline="\r\n")
         else:
-            _document(sheets, index, version, _entities(sheets, index, part)).saveas(new(target))
+            drawing = _document(sheets, index, version, _entities(sheets, index, part.part(0.0, 0.7)))
+            with open(new(target), "w", encoding=drawing.output_encoding) as stream:
+                drawing.write(_Told(stream, part.part(0.7, 0.7)))
     return paths
+
+
+class _Told:
+    """A stream that tells the progress of what is written to it, for ezdxf writes a whole drawing at once."""
+
+    def __init__(self, stream: TextIO, progress: Progress):
+        self.stream, self.progress, self.count = stream, progress, 0
+
+    def write(self, text: str) -> None:
+        self.count += 1
+        if self.count % TOLD == 0:
+            self.progress(0.0, WRITING)
+        self.stream.write(text)
 
 
 def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from .lettering import along, length, straight
 
 _FILL = 0.62  # height of the letters along an arm, as a share of its width
 _SAMPLES = 97
+_TOGETHER = 1000  # quads whose arms are followed together
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
 
@@ -71,14 +73,15 @@ def make_labels(
 
     ``taken`` (F, 4) is how many metres of every arm, from its joint on, a connector needs.
     """
-    lines = _Lines(arms, hubs, np.zeros((len(arms.centre), 4)) if taken is None else taken)
-    strokes: list[list[np.ndarray]] = [[] for _ in layout.patches]
+    taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
+    lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
+    strokes: list[list[Curve]] = [[] for _ in layout.patches]
     placed = left_out = 0
     names = seam_labels(layout)
     for patch, quads in enumerate(layout.patches):
-        progress(0.5 * patch / len(layout.patches), "labels")
+        progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
         found = _panel_label(panel_name(patch), quads, lines, names, params.label_height)
-        strokes[patch].extend(found)
+        strokes[patch].extend(_curves(found))
         placed += 1
     for number, ((quad, side), name) in enumerate(names.items()):
         progress(0.5 + 0.5 * number / len(names), "labels")
@@ -88,10 +91,14 @@ def make_labels(
             continue
         width = float(lines.width[quad, side, 0])
         middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(name)
-        strokes[int(layout.patch_of[quad])].extend(along(name, height, lines.points[quad, side], middle))
+        written = along(name, height, lines.points[quad, side], middle)
+        strokes[int(layout.patch_of[quad])].extend(_curves(written))
         placed += 1
-    curves = tuple(tuple(Curve(s, np.zeros(len(s)), closed=False) for s in panel) for panel in strokes)
-    return Labels(curves, placed, left_out)
+    return Labels(tuple(map(tuple, strokes)), placed, left_out)
+
+
+def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:
+    return (Curve(s, np.zeros(len(s)), closed=False) for s in strokes)
 
 
 def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
@@ -100,18 +107,21 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
     if not params.labels or height < params.label_min:
         return ()
     found = straight(name, height, np.zeros(2), np.array([1.0, 0.0]))
-    return tuple(Curve(s, np.zeros(len(s)), closed=False) for s in found)
+    return tuple(_curves(found))
 
 
 class _Lines:
     """Where letters may stand: the free part of every arm, from its joint to its hub."""
 
-    def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray):
+    def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray, progress: Progress):
         self.taken = taken
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
-        t = end[..., None] * np.linspace(0.0, 1.0, _SAMPLES)
-        self.points = centre_line(arms, t)[0]
-        self.width = width_at(arms, t)[0]
+        points, widths = [], []
+        for part in progress.batches(len(end), _TOGETHER, "labels"):
+            some, t = arms.of(np.arange(part.start, part.stop)), end[part, :, None] * np.linspace(0.0, 1.0, _SAMPLES)
+            points.append(centre_line(some, t)[0])
+            widths.append(width_at(some, t)[0])
+        self.points, self.width = np.concatenate(points), np.concatenate(widths)
         self.length = np.linalg.norm(np.diff(self.points, axis=2), axis=-1).sum(axis=-1)
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre

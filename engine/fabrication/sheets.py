@@ -20,7 +20,7 @@ from .nesting import nest
 from .packing import Packing, fill, used_length
 from .panel import Panel
 from .sheet_checks import check_kerf, check_mill, oversize, tight, without
-from .toolpath import Runs, plan
+from .toolpath import WAY, Runs, plan
 
 _HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
 CONNECTORS, CUT = ConnectorParams(), CutParams()
@@ -65,18 +65,19 @@ class CutSheets:
             self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
         ]
 
-    def paths_on_sheet(self, index: int) -> list[Panel]:
+    def paths_on_sheet(self, index: int, progress: Progress = SILENT) -> list[Panel]:
         """The same with the paths of the cutter, beside the material by half of the kerf."""
-        return [_path(p, self.cut) for p in self.on_sheet(index)]
+        return [_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
 
-    def runs(self, index: int) -> Runs:
+    def runs(self, index: int, progress: Progress = SILENT) -> Runs:
         """What the cutter does on one sheet, lead-ins and holding tabs included."""
         known = self.__dict__.setdefault("_runs", {})
         if index not in known:
-            panels = self.paths_on_sheet(index)
+            panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
             labels, holes = [c for p in panels for c in p.labels], [c for p in panels for c in p.holes]
             size = tuple(self.packing.sizes[index].tolist())
-            known[index] = plan(labels, holes, [p.outline for p in panels], [p.holds for p in panels], size, self.cut)
+            outlines, holds = [p.outline for p in panels], [p.holds for p in panels]
+            known[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))
         return known[index]
 
     @property
@@ -120,10 +121,9 @@ def make_sheets(
         if params.labels
         else Labels(((),) * len(drawn), 0, 0)
     )
-    holds = _holds(design, made)
+    holds = _holds(design, progress.part(0.6, 0.6))
     made_of = []
-    for i, o in enumerate(drawn):
-        progress(0.6, "areas of the panels")
+    for i, o in enumerate(progress.part(0.6, 0.6).each(drawn, "areas of the panels")):
         area = o.outer.area + sum(h.area for h in o.holes)
         made_of.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
     panels = tuple(made_of)
@@ -142,10 +142,8 @@ def make_sheets(
     if labels.left_out:
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
-    shapes = []
-    for p in panels:
-        progress(0.72, "outlines of the panels")
-        shapes.append(p.outline.sampled(2e-5))
+    traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
+    shapes = [p.outline.sampled(2e-5) for p in traced]
     packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
     keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
     panels += tuple(
@@ -158,7 +156,7 @@ def make_sheets(
     )  # fmt: skip
 
 
-def _holds(design: SpiralDesign, made: Connections) -> list[np.ndarray]:
+def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """Of every panel the places (K, 3) for holding tabs: the plain ends of arms, then the roots of slots at its outline.
 
     A tab beside an arm would bend it when it is broken off, and one on a connector would spoil its fit.
@@ -169,7 +167,7 @@ def _holds(design: SpiralDesign, made: Connections) -> list[np.ndarray]:
     # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
-    for quads in layout.patches:
+    for quads in progress.each(layout.patches, "places for holding tabs"):
         ends, roots = tips[quads][border[quads]], design.roots.centre[quads][outer[quads]]
         liked = np.repeat([1.0, _HUB], [len(ends), len(roots)])
         found.append(np.column_stack([np.concatenate([ends, roots]), liked]))

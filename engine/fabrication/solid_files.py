@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +18,9 @@ from ..progress import SILENT, Progress
 from .panel import Panel
 from .series import numbered, numbered_before
 from .sheets import CutSheets
+from .svg import WRITING
 
+ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
 TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
 
 
@@ -95,20 +98,20 @@ def write(
         part, panels = progress.part(index / sheets.count, (index + 1) / sheets.count), sheets.on_sheet(index)
         solids = []
         for number, panel in enumerate(panels):
-            part(number / len(panels), f"solids of sheet {index + 1}")
+            part(0.7 * number / len(panels), f"solids of sheet {index + 1}")
             solids.append(extruded(panel, sheets.thickness))
-        (write_3mf if path.suffix.lower() == ".3mf" else write_stl)(solids, new(path))
+        (write_3mf if path.suffix.lower() == ".3mf" else write_stl)(solids, new(path), part)
     return paths
 
 
-def write_stl(solids: list[Solid], path: str | os.PathLike[str]) -> None:
+def write_stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """All solids in one binary STL file, in millimetres."""
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
     with open(path, "wb") as stream:
         stream.write(f"{PROGRAM}, millimetres".encode("ascii", "replace").ljust(80))
         stream.write(np.uint32(count).tobytes())
-        for solid in solids:
+        for solid in progress.part(0.7, 1.0).each(solids, WRITING):
             rows = np.zeros(len(solid.triangles), dtype=record)
             rows["corners"] = solid.vertices[solid.triangles] * 1e3
             edges = np.diff(solid.vertices[solid.triangles], axis=1)
@@ -117,7 +120,7 @@ def write_stl(solids: list[Solid], path: str | os.PathLike[str]) -> None:
             stream.write(rows.tobytes())
 
 
-def write_3mf(solids: list[Solid], path: str | os.PathLike[str]) -> None:
+def write_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """A 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     kinds = (
@@ -143,17 +146,20 @@ def write_3mf(solids: list[Solid], path: str | os.PathLike[str]) -> None:
                 f'<metadata name="Application">{PROGRAM}</metadata><resources>'.encode()
             )
             for number, solid in enumerate(solids, start=1):
-                stream.write(_object(number, solid).encode())
+                share = progress.part(0.7 + 0.3 * (number - 1) / len(solids), 0.7 + 0.3 * number / len(solids))
+                for text in _object(number, solid, share):
+                    stream.write(text.encode())
             items = "".join(f'<item objectid="{n}"/>' for n in range(1, len(solids) + 1))
             stream.write(f"</resources><build>{items}</build></model>".encode())
 
 
-def _object(number: int, solid: Solid) -> str:
-    # a tenth of a micrometre; and no two vertices may fall together
-    points = (solid.vertices * 1e3).tolist()
-    vertices = "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points)
-    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in solid.triangles.tolist())
-    return (
-        f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>{vertices}</vertices>'
-        f"<triangles>{triangles}</triangles></mesh></object>"
-    )
+def _object(number: int, solid: Solid, progress: Progress) -> Iterator[str]:
+    yield f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>'
+    for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS, WRITING):
+        # a tenth of a micrometre; and no two vertices may fall together
+        points = (solid.vertices[part] * 1e3).tolist()
+        yield "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points)
+    yield "</vertices><triangles>"
+    for part in progress.part(0.4, 1.0).batches(len(solid.triangles), ROWS, WRITING):
+        yield "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in solid.triangles[part].tolist())
+    yield "</triangles></mesh></object>"

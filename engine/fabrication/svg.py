@@ -18,6 +18,7 @@ from .sheets import CutSheets
 
 # in the order of the work: nothing moves before it is engraved, and a panel comes loose last
 LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff0000"))
+WRITING = "writing the sheets"  # what the progress says
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
 
 
@@ -41,17 +42,14 @@ def write(
 
 def operations(sheets: CutSheets, index: int, progress: Progress = SILENT) -> list[Iterator[Curve]]:
     """The curves of every layer of ``LAYERS`` on one sheet; ``progress`` hears of them as they are asked for."""
-    progress(0.0, "the way of the cutter")
-    runs = sheets.runs(index)
+    runs = sheets.runs(index, progress.part(0.0, 0.5))
     layers = [runs.engraved, runs.inner, runs.outer]
     total = max(sum(map(len, layers)), 1)
     done = iter(range(total))
 
     def told(curves: Sequence[Curve]) -> Iterator[Curve]:
         for curve in curves:
-            number = next(done)
-            if number % 100 == 0:
-                progress(number / total, "writing the sheets")
+            progress(0.5 + 0.5 * next(done) / total, WRITING)
             yield curve
 
     return [told(curves) for curves in layers]

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from ..params import CutParams
+from ..progress import SILENT, Progress
 from ..spirals.arcs import Curve, arc_points
 
+WAY = "the way of the cutter"
 _STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # between a lead-in and its path
 
@@ -39,22 +41,24 @@ def plan(
     places: list[np.ndarray],
     size: tuple[float, float],
     cut: CutParams,
+    progress: Progress = SILENT,
 ) -> Runs:
     """The runs of one sheet: closed paths beside the material, with the tabs and lead-ins that are asked for.
 
     places : of every outline, (K, 3): x, y in metres where a tab may be, and how little it is liked there (1 or more)
     size : metres, width and height of the sheet
     """
-    pieces = (
-        [_with_tabs(o, p, cut) for o, p in zip(outlines, places, strict=True)] if cut.tabs else [[o] for o in outlines]
-    )
+    pieces = [[o] for o in outlines]
+    if cut.tabs:
+        held = list(zip(outlines, places, strict=True))
+        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.4).each(held, WAY)]
     tabs = sum(len(p) for p in pieces if not p[0].closed)
     inner, outer = list(holes), [c for p in pieces for c in p]
     missing = 0
     if cut.lead_in:
-        led = [with_lead(h, cut.lead_in, _inside(h)) for h in holes]
-        free = _outside(outlines, size)
-        out = [with_lead(c, cut.lead_in, free) for c in outer]
+        led = [with_lead(h, cut.lead_in, _inside(h)) for h in progress.part(0.4, 0.7).each(holes, WAY)]
+        free = _outside(outlines, size, progress.part(0.7, 0.8))
+        out = [with_lead(c, cut.lead_in, free) for c in progress.part(0.8, 1.0).each(outer, WAY)]
         missing = sum(c is None for c in (*led, *out))
         inner = [h if c is None else c for h, c in zip(holes, led, strict=True)]
         outer = [h if c is None else c for h, c in zip(outer, out, strict=True)]
@@ -104,10 +108,10 @@ def _inside(hole: Curve) -> Any:
     return lambda lines: shapely.contains_properly(waste, lines)
 
 
-def _outside(outlines: list[Curve], size: tuple[float, float]) -> Any:
+def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
     import shapely
 
-    parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in outlines])
+    parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in progress.each(outlines, WAY)])
     sheet = shapely.box(0.0, 0.0, *size)
 
     def free(lines: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ triangles, which are both of its triangulations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -143,16 +143,26 @@ class FlatPatch:
 
 
 class PatchProblem:
-    """The flattening of one patch: its sparsity is analysed once, then solved with changing weights.
+    """The flattening of one patch, or of several side by side: its sparsity is analysed once, then solved with changing weights.
 
     mesh : the surface
     quads : (q,) int, the quads of the patch
     corners : (q, 4) int, the local flat vertex of every corner, 0..n-1
     tick : called at every solve, so that long ones can be stopped
+    sizes : how many quads each of several patches has, one patch after the other
     """
 
-    def __init__(self, mesh: QuadMesh, quads: np.ndarray, corners: np.ndarray, tick: Callable[[], None] = lambda: None):
+    def __init__(
+        self,
+        mesh: QuadMesh,
+        quads: np.ndarray,
+        corners: np.ndarray,
+        tick: Callable[[], None] = lambda: None,
+        sizes: Sequence[int] = (),
+    ):
         self.mesh, self.quads, self.corners, self.tick = mesh, quads, corners, tick
+        self.sizes = np.array(sizes or [len(quads)])
+        self.patch_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
         self.tri = corner_triangles(mesh).pick(quads)
         self.count = int(corners.max()) + 1
         self._analyse()
@@ -174,9 +184,13 @@ class PatchProblem:
         # Fortran layout of LAPACK's lower band storage: entry (i, j) at [i - j, j]
         self._slot = (j * (self.band + 1) + i - j)[self._lower]
         self._flat_corners = c.ravel()
+        self._held = np.zeros(1, dtype=int)
+        if len(self.sizes) > 1:
+            self._held = np.full(len(self.sizes), n)
+            np.minimum.at(self._held, np.repeat(self.patch_of, 4), self.place[self._flat_corners])
 
     def factor(self, weights: np.ndarray, springs: Springs | None = None) -> np.ndarray:
-        """Banded Cholesky factor of the weighted Laplacian; one vertex is held, which changes nothing else."""
+        """Banded Cholesky factor of the weighted Laplacian; one vertex a patch is held, which changes nothing else."""
         self.tick()
         values = (weights[:, None, None] * self.tri.stiffness).reshape(-1)[self._lower]
         slots = self._slot
@@ -189,7 +203,7 @@ class PatchProblem:
             slots = np.concatenate([slots, i * width, j * width, low * width + high - low])
             values = np.concatenate([values, stiff, stiff, -stiff])
         band = np.bincount(slots, weights=values, minlength=size)
-        band[0] += band[0]
+        band[self._held * (self.band + 1)] *= 2.0
         band = band.reshape(self.band + 1, self.count, order="F")
         # quads without area leave their corners where they like: hold them by next to nothing
         for shift in (0.0, *SHIFTS):
@@ -240,23 +254,36 @@ class PatchProblem:
         return turn / np.abs(turn)
 
     def unfolded(self) -> np.ndarray:
-        """(q, 4) complex: rotations to start from, carried from the middle quad outwards over uncut sides."""
+        """(q, 4) complex: rotations to start from, carried from every patch's middle quad outwards over uncut sides."""
         q = len(self.quads)
-        if q == 1:
-            return np.ones((1, 4), dtype=complex)
+        if q == len(self.sizes):
+            return np.ones((q, 4), dtype=complex)
         fa, _, fb, _ = self.joints
-        graph = coo_array((np.ones(len(fa)), (fa, fb)), shape=(q, q))
-        centre = self.mesh.centroids[self.quads]
-        start = int(np.argmin(((centre - centre.mean(axis=0)) ** 2).sum(axis=1)))
-        order, before = breadth_first_order(graph.tocsr(), start, directed=False)
-        step = {}
+        # a root beside the quads, from which one step leads to the middle of every patch
+        middle = self._middle()
+        ends = np.concatenate([fa, np.full(len(middle), q)]), np.concatenate([fb, middle])
+        graph = coo_array((np.ones(len(ends[0])), ends), shape=(q + 1, q + 1))
+        order, before = breadth_first_order(graph.tocsr(), q, directed=False)
+        step = {(q, start): 1.0 + 0j for start in middle.tolist()}
         for a, b, t in zip(fa.tolist(), fb.tolist(), self._turns.tolist(), strict=True):
             step[a, b], step[b, a] = t, t.conjugate()
-        values: list[complex] = [1.0 + 0j] * q
+        values: list[complex] = [1.0 + 0j] * (q + 1)
         for quad in order[1:].tolist():
             parent = int(before[quad])
             values[quad] = values[parent] * step[parent, quad]
-        return np.repeat(np.array(values)[:, None], 4, axis=1)
+        return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
+
+    def _middle(self) -> np.ndarray:
+        """(p,) int: of every patch the quad that is nearest to its centre."""
+        centre = self.mesh.centroids[self.quads]
+        first = np.cumsum(self.sizes) - self.sizes
+        mean = np.add.reduceat(centre, first, axis=0) / self.sizes[:, None]
+        away = ((centre - mean[self.patch_of]) ** 2).sum(axis=1)
+        return np.lexsort((away, self.patch_of))[first]
+
+    def worst(self, energy: np.ndarray) -> np.ndarray:
+        """(p,) the largest of the energies (q,) in every patch."""
+        return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
     def smoothest(self) -> np.ndarray:
         """(q, 4) complex: rotations that fit all uncut sides together best, where carrying them along paths misleads.

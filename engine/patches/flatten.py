@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from ..params import LayoutParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
-from .arap import PatchProblem, corner_triangles, quad_energy, square_energy
+from .arap import corner_triangles, quad_energy, square_energy
 from .layout import PatchLayout
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
@@ -62,19 +62,19 @@ def flatten(
     """
     known = _known(previous, layout)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
-    problems = []
+    fresh = []
     for quads in layout.patches:
         if previous is not None and _key(layout, quads) in known:
             corners[quads] = previous.corners[quads] @ np.array([1.0, 1.0j])
         else:
-            local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
-            problems.append(PatchProblem(layout.mesh, quads, local, partial(progress, 0.1, "Flattening")))
-    progress(0.1, "Flattening")
-    solved = match_seams(layout, problems, corners, params, progress, start, ROUNDS if not known else QUICK)
+            fresh.append(quads)
+    rounds = ROUNDS if not known else QUICK
+    corners = match_seams(layout, fresh, corners, params, progress.part(0.0, 0.95), start, rounds)
     points = np.empty((int(layout.flat_corners.max()) + 1, 2))
     points[layout.flat_corners] = np.stack([corners.real, corners.imag], axis=2)
-    for problem, flat in zip(problems, solved, strict=True):
-        points[layout.flat_corners[problem.quads]] = in_frame(flat.points, problem.corners)[problem.corners]
+    for quads in progress.part(0.95, 1.0).each(fresh, "Flattening"):
+        own, local = np.unique(layout.flat_corners[quads], return_inverse=True)
+        points[own] = in_frame(points[own] @ np.array([1.0, 1.0j]), local.reshape(-1, 4))
     return measured(layout, points)
 
 

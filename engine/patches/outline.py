@@ -10,10 +10,11 @@ WIDE = 0.4  # relative width of an isthmus from which on it is none
 ROUNDING = 8.0 * np.finfo(float).eps
 
 
-def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
+def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray, patch: np.ndarray | None = None) -> bool:
     """Does the outline of a patch neither cross nor touch itself, and is there just one loop that is no hole?
 
     points : (n,) complex, metres; corners : (q, 4) int; sides : (q, 4) bool, the sides on the outline.
+    patch : (q,) int from 0 on, where the quads are those of several patches, of which every one is looked at by itself
     Without a flip every point of the plane is covered as often as the loops wind round it: loops that are apart, one of them
     counter-clockwise, leave nothing but 0 and 1. Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
     """
@@ -29,29 +30,33 @@ def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray) -> bool:
         & (y_low[:, None] <= y_high)
         & (y_high[:, None] >= y_low)
     )
+    owner = np.zeros(len(a), dtype=int) if patch is None else patch[np.nonzero(sides)[0]]
+    if patch is not None:
+        near &= owner[:, None] == owner
     one, two = np.nonzero(np.triu(near, 1))
     # neighbours share a vertex and cannot cross but there, unless they fold onto each other
     follow = (end[one] == start[two]) | (end[two] == start[one])
     if _folded(a, b, start, end, one[follow], two[follow]):
         return False
     one, two = one[~follow], two[~follow]
-    if not _one_outer(a, b, start, end):
+    if not _one_outer(a, b, start, end, owner):
         return False
     left = _side(a[one], b[one], a[two]) * _side(a[one], b[one], b[two])
     right = _side(a[two], b[two], a[one]) * _side(a[two], b[two], b[one])
     return not bool(((left <= 0) & (right <= 0)).any())
 
 
-def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray) -> bool:
-    """Is exactly one loop of the sides a - b counter-clockwise?"""
+def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
+    """Is exactly one loop of every owner's sides a - b counter-clockwise?"""
     used, ends = np.unique(np.stack([start, end]), return_inverse=True)
     ends = ends.reshape(2, -1)
     loop = groups(len(used), ends[0], ends[1])[ends[0]]
-    if not loop.any():
-        return True  # a single loop round quads without a flip
-    origin = a[np.unique(loop, return_index=True)[1]][loop]
+    first = np.unique(loop, return_index=True)[1]
+    if len(first) == owner.max(initial=0) + 1:
+        return True  # single loops round quads without a flip
+    origin = a[first][loop]
     area = np.bincount(loop, weights=((a - origin).conj() * (b - origin)).imag)
-    return int((area > 0).sum()) == 1
+    return bool((np.bincount(owner[first], weights=area > 0) == 1).all())
 
 
 def _folded(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray) -> bool:

@@ -200,9 +200,8 @@ def outlines(
     begin = ends(layout, arms, slot) if tips is None else tips.begin
     chains = _chains(mesh, joined)
     across = {} if tips is None else tips.across
-    pieces = _pieces(
-        arms, root, begin, _edges(arms, root, begin, tolerance, tips, progress.part(0.0, 0.7)), joined, across
-    )
+    drawn = _edges(arms, root, begin, tolerance, tips, progress.part(0.0, 0.7))
+    pieces = _pieces(arms, root, begin, drawn, joined, across, progress.part(0.7, 0.8))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
     for number, chain in enumerate(chains):
@@ -244,7 +243,13 @@ def _edges(
 
 
 def _pieces(
-    arms: Arms, root: Hubs, begin: np.ndarray, fitted: Fitted, joined: np.ndarray, across: dict[int, Curve]
+    arms: Arms,
+    root: Hubs,
+    begin: np.ndarray,
+    fitted: Fitted,
+    joined: np.ndarray,
+    across: dict[int, Curve],
+    progress: Progress,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
 
@@ -261,6 +266,8 @@ def _pieces(
     start, count = fitted.start, arms.radius.size
     pieces = []
     for f in range(len(arms.centre)):
+        if f % 100 == 0:
+            progress(f / len(arms.centre), "drawing the slots")
         for j in range(4):
             k = (j - 1) % 4
             a, b = 4 * f + k, count + 4 * f + j

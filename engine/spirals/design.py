@@ -101,9 +101,9 @@ class SpiralDesign:
         """The same, once looked for, with progress."""
         if "_narrowest" not in self.__dict__:
             layout, slot, bridge = self.flat.layout, np.inf, np.inf
-            for first in range(0, len(self.width), TOGETHER):
-                progress(first / len(self.width), "the narrowest places")
-                some = np.arange(first, min(first + TOGETHER, len(self.width)))
+            every = np.arange(len(self.width))
+            for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
+                some = every[part]
                 left, right = self.roots.left[some], self.roots.right[some]
                 found = narrowest(self.arms.of(some), left, right, self.params.fillet)
                 # what lies across a cut is another panel
@@ -282,11 +282,11 @@ def _relieved(
     gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
     quads = np.arange(len(twist))
     for turn in range(60):
-        progress(turn / 60, "room between the arms")
+        part = progress.part(turn / 60, (turn + 1) / 60)
+        part(0.0, "room between the arms")
         shape = arms(flat, params, width, twist)
-        for first in range(0, len(quads), TOGETHER):
-            progress((turn + first / len(quads)) / 60, "room between the arms")
-            some = quads[first : first + TOGETHER]
+        for batch in part.batches(len(quads), TOGETHER, "room between the arms"):
+            some = quads[batch]
             gap[some] = _gap(shape, flat, some, AMPLE * slot)
         # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
         sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST

@@ -127,3 +127,21 @@ def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
         return float((np.abs(r[fb] - r[fa] * problem._turns) ** 2).sum())
 
     assert misfit(problem.smoothest()) < 0.9 * misfit(problem.unfolded())
+
+
+def test_patches_side_by_side_lie_as_each_does_alone() -> None:
+    mesh = shapes.make("saddle")
+    cut = ~mesh.border & (np.abs(mesh.vertices[mesh.edges].mean(axis=1)[:, 0] % 0.06 - 0.03) < 0.011)
+    layout = PatchLayout(mesh, cut)
+    assert len(layout.patches) > 2
+    quads = np.concatenate(layout.patches)
+    corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
+    together = PatchProblem(mesh, quads, corners, sizes=[len(patch) for patch in layout.patches])
+    made = settle(together, rounds=200, tolerance=1e-9)
+    for patch, one in zip(layout.patches, np.split(made.energy, np.cumsum(together.sizes)[:-1]), strict=True):
+        own = np.unique(layout.flat_corners[patch], return_inverse=True)[1].reshape(-1, 4)
+        alone = settle(PatchProblem(mesh, patch, own), rounds=200, tolerance=1e-9)
+        assert one == pytest.approx(alone.energy, rel=1e-3, abs=1e-9)
+    assert together.worst(made.energy) == pytest.approx(
+        [made.energy[together.patch_of == k].max() for k in range(len(together.sizes))]
+    )

@@ -8,6 +8,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams
 from flexmaps.engine.patches import edit, flatten, merge, trace
 from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface import shapes
 
 PARAMS = LayoutParams()
@@ -66,3 +67,18 @@ def test_a_run_from_the_border_stays_one_patch() -> None:
     run = max(trace.parametric_lines(whole.layout, 0), key=len)
     slit = edit.close_run(whole, run[: len(run) // 3], PARAMS) if len(run) > 3 else whole
     assert len(slit.layout.patches) <= 2
+
+
+def test_a_panel_a_quad_lies_as_flat_as_its_quad_and_a_warped_one_spoils_no_other() -> None:
+    mesh = shapes.make("saddle")
+    warped = mesh.quads[20]
+    spoilt = mesh.vertices.copy()
+    spoilt[warped[2], 2] += 0.04
+    mesh = mesh.moved(spoilt)
+    flat = flatten.flatten(PatchLayout(mesh, ~mesh.border), PARAMS)
+    assert flat.energy[20] > PARAMS.distortion_limit
+    beside = (mesh.quads == warped[2]).any(axis=1)
+    assert flat.energy[~beside].max() < 0.01 * PARAMS.distortion_limit
+    assert not flatten.overlapping(flat)
+    away = ~beside[mesh.edge_quads[flat.layout.cut]].any(axis=1)
+    assert flatten.seam_mismatch(flat)[away].max() < 0.02

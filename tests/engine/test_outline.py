@@ -49,3 +49,13 @@ def test_a_gap_is_no_isthmus() -> None:
     fine = np.concatenate([a + (b - a) * np.arange(8) / 8 for a, b in zip(outline, np.roll(outline, -1), strict=True)])
     # the bridge under the gap is 2 wide with 9 behind it; the gap itself would give less than 0.1
     assert narrowness(fine) == pytest.approx(2 / 9)
+
+
+def test_patches_side_by_side_are_looked_at_by_themselves() -> None:
+    square = np.array([0, 1, 1 + 1j, 1j])
+    points = np.concatenate([square, square + 0.5 + 0.5j])
+    corners, sides, patch = np.arange(8).reshape(2, 4), np.ones((2, 4), dtype=bool), np.arange(2)
+    assert simple(points, corners, sides, patch)
+    assert not simple(points, corners, sides)
+    points[[6, 7]] = points[[7, 6]]
+    assert not simple(points, corners, sides, patch)
