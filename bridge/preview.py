@@ -69,12 +69,10 @@ def build(
     from ..engine.mechanics.bent_arms import bent
 
     began = time.perf_counter()
-    progress(0.0, "Bending the arms")
-    arms = bent(design, pose)
+    arms = bent(design, pose, progress=progress.part(0.0, 0.4))
     if detail == "LINES":
         return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began)
-    progress(0.4, "Drawing the arms")
-    panels = panel_mesh(design, DETAILS[detail], tips)
+    panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
     vertices = panels.placed(arms, pose)
     return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)

@@ -15,9 +15,7 @@ from ..engine.params import Settings
 from ..engine.patches.flatten import layout_report
 from ..engine.progress import SILENT, Progress
 from ..engine.runs.job import Result
-from ..engine.spirals.contours import hubs, outlines
-from ..engine.spirals.design import SpiralDesign, design_report
-from ..engine.spirals.slots import slot_needed
+from ..engine.spirals.design import design_report
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states, supports
 from .surface import Surface
@@ -139,10 +137,8 @@ def _put_flat(
 def _outlines(result: Result) -> list[tuple[Any, ...]]:
     if result.sheets is not None:
         return [(panel.outline, *panel.holes) for panel in result.sheets.panels if panel.patch >= 0]
-    design: SpiralDesign = result.design  # type: ignore[assignment]
-    root = hubs(design.arms, design.params.fillet)
-    drawn = outlines(design.flat.layout, design.arms, root, slot_needed(design.params), solids.DRAWN)
-    return [(o.outer, *o.holes) for o in drawn]
+    assert result.design is not None
+    return [(o.outer, *o.holes) for o in result.design.outlines(solids.DRAWN)]
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:

@@ -14,10 +14,13 @@ import numpy as np
 from ..mechanics.assembly import Pose
 from ..mechanics.bent_arms import BentArms, hub_ends
 from ..mechanics.joint_motion import times
+from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, mates
 from .connector_tips import Tip
 from .solid_files import places
+
+DRAWING = "Drawing the arms"  # what the progress says
 
 
 @dataclass(frozen=True)
@@ -100,11 +103,14 @@ class PanelMesh:
         return np.concatenate([sections, points])[self.used]
 
 
-def panel_mesh(design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = ()) -> PanelMesh:
+def panel_mesh(
+    design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = (), progress: Progress = SILENT
+) -> PanelMesh:
     """The panels of a design; every patch becomes a closed body.
 
     ``tips`` are the ends of arms that have a connector, in their true outlines; the others end plainly at the cuts.
     """
+    progress(0.0, DRAWING)
     count = len(design.width)
     turn = np.degrees(design.twist) / detail.degrees
     pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
@@ -120,7 +126,8 @@ def panel_mesh(design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = ()) -
     rim_quad, rim = _rims(design, detail.fillet)
     first, last = first.reshape(count, 4), (first + rows - 1).reshape(count, 4)
     faces, quad_of = _faces(design, arm, first, last, rim.shape[2], headed)
-    heads = Heads.of_tips(design, tips)
+    heads = Heads.of_tips(design, tips, progress.part(0.3, 0.8))
+    progress(0.8, DRAWING)
     more, more_of = heads.faces(first.ravel(), 4 * len(arm) + 2 * rim_quad.size)
     faces, quad_of = [*faces, *more], np.concatenate([quad_of, more_of])
     points = 4 * len(arm) + 2 * (rim_quad.size + len(heads.arm))
@@ -243,7 +250,7 @@ class Heads:
     of: np.ndarray
 
     @classmethod
-    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip]) -> Heads:
+    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip], progress: Progress = SILENT) -> Heads:
         import shapely
 
         rings = [shapely.get_coordinates(tip.polygon)[:-1] for tip in tips]
@@ -251,8 +258,8 @@ class Heads:
         count = np.array([len(ring) - 2 for ring in rings], dtype=int)
         starts = np.concatenate([[0], np.cumsum(count)])
         triangles, of = [np.empty((0, 3), dtype=int)], [np.empty(0, dtype=int)]
-        filled = shapely.constrained_delaunay_triangles([tip.polygon for tip in tips])
-        for k, (ring, parts) in enumerate(zip(rings, filled, strict=True)):
+        for k, (ring, tip) in enumerate(progress.each(list(zip(rings, tips, strict=True)), DRAWING)):
+            parts = shapely.constrained_delaunay_triangles(tip.polygon)
             number = np.concatenate([[-1], starts[k] + np.arange(count[k]), [-2]])
             found = places(ring, shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
             a, b, c = ring[found].transpose(1, 0, 2)

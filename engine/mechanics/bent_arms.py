@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import centre_line, width_at
 from .assembly import Pose, rest_joints
@@ -26,6 +27,7 @@ POISSON = 0.35
 CLOSE = 1e-6
 """Where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread."""
 BATCH = 400
+BENDING = "Bending the arms"  # what the progress says
 _LARGEST = 0.5  # radians that a joint turns at most in one round
 
 
@@ -105,6 +107,7 @@ def bent(
     closed: np.ndarray | None = None,
     wrench: np.ndarray | None = None,
     poisson: float = POISSON,
+    progress: Progress = SILENT,
 ) -> BentArms:
     """The arms of a design whose hubs stand in a pose.
 
@@ -112,7 +115,8 @@ def bent(
     wrench : (A, 6) as in ``BentArms``, at the tips of the others, and where the search for those of the joints begins;
         none if not given
     """
-    return Bender.of(design, poisson).bent(pose, closed, wrench)
+    progress(0.0, BENDING)
+    return Bender.of(design, poisson).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +148,7 @@ class Bender:
         wrench: np.ndarray | None = None,
         only: np.ndarray | None = None,
         close: float = CLOSE,
+        progress: Progress = SILENT,
     ) -> BentArms:
         """As the function ``bent``; the search for the closed joints' wrenches begins with those given.
 
@@ -157,9 +162,12 @@ class Bender:
             both = both[only[both // 4].any(axis=1)]
             some = np.union1d(some[np.repeat(only, 4)], both)
         # some hundred joints at a time stay in the processor's cache
-        for start in range(0, len(both), BATCH):
-            _close(self.pieces, pose, self.axes, load, both[start : start + BATCH], close * self.size)
-        return _met(_shaped(self.pieces, pose, load, some), both, self.axes, some)
+        for batch in progress.part(0.0, 0.6).batches(len(both), BATCH, BENDING):
+            _close(self.pieces, pose, self.axes, load, both[batch], close * self.size)
+        progress(0.6, BENDING)
+        shaped = _shaped(self.pieces, pose, load, some)
+        progress(0.8, BENDING)
+        return _met(shaped, both, self.axes, some)
 
 
 def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float) -> None:

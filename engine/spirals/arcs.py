@@ -132,6 +132,20 @@ class Fitted:
     bulge: np.ndarray
     start: np.ndarray
 
+    def replaced(self, which: np.ndarray, other: Fitted) -> Fitted:
+        """The same with the curves ``which`` (K,) in the place of which those of ``other`` stand."""
+        sizes = np.diff(self.start)
+        rest = np.setdiff1d(np.arange(len(sizes)), which)
+        sizes[which] = np.diff(other.start)
+        start = np.concatenate([[0], np.cumsum(sizes)])
+        points, bulge = np.empty((start[-1], 2)), np.empty(start[-1])
+        for source, begins, curves in ((self, self.start[rest], rest), (other, other.start[:-1], which)):
+            count = sizes[curves]
+            along = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+            there, here = np.repeat(begins, count) + along, np.repeat(start[curves], count) + along
+            points[here], bulge[here] = source.points[there], source.bulge[there]
+        return Fitted(points, bulge, start)
+
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)

@@ -176,7 +176,7 @@ def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
 
 
-def outlines(
+def edges(
     layout: PatchLayout,
     arms: Arms,
     root: Hubs,
@@ -184,29 +184,64 @@ def outlines(
     tolerance: float,
     tips: Tips | None = None,
     progress: Progress = SILENT,
-) -> list[Outline]:
-    """One outline per patch, as arcs within ``tolerance`` metres of the true curves; ``tips`` at the cuts, or plain ends.
+    known: Fitted | None = None,
+) -> Fitted:
+    """Both edges of every arm as arcs within ``tolerance`` metres: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards.
 
-    ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
-    ``FlexMapsError`` with the faces where a spiral has no room in its quad.
+    ``known`` are those of arms that end plainly: only arms with a tip are drawn anew. Raises ``FlexMapsError`` with the faces
+    where a spiral has no room in its quad.
     """
-    mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     tight = np.flatnonzero(root.missed.any(axis=1))
     if len(tight):
         raise FlexMapsError(
-            f"{len(tight)} of {len(mesh.quads)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
+            f"{len(tight)} of {len(arms.centre)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
             faces=tight,
         )
     begin = ends(layout, arms, slot) if tips is None else tips.begin
+    count = arms.radius.size
+    left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
+    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
+    new = np.arange(2 * count)
+    if known is not None and tips is not None:
+        tipped = np.array(sorted(tips.across), dtype=int)
+        new = np.concatenate([tipped, count + tipped])
+    each = arms.one_by_one(*np.divmod(new % count, 4))
+    side = np.where(new < count, LEFT, RIGHT)[:, None, None]
+
+    def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        added = None if tips is None else tips.wider(new[which], t)
+        wider = None if added is None else (added[0][:, None], added[1][:, None])
+        point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
+        return point[:, 0], tangent[:, 0]
+
+    fitted = fit(evaluate, np.concatenate([left, right])[new], tolerance, progress)
+    return fitted if known is None else known.replaced(new, fitted)
+
+
+def outlines(
+    layout: PatchLayout,
+    arms: Arms,
+    root: Hubs,
+    slot: float,
+    fitted: Fitted,
+    tips: Tips | None = None,
+    progress: Progress = SILENT,
+) -> list[Outline]:
+    """One outline per patch from the ``edges`` of all arms; ``tips`` at the cuts, or plain ends.
+
+    ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
+    ``FlexMapsError`` with the faces of a patch that overlaps itself.
+    """
+    mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
+    begin = ends(layout, arms, slot) if tips is None else tips.begin
     chains = _chains(mesh, joined)
     across = {} if tips is None else tips.across
-    drawn = _edges(arms, root, begin, tolerance, tips, progress.part(0.0, 0.7))
-    pieces = _pieces(arms, root, begin, drawn, joined, across, progress.part(0.7, 0.8))
+    pieces = _pieces(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
     for number, chain in enumerate(chains):
         if number % 500 == 0:
-            progress(0.8 + 0.2 * number / len(chains), "closing the outlines")
+            progress(0.4 + 0.6 * number / len(chains), "closing the outlines")
         points = np.concatenate([pieces[c][0] for c in chain])
         bulge = np.concatenate([pieces[c][1] for c in chain])
         curve = Curve(points, bulge)
@@ -221,25 +256,6 @@ def outlines(
         else:
             holes.setdefault(patch, []).append(curve)
     return [Outline(outer[p], tuple(holes.get(p, ()))) for p in range(int(patch_of.max()) + 1)]
-
-
-def _edges(
-    arms: Arms, root: Hubs, begin: np.ndarray, tolerance: float, tips: Tips | None, progress: Progress
-) -> Fitted:
-    """Both edges of every arm as arcs: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards."""
-    count = arms.radius.size
-    left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
-    right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
-    each = arms.one_by_one(*(np.tile(x.ravel(), 2) for x in np.indices(arms.radius.shape)))
-    side = np.repeat([LEFT, RIGHT], count)[:, None, None]
-
-    def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        added = None if tips is None else tips.wider(which, t)
-        wider = None if added is None else (added[0][:, None], added[1][:, None])
-        point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
-        return point[:, 0], tangent[:, 0]
-
-    return fit(evaluate, np.concatenate([left, right]), tolerance, progress)
 
 
 def _pieces(

@@ -12,7 +12,8 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flatten import FlatPatches
 from ..progress import SILENT, Progress
-from .contours import Hubs, Outline, Tips, hubs, outlines, touching
+from .arcs import Fitted
+from .contours import Hubs, Outline, Tips, edges, hubs, outlines, touching
 from .slots import (
     CLEAR,
     DEPTH,
@@ -62,14 +63,16 @@ class SpiralDesign:
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
-        if tips is not None:
-            slot = slot_needed(self.params)
-            return outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, tips, progress)
-        known = self.__dict__.setdefault("_outlines", {})
-        if tolerance not in known:
-            slot = slot_needed(self.params)
-            known[tolerance] = outlines(self.flat.layout, self.arms, self.roots, slot, tolerance, None, progress)
-        return known[tolerance]
+        plain: dict[float, tuple[Fitted, list[Outline]]] = self.__dict__.setdefault("_plain", {})
+        if tips is None and tolerance in plain:
+            return plain[tolerance][1]
+        known = plain[tolerance][0] if tolerance in plain else None
+        given = self.flat.layout, self.arms, self.roots, slot_needed(self.params)
+        fitted = edges(*given, tolerance, tips, progress.part(0.0, 0.7), known)
+        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0))
+        if tips is None:
+            plain[tolerance] = fitted, drawn
+        return drawn
 
     @cached_property
     def scale(self) -> np.ndarray:
