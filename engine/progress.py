@@ -48,6 +48,11 @@ class Progress:
             self(first / count, text)
             yield slice(first, min(first + size, count))
 
+    def at(self, fraction: float, text: str) -> Progress:
+        """Tells where a step begins; returns the progress for the work within it, which goes on telling the same."""
+        self(fraction, text)
+        return Progress(lambda *_: self(fraction, text)) if self.report is not None else self.quiet()
+
     def quiet(self) -> Progress:
         """For work within a step: it can be stopped, but does not report."""
         return Progress(stopped=self.stopped)

@@ -12,14 +12,14 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from bench_layout import surfaces
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
+from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.simulate import build_model
 from flexmaps.engine.optimisation import optimise, reach, search
@@ -28,6 +28,7 @@ from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -173,11 +174,14 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
         trace, started = Trace(), time.process_time()
-        model = partial(build_model, material=MATERIAL, name="arm", quick=True)
-        whole = Problem(assembly, space, aim, loads, model, SimulateParams(tolerance=tolerance))
+        whole = Problem(assembly, space, aim, loads, _quick, SimulateParams(tolerance=tolerance))
         best = method(whole, whole.at(x, pose), params, trace, lambda point: None)
         runs.append((best, time.process_time() - started, trace))
     return runs[0], runs[1]
+
+
+def _quick(assembly: Assembly, progress: Progress) -> ElasticModel:
+    return build_model(assembly, MATERIAL, "arm", quick=True, progress=progress)
 
 
 @one_thread

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..materials import Material
+from ..progress import SILENT, Progress
 from .assembly import Assembly
 from .beams import torsion_constant
 
@@ -142,7 +143,9 @@ class Stations:
         return -0.25 * (both.reshape(m, 2, 6, -1) @ flat)
 
 
-def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray) -> np.ndarray:
+def second_order_strains(
+    arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray, progress: Progress = SILENT
+) -> np.ndarray:
     """(m, 6, 6, 6) D, symmetric in its last two places: the strains' second order, e' = e + e.D.e, of every joint.
 
     at_joint : (m, 6, 6) stiffness at the joint; lever : (m, 2, 3) m from the hubs to the points between which the shift is
@@ -150,6 +153,7 @@ def second_order_strains(arms: Arms, at_joint: np.ndarray, lever: np.ndarray, of
     """
     out = np.empty((len(offset), 6, 6, 6))
     for start in range(0, len(out), BATCH):
+        progress(start / len(out), "Second order of the strains")
         part = slice(start, start + BATCH)
         some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
         to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()

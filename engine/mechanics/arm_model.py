@@ -10,11 +10,13 @@ matters under strong forces only, so that the search for a design does without i
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..errors import FlexMapsError
 from ..materials import Material
+from ..progress import SILENT, Progress
 from . import stiffness
 from .arm_curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .arm_sensitivity import JointChanges, arm_strains
@@ -59,9 +61,11 @@ class ArmModel:
     name: str = "arm"
 
     @classmethod
-    def of(cls, assembly: Assembly, material: Material, *, curving: bool = True) -> ArmModel:
+    def of(
+        cls, assembly: Assembly, material: Material, *, curving: bool = True, progress: Progress = SILENT
+    ) -> ArmModel:
         """The model of an assembly of one material, with or without the strains' second order."""
-        return cls._with(assembly, arm_compliances(assembly, material), material if curving else None)
+        return cls._with(assembly, arm_compliances(assembly, material), material if curving else None, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
         """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
@@ -73,7 +77,7 @@ class ArmModel:
         found = self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
-    @property
+    @cached_property
     def curving_at_joint(self) -> np.ndarray | None:
         """(m, 6, 6, 6) the second order of the joints' own motion, instead of that of the bend points."""
         return None if self.curving is None else moved_curving(self.curving, self.offset)
@@ -83,7 +87,9 @@ class ArmModel:
         return replace(self, curving=None if at_joint is None else moved_curving(at_joint, -self.offset))
 
     @classmethod
-    def _with(cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None) -> ArmModel:
+    def _with(
+        cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None, progress: Progress = SILENT
+    ) -> ArmModel:
         """With these compliances; the strains' second order needs the material."""
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
@@ -97,7 +103,8 @@ class ArmModel:
         second = None
         if curving is not None:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
-            second = second_order_strains(Arms.of(assembly, curving, compliance.values), at_joint, held, offset)
+            arms = Arms.of(assembly, curving, compliance.values)
+            second = second_order_strains(arms, at_joint, held, offset, progress)
         return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset, second)
 
     @property

@@ -150,9 +150,13 @@ class Simulation:
         return block
 
 
-def build_model(assembly: Assembly, material: Material, name: str, *, quick: bool = False) -> ElasticModel:
+def build_model(
+    assembly: Assembly, material: Material, name: str, *, quick: bool = False, progress: Progress = SILENT
+) -> ElasticModel:
     """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only."""
-    return RodModel.of(assembly, material) if name == "rod" else ArmModel.of(assembly, material, curving=not quick)
+    if name == "rod":
+        return RodModel.of(assembly, material)
+    return ArmModel.of(assembly, material, curving=not quick, progress=progress)
 
 
 @one_thread
@@ -176,8 +180,8 @@ def simulate(
     Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where weight or forces meet no support.
     """
     assembly = of_design(design)
-    progress(0.0, "Stiffness of the arms")
-    model = build_model(assembly, material, params.model, quick=quick)
+    within = progress.at(0.0, "Stiffness of the arms")
+    model = build_model(assembly, material, params.model, quick=quick, progress=within)
     progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)

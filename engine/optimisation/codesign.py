@@ -25,6 +25,7 @@ from .optimisers import INNER_ITERATIONS, Accepted, Trace
 
 REACH = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
+MOVING = "Flat shapes"
 WEIGHT = 0.05  # of the barriers, as a share of the mismatch at the start
 
 
@@ -52,7 +53,7 @@ def refine(
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
     flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, weight, first)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
-    here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.quiet())
+    here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     found = method(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
@@ -61,7 +62,7 @@ def refine(
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
     """A share of the way from the start of ``refine`` to what it found."""
     x = _stacked(start, found.problem.flat.flat)
-    return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+    return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
 def _stacked(start: Point, flat: FlatPatches) -> np.ndarray:
@@ -69,21 +70,25 @@ def _stacked(start: Point, flat: FlatPatches) -> np.ndarray:
     return np.concatenate([start.x, np.full((len(flat.points), 2), 0.5)])
 
 
-def designed(point: Point, design: SpiralDesign, *, prove: bool = True) -> SpiralDesign:
-    """A point as a design that can be cut; ``design`` is the one that the search began with.
+def designed(point: Point, design: SpiralDesign, *, prove: bool = True, progress: Progress = SILENT) -> SpiralDesign:
+    """A point as a design that can be cut; ``design`` is the one that the search began with."""
+    return fitted(moved_flat(point, design), design.params, *point.spirals, prove=prove, progress=progress)
+
+
+def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches:
+    """The flat shapes of a point; those of the design where the search leaves them as they are.
 
     Patches that came to overlap themselves, which nothing on the way forbids, keep their former shape.
     """
     if not isinstance(point, FlatPoint):
-        return fitted(design.flat, design.params, *point.spirals, prove=prove)
+        return design.flat
     layout = design.flat.layout
     points = point.problem.flat.points(point.x[point.assembly.size :])
     bad = overlapping(measured(layout, points))
     for patch in bad:
         of_patch = layout.flat_corners[layout.patches[patch]]
         points[of_patch] = design.flat.points[of_patch]
-    flat = measured(layout, centred(design.flat, points))
-    return fitted(flat, design.params, *point.spirals, prove=prove)
+    return measured(layout, centred(design.flat, points))
 
 
 def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:

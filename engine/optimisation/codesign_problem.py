@@ -97,7 +97,7 @@ class FlatProblem(Problem):
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
-        model, factors = self.build(assembly), self.factors(start, keep)
+        model, factors = self.build(assembly, progress), self.factors(start, keep)
         found = self.rest(model, start, factors, progress, iterations, step)
         return FlatPoint(
             x=x,
@@ -143,13 +143,22 @@ class FlatPoint(Point):
     def _slopes(self) -> np.ndarray:
         return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
 
+    def prepare(self, progress: Progress) -> None:
+        if "_by_geometry" not in vars(self):
+            vars(self)["_by_geometry"] = self._derived(progress)
+        super().prepare(progress)
+
     @cached_property
     def _by_geometry(self) -> np.ndarray:
+        return self._derived(SILENT)
+
+    def _derived(self, progress: Progress) -> np.ndarray:
         """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
         bearing = None if self._strain.found is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
+            progress(0.0)
             state = model.start(pose)
             pulls = model.pulls(state)
             return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..mechanics.assembly import Assembly
 from ..mechanics.stiffness import SCALE_RANGE, twist_limit
+from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
 
@@ -39,11 +40,11 @@ class DesignSpace:
     twist_min: float
 
     @classmethod
-    def of(cls, design: SpiralDesign, assembly: Assembly) -> DesignSpace:
+    def of(cls, design: SpiralDesign, assembly: Assembly, progress: Progress = SILENT) -> DesignSpace:
         """The space of all designs in the same patches with the same settings."""
         low, high = width_range(design.flat, design.params)
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
-        bound = np.stack([twist_bound(design.flat, design.params, w) for w in widths])
+        bound = np.stack([twist_bound(design.flat, design.params, w, progress) for w in widths])
         # nor beyond the stiffness table, whose limit is that of the shortest arm
         shortest = np.full(len(low), np.inf)
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)

@@ -40,22 +40,24 @@ class Problem:
     space: DesignSpace
     target: Target
     loads: Loads
-    build: Callable[[Assembly], ElasticModel]
+    build: Callable[[Assembly, Progress], ElasticModel]
     simulate: SimulateParams
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
     work: Work = field(default_factory=Work)
-    renewed: Callable[[Point], Problem] | None = None
+    renewed: Callable[[Point, Progress], Problem] | None = None
     systems: list[Factors] = field(default_factory=list)
     sums: list[JointSum] = field(default_factory=list)
 
     def factors(self, start: Pose, keep: Point | None) -> Factors:
         """The linear system for one more equilibrium; not the one that ``keep`` uses, which would have to factor again."""
-        if not self.systems:
+        number = 1 if self.systems and keep is not None and keep.factors is self.systems[0] else 0
+        if number == len(self.systems):
             pairs = self.assembly.pairs
-            held = self.loads.held(pairs, start.centres)
-            self.systems.extend(Factors(NewtonSystem(pairs, held)) for _ in range(2))
-        return self.systems[1 if keep is not None and keep.factors is self.systems[0] else 0]
+            # both hold the same, so that equilibria of either lie in the same place
+            held = self.systems[0].system.held if self.systems else self.loads.held(pairs, start.centres)
+            self.systems.append(Factors(NewtonSystem(pairs, held)))
+        return self.systems[number]
 
     @property
     def joint_sum(self) -> JointSum:
@@ -77,7 +79,7 @@ class Problem:
 
         ``keep`` keeps its factor; other points have to factor again where they are asked for a derivative.
         """
-        model = self.build(self.assembly.redesigned(*self.space.design(x)))
+        model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
         factors = self.factors(start, keep)
         found = self.rest(model, start, factors, progress, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
@@ -126,6 +128,12 @@ class Point:
                 raise ValueError("derivatives belong to converged equilibria")
             self.factors.of = self.equilibrium
         return system
+
+    def prepare(self, progress: Progress) -> None:
+        """Derive, with progress, what the derivatives need: on thousands of spirals it takes a while."""
+        for part in ("_strain", "_forces", "system", "gradient"):
+            progress(0.0)
+            getattr(self, part)
 
     @cached_property
     def value(self) -> float:

@@ -132,8 +132,7 @@ def optimise(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
         )
     task = Task(target, material, params, physics, supports, force, Work.of(len(design.width), params.patience))
-    problem = task.problem(design)
-    progress(0.0, "Starting shapes")
+    problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = _starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
     # now rather than at the end, where somebody who stopped it would have to wait for this
@@ -220,17 +219,17 @@ def _starts(
         places["uniform"] = np.full_like(places["given"], 0.5)
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):
-        progress(k / len(places), "Starting shapes")
+        within = progress.at(k / len(places), "Starting shapes")
         best = min(points.values(), key=lambda p: p.value, default=None)
-        point = problem.at(x, pose, progress.quiet(), keep=best)
+        point = problem.at(x, pose, within, keep=best)
         if point.equilibrium.converged:
             points[name] = point
     stiff, soft = (np.broadcast_to(x, (len(design.width), 2)).copy() for x in ((1.0, 0.0), (0.5, 1.0)))
     for name, x in {**places, "stiff": stiff, "soft": soft}.items():
         if points:
             break
-        progress(0.9, "Starting shapes, one load after the other")
-        point = _loaded(problem, x, pose, progress.quiet())
+        within = progress.at(0.9, "Starting shapes, one load after the other")
+        point = _loaded(problem, x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     if not points:

@@ -25,9 +25,9 @@ WORSE = (
     1.1  # times the objective that a step may lead to when what its elastic model takes as given is brought up to date
 )
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
-INNER_ITERATIONS = (
-    30  # Newton iterations after which a step's equilibrium is given up: a piece that snaps over takes many
-)
+# Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 330 steps that were taken
+# from where the tangent foretold them, on 7 surfaces, none took more than 7; those given up cost up to half of the time
+INNER_ITERATIONS, FORETOLD_ITERATIONS = 30, 12
 
 
 @dataclass
@@ -76,19 +76,20 @@ def gauss_newton(
         if problem.work.over:
             trace.ended = TIME
             break
-        progress(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
+        within = progress.at(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
+        here.prepare(within)
         if damping is None:
             # so that a first step along the gradient would use a third of the box
             damping = float(np.linalg.norm(here.gradient) / (0.3 * np.sqrt(here.x.size)))
         found = None
         for _ in range(12):
-            step = _box_step(here, damping, calm, params)
+            step = _box_step(here, damping, calm, params, within)
             if not np.abs(step).max() > 1e-9 or problem.work.over:
                 break
             moves = here.moves(step)
             gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
             # near buckling, clipping a step that was not solved to the end may even point uphill
-            trial = _predicted(here, step, moves, trace, progress) if gain > 0.0 else None
+            trial = _predicted(here, step, moves, trace, within) if gain > 0.0 else None
             if trial is None:
                 calm = max(8.0 * calm, here.value / (TURN_MOST**2 * len(moves)))
                 continue
@@ -97,7 +98,7 @@ def gauss_newton(
                 damping, calm = 0.3 * damping, 0.3 * calm
             elif ratio < 0.25:
                 damping, calm = 4.0 * damping, 8.0 * calm
-            found = _renewed(here, trial, progress) if ratio > 1e-3 else None
+            found = _renewed(here, trial, within) if ratio > 1e-3 else None
             if found is not None:
                 break
             damping = damping if ratio < 0.25 else 4.0 * damping / (0.3 if ratio > 0.7 else 1.0)
@@ -128,7 +129,7 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
         return None
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
-    trial = here.problem.at(x, pose, progress.quiet(), INNER_ITERATIONS, here, moves)
+    trial = here.problem.at(x, pose, progress, FORETOLD_ITERATIONS, here, moves)
     if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None
@@ -142,8 +143,8 @@ def _renewed(here: Point, trial: Point, progress: Progress) -> Point | None:
     """
     if trial.problem.renewed is None:
         return trial
-    problem = trial.problem.renewed(trial)
-    fresh = problem.at(trial.x, trial.equilibrium.pose, progress.quiet(), INNER_ITERATIONS, here)
+    problem = trial.problem.renewed(trial, progress)
+    fresh = problem.at(trial.x, trial.equilibrium.pose, progress, FORETOLD_ITERATIONS, here)
     if not fresh.equilibrium.converged or not fresh.value < WORSE * here.value:
         return None
     still = np.zeros((len(fresh.equilibrium.pose.centres), 6))
@@ -170,7 +171,7 @@ def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:
     return bool(shifts[0] > JUMP * target.unit + shifts[1])
 
 
-def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams) -> np.ndarray:
+def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams, progress: Progress) -> np.ndarray:
     """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
 
     damping : of the coordinates; calm : of the hubs' turns, which near buckling grow beyond what the tangent tells
@@ -183,6 +184,7 @@ def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams) 
     fixed = np.zeros_like(x)
 
     def product(v: np.ndarray) -> np.ndarray:
+        progress(0.0)
         return here.gauss_newton(v, calm) + damping * v
 
     step = np.zeros_like(x)
@@ -239,16 +241,18 @@ def lbfgs(
 
     def value(flat: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal best, last
-        progress(min(trace.evaluations / (1.2 * params.iterations), 1.0), f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
+        done = min(trace.evaluations / (1.2 * params.iterations), 1.0)
+        within = progress.at(done, f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
         trace.evaluations += 1
         if problem.work.over:
             raise StopIteration
         x = flat.reshape(-1, 2)
-        point = problem.at(x, last.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+        point = problem.at(x, last.equilibrium.pose, within, INNER_ITERATIONS)
         if not (point.equilibrium.converged and np.isfinite(point.value)):
             trace.unstable += 1
             return 10.0 * start.value, np.zeros_like(flat)
         last = point
+        point.prepare(within)
         gradient = point.gradient.ravel().copy()
         if point.value < best.value:
             best = point

@@ -27,6 +27,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
 from ..surface.mesh import QuadMesh
 from . import codesign
+from .codesign_problem import FlatPoint
 from .design_space import DesignSpace
 from .inverse import Point, Problem
 from .objective import Target
@@ -35,6 +36,7 @@ from .work import CURVING, FIT, SPACE, Work
 
 Stage = Callable[["Cut", Progress], "Cut"]
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
+CUTTING = "Room between the arms"
 TOLERANCE = 1e-6
 FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
@@ -66,7 +68,7 @@ class Task:
     force: np.ndarray | None
     work: Work
 
-    def problem(self, design: SpiralDesign) -> Problem:
+    def problem(self, design: SpiralDesign, progress: Progress = SILENT) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes."""
         assembly, physics, params = of_design(design), self.physics, self.params
         self.work.add(SPACE, assembly.size)
@@ -74,7 +76,7 @@ class Task:
         loads = Loads.of(assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass)
         return Problem(
             assembly,
-            DesignSpace.of(design, assembly),
+            DesignSpace.of(design, assembly, progress),
             Target(assembly.pairs, self.target.centroids, params.laplacian, free=not loads.fixed.any()),
             loads,
             self.model,
@@ -84,14 +86,14 @@ class Task:
             self.work,
         )
 
-    def model(self, assembly: Assembly) -> ElasticModel:
+    def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """The whole elastic model."""
-        return build_model(assembly, self.material, self.physics.model)
+        return build_model(assembly, self.material, self.physics.model, progress=progress)
 
-    def curving(self, assembly: Assembly) -> np.ndarray | None:
+    def curving(self, assembly: Assembly, progress: Progress) -> np.ndarray | None:
         """(m, 6, 6, 6) the second order of the joints' motion in the whole model; None where it has none."""
         self.work.add(CURVING, assembly.size)
-        return getattr(self.model(assembly), "curving_at_joint", None)
+        return getattr(self.model(assembly, progress), "curving_at_joint", None)
 
     def as_at(self, problem: Problem, curving: np.ndarray | None, *, steady: bool = False) -> Problem:
         """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None where there is none.
@@ -99,13 +101,13 @@ class Task:
         It is renewed after every step unless it is to be ``steady``.
         """
 
-        def build(assembly: Assembly) -> ElasticModel:
+        def build(assembly: Assembly, progress: Progress) -> ElasticModel:
             model = build_model(assembly, self.material, self.physics.model, quick=True)
             return model.with_curving(curving) if isinstance(model, ArmModel) else model
 
-        def renewed(point: Point) -> Problem:
+        def renewed(point: Point, progress: Progress) -> Problem:
             assert isinstance(point.model, ArmModel)
-            return self.as_at(point.problem, self.curving(point.model.assembly))
+            return self.as_at(point.problem, self.curving(point.model.assembly, progress))
 
         return replace(problem, build=build, renewed=None if steady or curving is None else renewed)
 
@@ -115,8 +117,9 @@ class Task:
         """The whole model's equilibrium near to a pose; ``roughly`` need not be exact."""
         tolerance = max(self.physics.tolerance, TOLERANCE) if roughly else self.physics.tolerance
         once = replace(self.physics, restarts=0, tolerance=tolerance)
-        rest: dict[str, Any] = {"supports": self.supports, "force": self.force, "progress": progress.quiet()}
-        return simulate(design, self.target, self.material, once, start=start, **rest)
+        rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
+        progress = replace(progress, shown=None)  # what is shown is the search
+        return simulate(design, self.target, self.material, once, start=start, progress=progress, **rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,19 +165,20 @@ class Search:
         """All stages, from a start in this design's flat shapes."""
         params, work = self.task.params, self.task.work
         codesigned = params.codesign and isinstance(start.model, ArmModel)
-        here = self.cut(design, start.problem, start, progress)
+        here = self.cut(design, start.problem, start, progress.at(0.0, CUTTING))
         work.share = ALONE if codesigned else WITH_FLATS
-        found = self.improved(here, params, progress.part(0.0, 0.3 if codesigned else 0.8))
-        ended = self.trace.ended
-        other = self.cut(design, here.problem, found, progress)
+        alone = 0.3 if codesigned else 0.8
+        found = self.improved(here, params, progress.part(0.0, alone))
+        ended, within = self.trace.ended, progress.at(alone, CUTTING)
+        other = self.cut(design, here.problem, found, within)
         for share in BACK:
             if other.value < here.value:
                 break
             # as in ``moved``
             start, x = self.begun(here), here.problem.space.coordinates(*found.spirals)
-            part = start.problem.at(start.x + share * (x - start.x), start.equilibrium.pose, progress.quiet())
+            part = start.problem.at(start.x + share * (x - start.x), start.equilibrium.pose, within)
             if part.equilibrium.converged:
-                other = self.cut(design, here.problem, part, progress)
+                other = self.cut(design, here.problem, part, within)
         here = other if other.value < here.value else here
         work.share = WITH_FLATS
         if codesigned:
@@ -200,7 +204,8 @@ class Search:
     def polished(self, here: Cut, progress: Progress) -> Cut:
         """A few more steps of the spirals alone."""
         short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
-        return self.cut(here.design, here.problem, self.improved(here, short, progress), progress)
+        found = self.improved(here, short, progress.part(0.0, 0.9))
+        return self.cut(here.design, here.problem, found, progress.at(0.9, CUTTING))
 
     def improved(self, here: Cut, params: OptimiseParams, progress: Progress) -> Point:
         """The best spirals near to a design, its second order of the strains kept."""
@@ -217,18 +222,23 @@ class Search:
         params, start = self.task.params, self.begun(here)
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method = METHODS[params.method]
+        part = progress.part(0.0, 0.8)
         found = codesign.refine(
-            start.problem, start, here.design, rough, method, self.trace, self.accepted, progress, self.first
+            start.problem, start, here.design, rough, method, self.trace, self.accepted, part, self.first
         )
-        other = self.cut(codesign.designed(found, here.design, prove=False), None, found, progress)
+        within = progress.at(0.8, CUTTING)
+
+        def cut(point: FlatPoint) -> Cut:
+            return self.cut(replace(here.design, flat=codesign.moved_flat(point, here.design)), None, point, within)
+
+        other = cut(found)
         for share in BACK:
             if other.value < here.value:
                 break
             # it does not keep its shape when it is cut: not all of the way there, then
-            part = codesign.between(start, found, share, progress)
-            if not part.equilibrium.converged:
-                continue
-            other = self.cut(codesign.designed(part, here.design, prove=False), None, part, progress)
+            less = codesign.between(start, found, share, within)
+            if less.equilibrium.converged:
+                other = cut(less)
         return other
 
     def cut(self, design: SpiralDesign, problem: Problem | None, found: Point, progress: Progress) -> Cut:
@@ -238,10 +248,12 @@ class Search:
         Where the way there throws the piece into another shape, it is sought from the target's, and the rest gives way
         with what has to, little by little.
         """
-        made = self._made(design, problem or self.task.problem(design), found, progress)
+        result = self._fitted(design, found, progress)
+        made = self._made(result, problem or self.task.problem(result, progress), found, progress)
         if found.equilibrium.converged and jumped(found, made.point, np.zeros((made.point.problem.assembly.size, 6))):
             share, self.task.work.share = self.task.work.share, 1.0  # this cannot wait
-            near = self._made(design, made.problem, found, progress, target_pose(self.task.target, design.flat.corners))
+            pose = target_pose(self.task.target, design.flat.corners)
+            near = self._made(result, made.problem, found, progress, pose)
             made = near if near.value < made.value else made
             walked = self._walked(made, found, progress)
             self.task.work.share = share
@@ -249,18 +261,20 @@ class Search:
         self.cuts.append(made)
         return made
 
+    def _fitted(self, design: SpiralDesign, found: Point, progress: Progress) -> SpiralDesign:
+        """The spirals of what was found, in this design's flat shapes, as they can be cut."""
+        self.task.work.add(FIT, len(design.width))
+        return fitted(design.flat, design.params, *found.spirals, prove=False, progress=progress)
+
     def _made(
-        self, design: SpiralDesign, problem: Problem, found: Point, progress: Progress, start: Pose | None = None
+        self, result: SpiralDesign, problem: Problem, found: Point, progress: Progress, start: Pose | None = None
     ) -> Cut:
         """What was found as it can be cut, its equilibrium sought from a pose, else from what was found."""
-        wanted = found.spirals
-        result = fitted(design.flat, design.params, *wanted, prove=False, progress=progress.quiet())
-        self.task.work.add(FIT, problem.assembly.size)
-        given_way = result.twist < 0.999 * wanted[1]
+        given_way = result.twist < 0.999 * found.spirals[1]
         space = problem.space.limited(result.width, result.twist, given_way)
         problem = replace(problem, space=space, build=self.task.model, renewed=None)
         x = space.coordinates(result.width, result.twist)
-        point = problem.at(x, start or found.equilibrium.pose, progress.quiet(), CUT_ITERATIONS)
+        point = problem.at(x, start or found.equilibrium.pose, progress, CUT_ITERATIONS)
         return Cut(result, problem, point, max(FARTHER * self.distance, NEAR))
 
     def _walked(self, made: Cut, found: Point, progress: Progress) -> Cut:
@@ -278,10 +292,12 @@ class Search:
             space = wide.limited(made.design.width, twist, given < 0.999 * wanted)
             problem = self.task.as_at(replace(made.problem, space=space), old + ahead * (new - old), steady=True)
             x = space.coordinates(*here.spirals)
-            point = problem.at(x, here.equilibrium.pose, progress.quiet(), INNER_ITERATIONS)
+            point = problem.at(x, here.equilibrium.pose, progress, INNER_ITERATIONS)
             if not point.equilibrium.converged or jumped(here, point, np.zeros((len(x), 6))):
                 step *= 0.5
                 continue
-            here = METHODS[params.method](problem, point, params, self.trace, self.accepted, progress.quiet())
+            here = METHODS[params.method](problem, point, params, self.trace, self.accepted, progress)
             share = ahead
-        return self._made(made.design, made.problem, here, progress) if share == 1.0 else made
+        if share < 1.0:
+            return made
+        return self._made(self._fitted(made.design, here, progress), made.problem, here, progress)

@@ -189,7 +189,7 @@ def fitted(
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = np.minimum(width, width_range(flat, params)[1])
-    twist = np.minimum(twist, twist_bound(flat, params, width, progress.part(0.0, 0.2)))
+    twist = twist_bound(flat, params, width, progress.part(0.0, 0.2), twist)
     design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist, progress.part(0.2, 0.6)))
     return proved(design, progress.part(0.6, 1.0)) if prove else design
 

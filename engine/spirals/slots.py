@@ -207,14 +207,22 @@ def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.nd
     return (points - 0.5 * (a + b)[:, None]) @ frame.swapaxes(1, 2)
 
 
-def twist_bound(flat: FlatPatches, params: SpiralParams, width: np.ndarray, progress: Progress = SILENT) -> np.ndarray:
+def twist_bound(
+    flat: FlatPatches,
+    params: SpiralParams,
+    width: np.ndarray,
+    progress: Progress = SILENT,
+    most: np.ndarray | None = None,
+) -> np.ndarray:
     """(F,) radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
 
-    ``width`` (F,) in metres. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
+    ``width`` (F,) in metres; ``most`` (F,) radians where less than ``twist_max`` is asked for. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
     """
     slot, count = slot_needed(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
+    if most is not None:
+        high = np.minimum(high, most)
 
     def fits(quads: np.ndarray, twist: np.ndarray) -> np.ndarray:
         # the middles of a quad's sides are symmetric about its centre: two of its slots tell of all four

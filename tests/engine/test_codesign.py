@@ -48,7 +48,7 @@ def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
         space=DesignSpace.of(design, assembly),
         target=Target(assembly.pairs, mesh.centroids),
         loads=Loads.of(assembly.size),
-        build=lambda a: build_model(a, VERO, model, quick=True),
+        build=lambda a, _: build_model(a, VERO, model, quick=True),
         simulate=EXACT,
         bearing=(VERO, share) if share else None,
         flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat),

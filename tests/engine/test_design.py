@@ -41,6 +41,15 @@ def test_bound_stops_at_the_largest_twist_asked_for(flat_grid):
     np.testing.assert_array_equal(design.twist_bound(flat, SpiralParams(twist_max=3.0), np.full(4, 0.001)), 3.0)
 
 
+def test_what_fits_as_it_is_asked_for_stays(flat_grid):
+    flat, params, width = flat_grid(3, 1, 0.01), SpiralParams(), np.full(3, 0.0015)
+    bound = design.twist_bound(flat, params, width)
+    asked = bound * [0.3, 0.999, 1.2]
+    found = design.twist_bound(flat, params, width, most=asked)
+    np.testing.assert_array_equal(found[:2], asked[:2])
+    assert found[2] == pytest.approx(bound[2], abs=2e-3)
+
+
 def test_gaps_agree_with_shapely_in_a_distorted_assembly(flat_grid):
     rng = np.random.default_rng(2)
     flat = flat_grid(4, 4, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))

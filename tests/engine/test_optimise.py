@@ -11,6 +11,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_model import ArmModel
 from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.mechanics.simulate import build_model
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.design_space import DesignSpace
@@ -55,7 +56,7 @@ def problem(
     space = DesignSpace.of(design, assembly)
     bearing = None if strain is None else (VERO, strain)
     whole = Problem(
-        assembly, space, aim, loads, lambda a: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
+        assembly, space, aim, loads, lambda a, _: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
     )
     x = np.random.default_rng(4).uniform(0.2, 0.8, (assembly.size, 2))
     return whole, whole.at(x, target_pose(mesh, design.flat.corners))
@@ -277,6 +278,34 @@ def test_stopping_keeps_the_best_so_far() -> None:
         optimise.optimise(
             design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=Progress(stopped=lambda: True)
         )
+
+
+def test_it_tells_and_listens_between_any_two_factorisations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What takes long on thousands of spirals goes on in parts, each of which is told and hears a stop."""
+    design, mesh = made()
+    since = {"told": 0, "heard": 0}
+    most = dict(since)
+    factor = NewtonSystem.factor
+
+    def counted(system: NewtonSystem, values: np.ndarray) -> bool:
+        for word in since:
+            since[word] += 1
+            most[word] = max(most[word], since[word])
+        return factor(system, values)
+
+    def told(fraction: float, text: str) -> None:
+        assert text
+        since["told"] = 0
+
+    def stopped() -> bool:
+        since["heard"] = 0
+        return False
+
+    monkeypatch.setattr(NewtonSystem, "factor", counted)
+    params = OptimiseParams(iterations=4)
+    optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(told, stopped))
+    # a step of an equilibrium tries up to four: as it is, and its convex part with more and more of its diagonal
+    assert 1 <= most["told"] <= 6 and 1 <= most["heard"] <= 6
 
 
 def test_a_target_with_other_quads_is_refused() -> None:
