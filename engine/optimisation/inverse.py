@@ -32,8 +32,6 @@ class Problem:
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
     work : counts what has been done for all points
-    renewed : the problem whose elastic model knows what that of ``build`` takes as given, as it is at a point; None where
-        ``build`` takes nothing as given
     """
 
     assembly: Assembly
@@ -45,7 +43,6 @@ class Problem:
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
     work: Work = field(default_factory=Work)
-    renewed: Callable[[Point, Progress], Problem] | None = None
     systems: list[Factors] = field(default_factory=list)
     sums: list[JointSum] = field(default_factory=list)
 

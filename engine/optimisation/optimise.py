@@ -56,8 +56,7 @@ class Optimisation:
     before, after : the start and the result, simulated
     trace : seconds, objective and RMSE of every step, rejected and unstable ones counted
     start : which start was taken: "curvature", "uniform" or "given"; "stiff" or "soft" where those have no equilibrium
-    at_bound : (F, 2) int, -1 and 1 where width and twist are at their lower or upper bound
-    gradient : (F, 2) of the objective by the design's coordinates: where a bound holds the match back
+    point : of the search that the result was
     ended : why it ended, one of ``ENDS``
     """
 
@@ -66,9 +65,19 @@ class Optimisation:
     trace: Trace
     method: str
     start: str
-    at_bound: np.ndarray
-    gradient: np.ndarray
+    point: Point
     ended: str
+
+    @property
+    def at_bound(self) -> np.ndarray:
+        """(F, 2) int, -1 and 1 where width and twist are at their lower or upper bound."""
+        x = self.point.x[: len(self.design.width)]
+        return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """(F, 2) of the objective by the design's coordinates: where a bound holds the match back."""
+        return self.point.gradient[: len(self.design.width)]
 
     @property
     def finished(self) -> bool:
@@ -156,9 +165,7 @@ def optimise(
     was = Found(before, given)
     if found is None or not found.value < was.value:
         found, ended = was, ended if ended == "stopped" else "nothing"
-    n, point = len(design.width), found.point
-    at_bound, gradient = _at_bound(point.x[:n]), point.gradient[:n]
-    return Optimisation(before, found.simulation, trace, params.method, name, at_bound, gradient, ended)
+    return Optimisation(before, found.simulation, trace, params.method, name, found.point, ended)
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +202,15 @@ def _proved(search: Search, progress: Progress) -> Found | None:
 
 
 def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
-    """The latest design, or the best that was known to be better; whoever has stopped the search does not want to wait."""
-    result = codesign.designed(point, design, prove=False)
-    found = [Found(search.task.simulated(result, point.equilibrium.pose, roughly=True), point)]
-    if search.cuts and search.best.value < found[0].value:
-        best = search.best
-        found.append(Found(search.task.simulated(best.design, best.point.equilibrium.pose, roughly=True), best.point))
+    """The latest design, or the best that was known to be better; whoever has stopped the search does not want to wait.
+
+    What is known to be at rest is not simulated again, and where a design that can be cut is as good as the latest, that is it.
+    """
+    task, found = search.task, list[Found]()
+    if search.cuts and search.best.value < np.inf:
+        found.append(Found(task.rested(search.best.design, search.best.point), search.best.point))
+    if not found or found[0].value > (1.0 + SAME) * point.value:
+        found.append(Found(task.rested(codesign.designed(point, design, prove=False), point), point))
     return min(found, key=lambda one: one.value)
 
 
@@ -247,7 +257,3 @@ def _loaded(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> 
         point = part.at(x, pose, progress)
         pose = point.equilibrium.pose
     return replace(point, problem=problem)
-
-
-def _at_bound(x: np.ndarray) -> np.ndarray:
-    return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))

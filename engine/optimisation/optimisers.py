@@ -21,9 +21,6 @@ CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
-WORSE = (
-    1.1  # times the objective that a step may lead to when what its elastic model takes as given is brought up to date
-)
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
 # Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 330 steps that were taken
 # from where the tangent foretold them, on 7 surfaces, none took more than 7; those given up cost up to half of the time
@@ -98,10 +95,9 @@ def gauss_newton(
                 damping, calm = 0.3 * damping, 0.3 * calm
             elif ratio < 0.25:
                 damping, calm = 4.0 * damping, 8.0 * calm
-            found = _renewed(here, trial, within) if ratio > 1e-3 else None
-            if found is not None:
+            if ratio > 1e-3:
+                found = trial
                 break
-            damping = damping if ratio < 0.25 else 4.0 * damping / (0.3 if ratio > 0.7 else 1.0)
             trace.rejected += 1
         if found is None:
             trace.ended = TIME if problem.work.over else CONVERGED
@@ -134,21 +130,6 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
         trace.unstable += 1
         return None
     return trial
-
-
-def _renewed(here: Point, trial: Point, progress: Progress) -> Point | None:
-    """A better point with what its elastic model takes as given brought up to date; None where that spoils it.
-
-    A little worse than ``here`` is no harm, as what is taken as given comes nearer to the truth with every step.
-    """
-    if trial.problem.renewed is None:
-        return trial
-    problem = trial.problem.renewed(trial, progress)
-    fresh = problem.at(trial.x, trial.equilibrium.pose, progress, FORETOLD_ITERATIONS, here)
-    if not fresh.equilibrium.converged or not fresh.value < WORSE * here.value:
-        return None
-    still = np.zeros((len(fresh.equilibrium.pose.centres), 6))
-    return fresh if not jumped(trial, fresh, still) or _nearer(fresh, here) else None
 
 
 def _nearer(there: Point, here: Point) -> bool:

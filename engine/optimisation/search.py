@@ -1,9 +1,9 @@
 """The stages of one search: spirals alone, then flat shapes with them, then the spirals once more.
 
 Every stage ends in a design that can be cut, weighed with the whole elastic model, and the best of those is the result:
-a search never ends worse than it began, nor than the best it has held. Within a stage the second order of the strains is
-that of the design which the stage began with. That is what makes its gradients exact, and brings them near to the whole
-model's: without the second order, slender panels come to rest in shapes which the real piece never takes.
+a search never ends worse than it began, nor than the best it has held. Every step is weighed with the whole model too: without
+the second order of the strains, slender panels come to rest in shapes which the real piece never takes. Derivatives take
+that second order as given (see ``arm_sensitivity``).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ..materials import Material
 from ..mechanics.arm_model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
+from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
 from ..mechanics.simulate import Simulation, build_model, simulate
 from ..params import OptimiseParams, SimulateParams
@@ -38,6 +39,7 @@ Stage = Callable[["Cut", Progress], "Cut"]
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 CUTTING = "Room between the arms"
 TOLERANCE = 1e-6
+ALIKE = 1e-6  # relative differences of lengths, and radians
 FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
 CUT_ITERATIONS = 150  # Newton iterations for what can be cut, which may lie farther away than a step leads
@@ -88,28 +90,17 @@ class Task:
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """The whole elastic model."""
+        self.work.add(CURVING, assembly.size)
         return build_model(assembly, self.material, self.physics.model, progress=progress)
 
-    def curving(self, assembly: Assembly, progress: Progress) -> np.ndarray | None:
-        """(m, 6, 6, 6) the second order of the joints' motion in the whole model; None where it has none."""
-        self.work.add(CURVING, assembly.size)
-        return getattr(self.model(assembly, progress), "curving_at_joint", None)
-
-    def as_at(self, problem: Problem, curving: np.ndarray | None, *, steady: bool = False) -> Problem:
-        """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None where there is none.
-
-        It is renewed after every step unless it is to be ``steady``.
-        """
+    def as_at(self, problem: Problem, curving: np.ndarray | None) -> Problem:
+        """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None leaves it out."""
 
         def build(assembly: Assembly, progress: Progress) -> ElasticModel:
             model = build_model(assembly, self.material, self.physics.model, quick=True)
             return model.with_curving(curving) if isinstance(model, ArmModel) else model
 
-        def renewed(point: Point, progress: Progress) -> Problem:
-            assert isinstance(point.model, ArmModel)
-            return self.as_at(point.problem, self.curving(point.model.assembly, progress))
-
-        return replace(problem, build=build, renewed=None if steady or curving is None else renewed)
+        return replace(problem, build=build)
 
     def simulated(
         self, design: SpiralDesign, start: Pose, progress: Progress = SILENT, *, roughly: bool = False
@@ -120,6 +111,26 @@ class Task:
         rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
         progress = replace(progress, shown=None)  # what is shown is the search
         return simulate(design, self.target, self.material, once, start=start, progress=progress, **rest)
+
+    def rested(self, design: SpiralDesign, point: Point) -> Simulation:
+        """A design that was made of a point as if it had been simulated: anew only where it differs from the point.
+
+        The strains' second order is the point's.
+        """
+        assembly, model, found, loads = of_design(design), point.model, point.equilibrium, point.problem.loads
+        if not _alike(assembly, point.model.assembly):
+            model = build_model(assembly, self.material, self.physics.model, quick=True)
+            if isinstance(model, ArmModel) and isinstance(point.model, ArmModel):
+                model = model.with_curving(point.model.curving_at_joint)
+            found = solve(model, found.pose, loads, point.problem.simulate)
+        found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
+        return Simulation(design, self.target, self.material, model, assembly, loads, found, [])
+
+
+def _alike(one: Assembly, two: Assembly) -> bool:
+    """Whether two assemblies of the same joints differ by rounding only."""
+    apart = (np.abs(getattr(one, name) / getattr(two, name) - 1.0).max() for name in ("width", "radius"))
+    return max(*apart, np.abs(one.twist - two.twist).max()) < ALIKE
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,8 +186,8 @@ class Search:
             if other.value < here.value:
                 break
             # as in ``moved``
-            start, x = self.begun(here), here.problem.space.coordinates(*found.spirals)
-            part = start.problem.at(start.x + share * (x - start.x), start.equilibrium.pose, within)
+            start, x = here.point, here.problem.space.coordinates(*found.spirals)
+            part = here.problem.at(start.x + share * (x - start.x), start.equilibrium.pose, within)
             if part.equilibrium.converged:
                 other = self.cut(design, here.problem, part, within)
         here = other if other.value < here.value else here
@@ -208,18 +219,12 @@ class Search:
         return self.cut(here.design, here.problem, found, progress.at(0.9, CUTTING))
 
     def improved(self, here: Cut, params: OptimiseParams, progress: Progress) -> Point:
-        """The best spirals near to a design, its second order of the strains kept."""
-        start = self.begun(here)
-        return METHODS[params.method](start.problem, start, params, self.trace, self.accepted, progress)
-
-    def begun(self, here: Cut) -> Point:
-        """The design's point in the problem that keeps its second order of the strains."""
-        curving = getattr(here.point.model, "curving_at_joint", None)
-        return replace(here.point, problem=self.task.as_at(here.problem, curving))
+        """The best spirals near to a design."""
+        return METHODS[params.method](here.problem, here.point, params, self.trace, self.accepted, progress)
 
     def moved(self, here: Cut, progress: Progress) -> Cut:
         """The best spirals and flat shapes near to a design."""
-        params, start = self.task.params, self.begun(here)
+        params, start = self.task.params, here.point
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method = METHODS[params.method]
         part = progress.part(0.0, 0.8)
@@ -272,7 +277,7 @@ class Search:
         """What was found as it can be cut, its equilibrium sought from a pose, else from what was found."""
         given_way = result.twist < 0.999 * found.spirals[1]
         space = problem.space.limited(result.width, result.twist, given_way)
-        problem = replace(problem, space=space, build=self.task.model, renewed=None)
+        problem = replace(problem, space=space, build=self.task.model)
         x = space.coordinates(result.width, result.twist)
         point = problem.at(x, start or found.equilibrium.pose, progress, CUT_ITERATIONS)
         return Cut(result, problem, point, max(FARTHER * self.distance, NEAR))
@@ -290,7 +295,7 @@ class Search:
             ahead = min(1.0, share + step)
             twist = wanted + ahead * (given - wanted)
             space = wide.limited(made.design.width, twist, given < 0.999 * wanted)
-            problem = self.task.as_at(replace(made.problem, space=space), old + ahead * (new - old), steady=True)
+            problem = self.task.as_at(replace(made.problem, space=space), old + ahead * (new - old))
             x = space.coordinates(*here.spirals)
             point = problem.at(x, here.equilibrium.pose, progress, INNER_ITERATIONS)
             if not point.equilibrium.converged or jumped(here, point, np.zeros((len(x), 6))):

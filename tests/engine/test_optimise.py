@@ -97,7 +97,7 @@ def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
     x = whole.space.coordinates(design.width, design.twist)
     true = whole.at(x, target_pose(mesh, design.flat.corners))
     assert isinstance(true.model, ArmModel)
-    kept = task.as_at(whole, true.model.curving_at_joint, steady=True)
+    kept = task.as_at(whole, true.model.curving_at_joint)
     here = kept.at(x, true.equilibrium.pose)
     # at the design it comes from it is the whole model, and it is not the one without
     assert here.value == pytest.approx(true.value, rel=1e-9)
