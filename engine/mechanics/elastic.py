@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.sparse import csr_array
 
-from .assembly import Pose
+from .assembly import Assembly, Pose
 from .beyond import Beyond
 
 
@@ -39,11 +39,14 @@ class State(Protocol):
 class ElasticModel(Protocol):
     """An elastic model of n spirals with m joints.
 
-    name : "arm" or "rod"; pairs : (m, 2) int, the spirals of every joint
+    name : "arm" or "rod"; assembly : spirals and joints at rest; pairs : (m, 2) int, the spirals of every joint
     """
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def assembly(self) -> Assembly: ...
 
     @property
     def pairs(self) -> np.ndarray: ...
