@@ -50,7 +50,7 @@ SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed 
 MANY = 20_000  # edges of a mesh that can be looked at one by one in a redraw (some milliseconds)
 EDGES = 64  # so many edges, evenly picked, tell the size of the quads well enough
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
-MADE_SQUARER = {"concave", "warped"}
+MADE_SQUARER = {"concave", "warped", "thin"}
 MENDED_BY_HAND = {
     "inconsistent-orientation", "size-ratio", "zero-edge", "zero-area", "not-finite", "loose-vertices", "far-vertices",
     "folded", "duplicate-faces",

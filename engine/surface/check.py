@@ -24,6 +24,7 @@ Codes of the findings, first those that may be the cause of others:
     small-quads               warning         quads too small for a spiral
     concave                   warning         quads with a corner beyond 180 degrees
     warped                    warning         quads far from flat
+    thin                      warning         quads too thin for a spiral
     inside-out                warning         closed bodies whose normals point inwards
     several-bodies            warning         each is laid out by itself
     loose-vertices            warning         vertices that belong to no face; left out

@@ -17,6 +17,8 @@ ROUNDED = 1e-6  # of the median edge: how far the rounding of double precision m
 FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours (0.008 degrees short of lying on each other)
 SMALL = 0.01  # metres: side of the smallest quad that takes a spiral well
 WARP = np.radians(60.0)  # largest angle between the normals at two neighbouring corners of a quad
+# least breadth of a quad, in median edges: of 20 mm it leaves arms of 1.5 mm, of half as much none that can be cut
+THIN = 0.1
 
 
 def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
@@ -73,7 +75,7 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     if len(flat):
         found.append(finding("zero-area", f"{named(flat)} without area: dissolve or collapse them", flat))
     quads = np.setdiff1d(np.flatnonzero(polygons.sizes == 4), flat)
-    found += _quads(polygons, quads, area_vectors, bows)
+    found += _quads(polygons, quads, area_vectors, bows, middle)
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T
     unit = area_vectors / np.maximum(areas, 1e-300)[:, None]
     f, g = sides.face[one], sides.face[two]
@@ -128,8 +130,24 @@ def _area_vectors(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
     return 0.5 * np.add.reduceat(crosses, starts, axis=0)
 
 
-def _quads(polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray) -> list[Finding]:
-    """Crossed, concave and warped quads; ``bows`` are known to be crossed."""
+def breadth(corners: np.ndarray) -> np.ndarray:
+    """(F,): how much room quads (F, 4, 3) leave for a cross of arms to the middles of their sides; a square's is its side.
+
+    Arms of the width w whose straight centre lines cross at the acute angle t touch each other up to w / (2 tan(t / 2))
+    from the middle of the quad. The breadth is the w at which that is the whole of the shorter arms.
+    """
+    p = np.asarray(corners, float)
+    sides = 0.5 * (p + np.roll(p, -1, axis=1))
+    one, two = sides[:, 2] - sides[:, 0], sides[:, 3] - sides[:, 1]  # they halve each other
+    across = np.linalg.norm(np.cross(one, two), axis=1)
+    shorter = np.minimum(np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1))
+    return shorter * np.tan(0.5 * np.arctan2(across, np.abs(np.einsum("fi,fi->f", one, two))))
+
+
+def _quads(
+    polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
+) -> list[Finding]:
+    """Crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median edge."""
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     p = np.asarray(polygons.vertices, float)[polygons.corners[starts[quads][:, None] + np.arange(4)]]
     normals = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
@@ -142,6 +160,10 @@ def _quads(polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, b
     if len(concave):
         text = f"{named(concave)} with a corner beyond 180 degrees: the spiral there will be poor; regularise"
         found.append(finding("concave", text, concave, severity="warning"))
+    slim = np.setdiff1d(quads[(breadth(p) < THIN * middle) & (inward < 2)], bows)
+    if len(slim):
+        text = f"{named(slim)} too thin for a spiral, or pointed like a needle: regularise, collapse them or {REMESH}"
+        found.append(finding("thin", text, slim, severity="warning"))
     unit = normals / np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
     bend = np.arccos(np.clip(np.einsum("qki,qki->qk", unit, np.roll(unit, -1, axis=1)), -1, 1)).max(axis=1)
     warped = np.setdiff1d(quads[(bend > WARP) & (inward == 0)], bows)

@@ -1,8 +1,9 @@
-"""Mends quads that a remesher left folded, without length or far from flat: moves their corners over the surface that they
-stand for, and takes out those that no move can save."""
+"""Mends quads that a remesher left folded, without length, thin or far from flat: moves their corners over the surface that
+they stand for, and takes out those that no move can save."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,10 +13,13 @@ import numpy as np
 from .check import findings
 from .check_topology import sides_of, split_vertices
 from .mesh import PolygonMesh
+from .regularise import best_squares
 
-POOR = {"zero-edge", "zero-area", "crossed", "concave", "warped"}
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
+USELESS = FOLDED | {"thin"}  # no spiral has room in them
+POOR = USELESS | {"concave", "warped"}
 ROUNDS = 6  # of moving and taking out
+SMALL = 0.7  # of the median quad's side: the least that a corner is to be drawn to
 MOVES = 12  # of every corner in a round
 
 
@@ -77,35 +81,72 @@ def mended(quads: PolygonMesh, target: Target) -> PolygonMesh:
     """
     best = quads = _without_doublets(quads)
     fewest = _poor(best)
-    for _ in range(ROUNDS):
-        if not len(fewest[1]):
+    for done in range(ROUNDS):
+        if not len(fewest[-1]):
             break
-        quads = _moved(quads, fewest[1] if quads is best else _poor(quads)[1], target)
+        poor = fewest[-1] if quads is best else _poor(quads)[-1]
+        # the middles of neighbours unfold what is folded, but squeeze quads; squares make them broad
+        quads = _moved(quads, poor, target, _to_middles if done % 2 == 0 else _to_squares)
         found = _poor(quads)
-        if len(found[0]):
-            collapsed = _collapsed(quads, found[0], target)
+        if len(found[1]):
+            collapsed = _collapsed(quads, found[1], target)
             if collapsed is not None:
                 quads, found = collapsed, _poor(collapsed)
-        if (len(found[0]), len(found[1])) < (len(fewest[0]), len(fewest[1])):
+        if tuple(map(len, found)) < tuple(map(len, fewest)):
             best, fewest = quads, found
     return best
 
 
-def _poor(quads: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Faces that make the mesh unfit, and those with the ones that are merely poor."""
+def _poor(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
+    """Faces that make the mesh unfit, those with the ones in which no spiral has room, and those with all poor ones."""
     found = findings(quads)
-    folded = [f.faces for f in found if f.code in FOLDED]
-    poor = [f.faces for f in found if f.code in POOR | FOLDED]
+    none = np.zeros(0, int)
     return tuple(
-        np.unique(np.concatenate([np.zeros(0, int), *map(np.asarray, faces)])).astype(int) for faces in (folded, poor)
-    )  # type: ignore[return-value]
+        np.unique(np.concatenate([none, *(np.asarray(f.faces, int) for f in found if f.code in codes)]))
+        for codes in (FOLDED, USELESS, POOR)
+    )
 
 
 # -- moving --------------------------------------------------------------------------------------------------------------
 
+Wish = Callable[[np.ndarray], np.ndarray]  # from all vertices (V, 3) to where they are to go
 
-def _moved(quads: PolygonMesh, poor: np.ndarray, target: Target) -> PolygonMesh:
-    """Corners of poor quads, and two rings round them, drawn to the middles of their neighbours along the surface.
+
+def _to_middles(quads: PolygonMesh, links: np.ndarray) -> Wish:
+    """Every vertex to the mean of its neighbours, along the directed ``links`` (n, 2) from it to them."""
+    count = len(quads.vertices)
+    degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
+
+    def wish(points: np.ndarray) -> np.ndarray:
+        return _summed(links[:, 0], points[links[:, 1]], count) / degree
+
+    return wish
+
+
+def _to_squares(quads: PolygonMesh, links: np.ndarray) -> Wish:
+    """Every vertex to the mean of the corners of the squares nearest to its quads; of quads that are small, of larger ones."""
+    corners, count = quads.corners.reshape(-1, 4), len(quads.vertices)
+    degree = np.maximum(np.bincount(corners.ravel(), minlength=count), 1)[:, None]
+
+    def wish(points: np.ndarray) -> np.ndarray:
+        squares = best_squares(points[corners])
+        middle = squares.mean(axis=1, keepdims=True)
+        size = np.linalg.norm(squares[:, 0] - middle[:, 0], axis=1)
+        larger = np.maximum(SMALL * np.median(size) / np.maximum(size, 1e-300), 1.0)[:, None, None]
+        return _summed(corners.ravel(), (middle + larger * (squares - middle)).reshape(-1, 3), count) / degree
+
+    return wish
+
+
+def _summed(at: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """(count, 3): the sums of values (n, 3) by their place ``at`` (n,)."""
+    return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
+
+
+def _moved(
+    quads: PolygonMesh, poor: np.ndarray, target: Target, way: Callable[[PolygonMesh, np.ndarray], Wish]
+) -> PolygonMesh:
+    """Corners of poor quads, and two rings round them, drawn along the surface to where ``way`` wants them.
 
     Corners on the border move along it; where it turns sharply they stay.
     """
@@ -119,17 +160,14 @@ def _moved(quads: PolygonMesh, poor: np.ndarray, target: Target) -> PolygonMesh:
     border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
     on_border[border] = True
     links = np.concatenate([sides.edges[~on_border[sides.edges].all(axis=1)], border])
-    one, two = np.concatenate([links, links[:, ::-1]]).T
-    counts = ~on_border[one] | on_border[two]  # what is on the border follows the border alone
-    one, two = one[counts], two[counts]
-    moving = near & (np.bincount(one, minlength=len(points)) > 1) & ~_border_corners(points, border)
-    line = points.copy()
+    links = np.concatenate([links, links[:, ::-1]])
+    links = links[~on_border[links[:, 0]] | on_border[links[:, 1]]]  # what is on the border follows the border alone
+    moving = near & (np.bincount(links[:, 0], minlength=len(points)) > 1) & ~_border_corners(points, border)
+    inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
+    line, wish = points.copy(), way(quads, links)
     _, normals = target.nearest(points)
     for _ in range(MOVES):
-        degree = np.maximum(np.bincount(one, minlength=len(points)), 1)
-        mean = np.stack([np.bincount(one, points[two, k], minlength=len(points)) for k in range(3)], axis=1)
-        wanted = np.where(moving[:, None], mean / degree[:, None], points)
-        inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
+        wanted = wish(points)
         found, there = target.nearest(wanted[inner])
         same_side = np.einsum("ni,ni->n", there, normals[inner]) > -0.5  # on a thin part the far side may be nearer
         points[inner[same_side]], normals[inner[same_side]] = found[same_side], there[same_side]

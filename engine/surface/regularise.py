@@ -89,7 +89,7 @@ class _Hold:
     def pull(self, points: np.ndarray) -> np.ndarray:
         """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be, and its first place."""
         corners = points[self.mesh.quads]
-        squares = _best_squares(corners)
+        squares = best_squares(corners)
         # distances relative to the quad's size are what counts: without it large quads crush small neighbours
         area = np.linalg.norm(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]), axis=1)
         weight = np.repeat(self.weight / np.maximum(area, 1e-3 * np.median(area)), 4)
@@ -113,7 +113,7 @@ def _corners_of(mesh: QuadMesh, quads: np.ndarray) -> np.ndarray:
     return mask
 
 
-def _best_squares(corners: np.ndarray) -> np.ndarray:
+def best_squares(corners: np.ndarray) -> np.ndarray:
     """(F, 4, 3): the corners of the square nearest to every quad (F, 4, 3) in the sense of least squares.
 
     The diagonals G = (d1, d2) of a square are orthogonal and equally long; the nearest such pair is

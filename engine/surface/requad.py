@@ -17,7 +17,7 @@ from ..errors import FlexMapsError
 from ..progress import SILENT, Progress
 from .check import Finding, findings
 from .check_topology import bodies, fans, inconsistent, sides_of, split_vertices
-from .mend import FOLDED, POOR, Target, mended, of_rows
+from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
 from .mesh import PolygonMesh
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
@@ -227,7 +227,7 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
                 last = judged
                 continue
             found.append(judged)
-            if judged.faults == (0, 0) or len(found) == ENOUGH:
+            if not any(judged.faults) or (len(found) >= ENOUGH and any(not one.faults[0] for one in found)):
                 break
         if found:
             break
@@ -270,10 +270,13 @@ def _outer(skin: PolygonMesh) -> PolygonMesh | None:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Sound quads; faults : by how many whole quad edges parts of the surface are missed, and how many quads are poor."""
+    """Sound quads.
+
+    faults : in how many no spiral has room, by how many whole quad edges parts of the surface are missed, how many are poor
+    """
 
     quads: PolygonMesh
-    faults: tuple[int, int]
+    faults: tuple[int, int, int]
 
 
 def _judged(raw: PolygonMesh, whole: Target, count: int) -> Judged | str:
@@ -298,7 +301,8 @@ def _judged(raw: PolygonMesh, whole: Target, count: int) -> Judged | str:
     )
     if missed >= LOST:
         return "parts of the surface are lost"
-    return Judged(quads, (missed, sum(len(f.faces) for f in found if f.code in POOR)))
+    useless, poor = (sum(len(f.faces) for f in found if f.code in codes) for codes in (USELESS, POOR))
+    return Judged(quads, (useless, missed, poor))
 
 
 def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import check, meshio, shapes
+from flexmaps.engine.surface import check, check_geometry, meshio, shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -212,6 +212,28 @@ def test_warped():
     result = found(polygons(vertices, faces))
     assert set(result) == {"warped"}
     assert result["warped"].faces == (0,)
+
+
+def test_breadth():
+    """Closed forms: of a rectangle the shorter side, of a rhombus of the angle t the side times tan(t / 2)."""
+    t, turn = np.radians(35.0), np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    rectangle = np.array([(0, 0, 0), (3, 0, 0), (3, 2, 0), (0, 2, 0)], float)
+    rhombus = np.array([(0, 0, 0), (1, 0, 0), (1 + np.cos(t), np.sin(t), 0), (np.cos(t), np.sin(t), 0)])
+    wide = check_geometry.breadth(np.stack([rectangle, rhombus]) @ turn + 5.0)
+    assert wide == pytest.approx([2.0, np.tan(t / 2)])
+
+
+def test_thin():
+    vertices, faces = grid(4, 3)
+    at = {tuple(row): k for k, row in enumerate(np.round(vertices / 0.02).astype(int).tolist())}
+    sliver = vertices.copy()
+    sliver[[at[2, k, 0] for k in range(4)], 0] -= 0.0185
+    result = found(polygons(sliver, faces))
+    assert set(result) == {"thin", "small-quads"} and result["thin"].faces == (3, 4, 5)
+    needle = vertices.copy()
+    needle[at[1, 1, 0], :2], needle[at[2, 2, 0], :2] = (0.0295, 0.0295), (0.0305, 0.0305)
+    result = found(polygons(needle, faces))
+    assert "thin" in result and result["thin"].faces == (4,) and not result["thin"].is_error
 
 
 def test_non_manifold_edge():

@@ -10,7 +10,7 @@ from flexmaps.engine.params import RegulariseParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import check, meshio, shapes
 from flexmaps.engine.surface.mesh import QuadMesh
-from flexmaps.engine.surface.regularise import GOOD, WARP, WORSE, _best_squares, regularise, square_energy
+from flexmaps.engine.surface.regularise import GOOD, WARP, WORSE, best_squares, regularise, square_energy
 from flexmaps.engine.surface.regularise_guide import Guide, deviation
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -70,7 +70,7 @@ def test_square_energy_against_singular_values(seed):
 def test_best_square_is_the_nearest(seed):
     rng = np.random.default_rng(seed)
     quad = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) + rng.uniform(-0.3, 0.3, (4, 3))
-    square = _best_squares(quad[None])[0]
+    square = best_squares(quad[None])[0]
     sides = np.roll(square, -1, axis=0) - square
     np.testing.assert_allclose(np.linalg.norm(sides, axis=1), np.linalg.norm(sides[0]))
     assert abs(sides[0] @ sides[1]) < 1e-12

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
@@ -177,6 +179,74 @@ def test_corners_at_one_place_are_drawn_apart() -> None:
     assert "zero-edge" in poor(squeezed)
     good = mended(squeezed, sphere_target())
     assert not poor(good) and len(good.sizes) == len(quads.sizes)
+
+
+def flattened(quads: PolygonMesh, face: int) -> PolygonMesh:
+    """Two opposite corners of a quad are drawn nearly together: a needle between the other two."""
+    points = quads.vertices.copy()
+    a, c = quads.corners.reshape(-1, 4)[face, ::2]
+    points[[a, c]] = [[0.51, 0.49], [0.49, 0.51]] @ points[[a, c]]
+    return PolygonMesh(points, quads.corners, quads.sizes)
+
+
+def pinched(quads: PolygonMesh, face: int) -> PolygonMesh:
+    """A side of a quad is drawn nearly onto the one across it: a sliver."""
+    points = quads.vertices.copy()
+    a, b, c, d = quads.corners.reshape(-1, 4)[face]
+    points[[a, b]] += 0.97 * (points[[d, c]] - points[[a, b]])
+    return PolygonMesh(points, quads.corners, quads.sizes)
+
+
+def slit(quads: PolygonMesh, face: int) -> PolygonMesh:
+    """Two edges in a row are opened by a hair, and a quad fills the gap, as QuadriFlow leaves them."""
+    rows, points = quads.corners.reshape(-1, 4).copy(), quads.vertices
+    middle, start, _, last = rows[face]
+    second = int(np.flatnonzero(((rows == middle) & (np.roll(rows, -1, axis=1) == last)).any(axis=1))[0])
+    end = rows[second][(np.flatnonzero(rows[second] == middle)[0] - 1) % 4]
+    moved = 0.98 * points[middle] + 0.02 * points[rows[[face, second]]].mean(axis=(0, 1))
+    for f in (face, second):
+        rows[f][rows[f] == middle] = len(points)
+    return of_rows(np.concatenate([points, [moved]]), np.concatenate([rows, [(start, len(points), end, middle)]]))
+
+
+def sharpest(quads: PolygonMesh) -> np.ndarray:
+    """(F,) degrees: the second smallest angle between two sides that meet, of every quad; a needle has two small ones."""
+    p = quads.vertices[quads.corners.reshape(-1, 4)]
+    one, two = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
+    cosine = np.einsum("fki,fki->fk", one, two) / np.linalg.norm(one, axis=2) / np.linalg.norm(two, axis=2)
+    return np.sort(np.degrees(np.arccos(np.clip(cosine, -1, 1))), axis=1)[:, 1]
+
+
+@pytest.mark.parametrize("spoil", [flattened, pinched, slit])
+@pytest.mark.parametrize("face", [27, 100, 300])
+def test_needles_and_slivers_become_broad_or_go(
+    spoil: Callable[[PolygonMesh, int], PolygonMesh], face: int
+) -> None:
+    spoilt = spoil(ball(8), face)
+    p = spoilt.vertices[spoilt.corners.reshape(-1, 4)]
+    lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
+    assert sharpest(spoilt).min() < 5 or (lengths.min(axis=1) / lengths.max(axis=1)).min() < 0.05
+    assert requad._is_clean(spoilt) and not poor(spoilt)
+    good = mended(spoilt, sphere_target())
+    assert not check.findings(good) and len(good.sizes) in (len(spoilt.sizes), len(spoilt.sizes) - 1)
+    p = good.vertices[good.corners.reshape(-1, 4)]
+    lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
+    assert sharpest(good).min() > 25 and (lengths.min(axis=1) / lengths.max(axis=1)).min() > 0.25
+    assert np.linalg.norm(good.vertices, axis=1) == pytest.approx(RADIUS, rel=5e-3)
+
+
+class Needles(Balls):
+    """Gives quads with a needle first."""
+
+    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
+        found = super().quads(body, count, seed, progress)
+        return flattened(found, 20) if found is not None and len(self.given) <= requad.ENOUGH else found
+
+
+def test_quads_without_needles_are_taken_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requad, "mended", lambda quads, target: quads)
+    assert sharpest(flattened(ball(4), 20)).min() < 5
+    assert sharpest(requad.requad(ball(6), 96, Needles()).polygons).min() > 45
 
 
 def test_two_quads_that_share_two_sides_become_one() -> None:
