@@ -1,6 +1,6 @@
 """Measures the extension inside Blender against what was asked: every Blender there is, how soon things are seen, random calls.
 
-python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview frames random]
+python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview frames next random]
 
 The random calls go on where an interrupted run of the same sources stopped (out/random_calls.json).
 """
@@ -337,6 +337,57 @@ def frames(_: argparse.Namespace) -> Iterator[Row]:
         yield at_most("2401 spirals", label, 1e3 / FPS, own[name]["frame_ms"], peer)
 
 
+# -- Next ------------------------------------------------------------------------------------------------------------------------
+
+MODELS = ("suzanne", "text", "cylinder", "bunny")
+BUNNY = ROOT.parent / "shared" / "meshes" / "stanford-bunny.obj"
+
+
+def next_button(_: argparse.Namespace) -> Iterator[Row]:
+    """Models by *Next* alone to their sheets in a real window, with the default settings; pictures in out/next/."""
+    import real_blender
+
+    pictures = ROOT / "out" / "next"
+    shutil.rmtree(pictures, ignore_errors=True)
+    pictures.mkdir(parents=True)
+    for name in MODELS:
+        if name == "bunny" and not BUNNY.is_file():
+            yield row(name, "sheets by Next", "yes", f"{BUNNY} is not there", None)
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            work = Path(folder)
+            reason = _ready(work)
+            if reason is not None:
+                yield row(name, "sheets by Next", "yes", reason[:60], None)
+                return
+            (work / "models.json").write_text(json.dumps({name: {}}))
+            if name == "bunny":
+                shutil.copyfile(BUNNY, work / "bunny.obj")
+            real_blender.run(ROOT / "tests" / "window" / "models.py", work, window=True, timeout=3000)
+            for shot in sorted(work.glob("*.xwd")):
+                real_blender.picture(shot, pictures / f"{shot.stem}.png")
+            answer = work / "result.json"
+            found = json.loads(answer.read_text()) if answer.is_file() else {"errors": ["no answer"]}
+        yield from _by_next(name, found)
+
+
+def _by_next(name: str, found: dict[str, Any]) -> Iterator[Row]:
+    """What came of one model: whether it has sheets, how well the piece keeps its shape, and the seconds of its stages."""
+    for wrong in (*found["errors"], *found.get("wrong", ())):
+        print(wrong, file=sys.stderr)
+    model = found.get("models", {}).get(name, {"blocks": {}, "seconds": {}})
+    blocks = model["blocks"]
+    yield row(
+        name, "sheets by Next", "yes", "yes" if "sheets" in blocks else "no", "sheets" in blocks, model["seconds"]
+    )
+    if "sheets" in blocks:
+        yield row(name, "quads, patches", "", f"{blocks['spirals']['count']}, {blocks['layout']['patches']}", None)
+        shape, searched = blocks["equilibrium"], blocks["optimise"]
+        rmse = f"{searched['laplacian_rmse_mm_before']:.3g} -> {searched['laplacian_rmse_mm']:.3g}"
+        peer = {"RMS": f"{shape['rms_percent']:.2g} %", "strain": f"{100 * shape.get('strain_share_max', 0.0):.0f} %"}
+        yield row(name, "RMSE, mm", "", rmse, None, peer)
+
+
 # -- random calls ----------------------------------------------------------------------------------------------------------------
 
 
@@ -420,5 +471,6 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "panels": panels,
     "preview": preview,
     "frames": frames,
+    "next": next_button,
     "random": random,
 }

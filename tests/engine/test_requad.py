@@ -219,9 +219,7 @@ def sharpest(quads: PolygonMesh) -> np.ndarray:
 
 @pytest.mark.parametrize("spoil", [flattened, pinched, slit])
 @pytest.mark.parametrize("face", [27, 100, 300])
-def test_needles_and_slivers_become_broad_or_go(
-    spoil: Callable[[PolygonMesh, int], PolygonMesh], face: int
-) -> None:
+def test_needles_and_slivers_become_broad_or_go(spoil: Callable[[PolygonMesh, int], PolygonMesh], face: int) -> None:
     spoilt = spoil(ball(8), face)
     p = spoilt.vertices[spoilt.corners.reshape(-1, 4)]
     lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)

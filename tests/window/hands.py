@@ -127,7 +127,7 @@ def look_at(objects):
         obj.select_set(True)
     with in_view():
         bpy.ops.view3d.view_selected()
-    yield 0.7  # it moves there smoothly
+    yield 0.2
     bpy.ops.object.select_all(action="DESELECT")
     for obj in selected:
         obj.select_set(True)
@@ -231,7 +231,7 @@ def find(method, identifier, text=None):
     """Where a button is on the screen; scrolls the sidebar to it. Raises ``LookupError`` where no panel draws it."""
     wanted, region = (method, identifier, text), sidebar()
     yield from aside()
-    for direction in ("down", "up", "down"):
+    for direction in ("up", "down") if text == NEXT else ("down", "up", "down"):
         before = None
         for _ in range(40):
             plain = yield from _redrawn(None)
@@ -312,5 +312,8 @@ def drive(steps, found):
         bpy.ops.wm.quit_blender()
         return None
 
-    bpy.context.preferences.view.show_splash = False
+    preferences = bpy.context.preferences
+    preferences.view.show_splash = False
+    preferences.view.smooth_view = 0
+    preferences.system.viewport_aa = "OFF"  # where no graphics card draws, every picture is drawn eight times for it
     bpy.app.timers.register(tick, first_interval=1.0, persistent=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,18 +24,29 @@ def zip_file(build_zip: ModuleType) -> Path:
     return build_zip.build("linux-x64", "debian-13-blender")
 
 
+# few quads, for the time of a test; "bench blender --only next" takes the defaults
+FEW = {"optimise.iterations": 3, "sheet.nesting": "FAST"}
+QUADS = {"suzanne": 200, "text": 150, "cylinder": 150, "bunny": 250}
+
+
 def drive(real_blender: ModuleType, script: Path, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
     shutil.copy2(zip_file, work)
+    found = driven(real_blender, script, work, window=window)
+    assert {"scipy", "shapely", "igl"} <= set(found["places"])
+    user = str(work / "user")
+    assert all(place.startswith(user) for place in found["places"].values()), found["places"]
+    assert {".svg", ".dxf"} <= {path.suffix for path in (work / "sheets").iterdir()}
+    return found
+
+
+def driven(real_blender: ModuleType, script: Path, work: Path, *, window: bool) -> dict[str, Any]:
+    """What the script found, where it ran into no error and Python complained of nothing."""
     done = real_blender.run(script, work, window=window, timeout=900)  # drawn by software, maybe on a busy machine
     console, result = done.stdout + done.stderr, work / "result.json"
     assert result.is_file(), console[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
     assert found["errors"] == []
     assert PYTHON_COMPLAINS.search(console) is None, console[-3000:]
-    assert {"scipy", "shapely", "igl"} <= set(found["places"])
-    user = str(work / "user")
-    assert all(place.startswith(user) for place in found["places"].values()), found["places"]
-    assert {".svg", ".dxf"} <= {path.suffix for path in (work / "sheets").iterdir()}
     return found
 
 
@@ -44,17 +57,41 @@ def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Pa
     assert {"layout", "spirals", "equilibrium", "optimise", "reach", "sheets"} <= set(found["blocks"])
 
 
+@contextmanager
+def kept(real_blender: ModuleType, work: Path, pictures: Path) -> Iterator[None]:
+    """The screens that a script leaves become pictures in a folder, also where it fails."""
+    shutil.rmtree(pictures, ignore_errors=True)
+    pictures.mkdir(parents=True)
+    try:
+        yield
+    finally:
+        for shot in sorted(work.glob("*.xwd")):
+            real_blender.picture(shot, pictures / f"{shot.stem}.png")
+
+
+@pytest.mark.parametrize("names", [("suzanne", "text", "cylinder"), ("bunny",)], ids="-".join)
+def test_next_leads_models_to_their_sheets(
+    real_blender: ModuleType, zip_file: Path, tmp_path: Path, names: tuple[str, ...], request: pytest.FixtureRequest
+) -> None:
+    wanted = {name: {"remesh.quads": QUADS[name]} | FEW for name in names}
+    if "bunny" in names:
+        shutil.copyfile(request.getfixturevalue("shared_meshes") / "stanford-bunny.obj", tmp_path / "bunny.obj")
+    shutil.copy2(zip_file, tmp_path)
+    (tmp_path / "models.json").write_text(json.dumps(wanted))
+    pictures = ROOT / "out" / f"window-{'-'.join(names)}"
+    with kept(real_blender, tmp_path, pictures):
+        found = driven(real_blender, HERE / "models.py", tmp_path, window=True)
+    (pictures / "figures.json").write_text(json.dumps(found, indent=1))
+    assert found["wrong"] == []
+    assert set(found["models"]) == set(names)
+
+
 def test_with_its_window(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pictures = ROOT / "out" / "window"
-    shutil.rmtree(pictures, ignore_errors=True)
-    pictures.mkdir(parents=True)
-    try:
+    with kept(real_blender, tmp_path, pictures):
         found = drive(real_blender, HERE / "walk.py", zip_file, tmp_path, window=True)
-    finally:
-        for shot in sorted(tmp_path.glob("*.xwd")):
-            real_blender.picture(shot, pictures / f"{shot.stem}.png")
     (pictures / "figures.json").write_text(json.dumps(found, indent=1))
     with capsys.disabled():
         print("\n" + _told(found))

@@ -5,7 +5,6 @@ after every stage to a picture.
 """
 
 import importlib
-import json
 import sys
 import time
 import warnings
@@ -19,29 +18,10 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
 from meter import Meter  # noqa: E402
+from presses import BEGUN, FOUND, blocks, expect, picture, press, press_and_stop, until, watch_jobs  # noqa: E402
 
 warnings.filterwarnings("default", module=r"bl_ext\.")  # all of ours, also of deprecated things
 QUADS = 250
-STATUS = 26  # rows of the status bar
-FOUND = {"stages": {}, "errors": [], "wrong": [], "version": bpy.app.version_string, "python": sys.version.split()[0]}
-BEGUN = []  # all jobs, in their order
-
-
-def expect(holds, sentence):
-    if not holds:
-        FOUND["wrong"].append(sentence)
-
-
-def blocks():
-    return json.loads(bpy.context.object.data.get("flexmaps_report", "{}"))
-
-
-def picture(name):
-    """The screen, numbered in the order of the walk, once it holds still."""
-    if current() is None:
-        yield from hands.still(hands.view()[1])
-    FOUND["pictures"] = FOUND.get("pictures", 0) + 1
-    hands.shot(f"{FOUND['pictures']:02d}-{name}")
 
 
 def coloured():
@@ -49,50 +29,6 @@ def coloured():
     area = hands.view()[1]
     shown = hands.part(area)[:, : area.width // 2, :3].astype(int)
     return float(((np.ptp(shown, axis=2) > 40) & (shown.max(axis=2) > 110)).mean())
-
-
-def current():
-    return hands.module("bridge.job").current()
-
-
-def last_operator():
-    done = bpy.context.window_manager.operators
-    return (len(done), done[-1].as_pointer()) if done else None
-
-
-def count_jobs():
-    """Note every job that begins: a quick one that is refused is over before anybody has looked."""
-    kind = hands.module("bridge.job").Job
-    start = kind.start
-
-    def noted(self):
-        BEGUN.append(self)
-        start(self)
-
-    kind.start = noted
-
-
-def press(name, text=None, meanwhile=None):
-    """Click the button of an operator, wait until its work is over, and keep what was measured."""
-    place = yield from hands.find("operator", f"flexmaps.{name}", text)
-    yield from hands.move(place)
-    yield 0.3
-    bar, before = hands.pixels()[-STATUS:].copy(), (len(BEGUN), last_operator())
-    meter = Meter(lambda: not np.array_equal(hands.pixels()[-STATUS:], bar))
-    pressed = time.perf_counter()
-    hands.xdotool("click", 1)
-    while (len(BEGUN), last_operator()) == before and time.perf_counter() - pressed < 5:
-        yield 0.02
-    if (len(BEGUN), last_operator()) == before:
-        raise LookupError(f"a click on {name} does nothing")
-    if meanwhile is not None:
-        yield from meanwhile()
-    while current() is not None:
-        yield 0.05
-    FOUND["stages"][name] = {"seconds": round(time.perf_counter() - pressed, 2)}
-    meter.stop()
-    FOUND["stages"][name] |= meter.figures(pressed)
-    yield 0.5
 
 
 def redraws():
@@ -115,8 +51,8 @@ def walk():
         layout,
         seams,
         spirals,
-        stopped,
         simulate,
+        stopped,
         optimise,
         export,
         undo,
@@ -124,7 +60,6 @@ def walk():
         animate,
         render,
         presets,
-        letters,
     ):
         start = time.perf_counter()
         yield from part()
@@ -133,7 +68,7 @@ def walk():
 
 def install():
     yield from hands.installed()
-    count_jobs()
+    watch_jobs()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
     bpy.context.object.scale = (1.3, 1.0, 0.7)
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
@@ -148,8 +83,10 @@ def make_quads():
     found = blocks().get("checks", [])
     expect(any("quads" in f["message"] for f in found), f"Check names faces that are no quads: {found}")
     yield from hands.key("Tab")
+    yield from until(lambda: bpy.context.object.mode == "OBJECT")
     expect(bpy.context.object.mode == "OBJECT", "the error goes with the pointer, and Tab leaves edit mode")
     yield from hands.type_in("quads", QUADS)
+    yield from until(lambda: bpy.context.object.flexmaps.remesh.quads == QUADS)
     expect(bpy.context.object.flexmaps.remesh.quads == QUADS, "a typed number is taken over")
     FOUND["redraw_ms"] = yield from redraws()
     ball = bpy.context.object.name
@@ -193,6 +130,7 @@ def seams():
     obj = bpy.context.object
     before = blocks()["layout"]["patches"]
     yield from hands.key("Tab")
+    yield from until(lambda: obj.mode == "EDIT")
     expect(obj.mode == "EDIT", "Tab goes to edit mode")
     bm = bmesh.from_edit_mesh(obj.data)
     inner = [e for e in bm.edges if e.seam][:1]
@@ -213,6 +151,7 @@ def seams():
     yield from picture("seams")
     yield from press("merge")  # in edit mode too
     yield from hands.key("Tab")
+    yield from until(lambda: obj.mode == "OBJECT")
     expect(obj.mode == "OBJECT" and "flexmaps_seam" in obj.data.attributes, "what was written in edit mode is there")
     expect(obj.data.validate() is False, "the mesh is whole")
 
@@ -226,59 +165,15 @@ def spirals():
     yield from picture("spirals")
 
 
-def press_and_stop(name):
-    """Press a button, then Esc at once; how long it takes until the sidebar is free again is kept."""
-    stopped = []
-
-    def stop():
-        yield from hands.aside()
-        if current() is not None:
-            stopped.append((time.perf_counter(), time.process_time()))
-            hands.xdotool("key", "Escape")
-
-    yield from press(name, meanwhile=stop)
-    figures = FOUND["stages"].pop(name)
-    if stopped:
-        wall, own = time.perf_counter() - stopped[0][0], time.process_time() - stopped[0][1]
-        FOUND.setdefault("stopped", {})[name] = {"seconds": round(wall, 2), "of the processor": round(own, 2)} | figures
-
-
 def stopped():
     """Esc in every stage leaves everything as it was, and the next press works."""
-    before = blocks()
-    for name in ("merge", "spirals", "simulate", "export"):
+    yield from hands.unfold("FLEXMAPS_PT_preview")
+    before, there = blocks(), set(bpy.data.objects)
+    for name in ("regularise", "trace", "merge", "spirals", "simulate", "preview", "export", "report"):
         yield from press_and_stop(name)
-        expect(current() is None, f"{name} ends after Esc")
-        expect(blocks().get("layout") == before["layout"], f"{name}, stopped, changes nothing")
-        if name != "merge" and "spirals" not in blocks():  # a Merge that was over before Esc takes the old spirals away
-            yield from press("spirals")
-
-
-def letters():
-    """A text from its letters to the sheets with Next alone, as somebody does who has read nothing."""
-    for obj in list(bpy.data.objects):
-        bpy.data.objects.remove(obj)
-    bpy.ops.object.text_add()
-    bpy.context.object.data.body = "Hi"
-    bpy.ops.object.convert(target="MESH")
-    bpy.context.object.flexmaps.remesh.quads = 150
-    bpy.context.object.flexmaps.optimise.iterations = 3
-    bpy.context.object.flexmaps.export.folder = str(HERE / "letters")
-    yield from hands.look_at([bpy.context.object])
-    states = hands.module("bridge.states")
-    pressed = []
-    for _ in range(12):
-        obj = bpy.context.object
-        if obj.mode == "EDIT":
-            yield from hands.key("Tab")
-        name = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
-        if not name:
-            break
-        pressed.append(name)
-        yield from press(name, text=hands.NEXT)
-    FOUND["next"] = pressed
-    expect("sheets" in blocks(), f"Next leads to the sheets: {pressed}")
-    yield from picture("letters")
+        expect(blocks() == before, f"{name}, stopped, changes nothing")
+    expect(set(bpy.data.objects) == there, "a preview that was stopped leaves nothing")
+    expect(not (HERE / "sheets").exists() or not list((HERE / "sheets").iterdir()), "nor does an export")
 
 
 def simulate():
@@ -295,16 +190,11 @@ def optimise():
     """Stopped in the middle of it: the best so far is kept."""
     before = blocks()["spirals"], blocks()["equilibrium"]["laplacian_rmse_mm"]
 
-    def stop():
-        yield from hands.aside()
-        while current() is not None and len(getattr(current().shown, "history", ())) < 4:
-            yield 0.02
-        expect(current() is not None, "Optimise can be stopped before it ends")
-        hands.xdotool("key", "Escape")
-        FOUND["rmse_on_the_way"] = [1e3 * r for _, r in current().shown.history]
+    def seen():
+        FOUND["rmse_on_the_way"] = [1e3 * r for _, r in BEGUN[-1].shown.history]
         yield from picture("optimising")
 
-    yield from press("optimise", meanwhile=stop)
+    yield from press_and_stop("optimise", lambda running: len(getattr(running.shown, "history", ())) > 3, seen)
     block = blocks()["optimise"]
     FOUND["rmse"] = before[1], block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     expect(not block["finished"], "Optimise was stopped by Esc")
@@ -317,7 +207,6 @@ def optimise():
 
 
 def preview():
-    yield from hands.unfold("FLEXMAPS_PT_preview")
     settings = bpy.context.object.flexmaps
     settings.preview.detail, settings.preview.place = "COARSE", "BESIDE"
     there = set(bpy.data.objects)
@@ -367,10 +256,12 @@ def export():
 
 def undo():
     """One step back takes the sheets' figures away, the next ones the optimised spirals."""
-    now = blocks()["spirals"]
-    for _ in range(6):
+    now, steps = blocks()["spirals"], []
+    bpy.app.handlers.undo_post.append(lambda *_: steps.append(1))
+    for taken in range(1, 7):
         yield from hands.key("ctrl+z")
-        yield 0.4
+        yield from until(lambda taken=taken: len(steps) >= taken)
+        yield 0.2
         if blocks().get("spirals") != now:
             break
     expect("sheets" not in blocks(), "undo takes the sheets away")
@@ -386,7 +277,7 @@ def presets():
     yield 0.6
     yield from picture("presets")
     hands.xdotool("key", "Down", "Return")
-    yield 1.0
+    yield from until(lambda: settings_of(settings) != before)
     expect(settings_of(settings) != before, "a preset changes the settings")
 
 

@@ -1,0 +1,81 @@
+"""Runs inside a real Blender with its window: models that stand for many go by *Next* alone to their sheets.
+
+models.json beside this file names them, each with the settings that are not to be the defaults, as {"remesh.quads": 150}.
+What came of each goes to result.json, the screen after every stage to a picture.
+"""
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import bpy
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+import hands  # noqa: E402
+from presses import FOUND, blocks, expect, picture, press, until, watch_jobs  # noqa: E402
+
+STEPS = 14  # no model needs more
+FILE = HERE / "bunny.obj"
+
+
+def text():
+    bpy.ops.object.text_add()
+    bpy.context.object.data.body = "Hi"
+    bpy.ops.object.convert(target="MESH")
+
+
+MODELS = {
+    "suzanne": bpy.ops.mesh.primitive_monkey_add,
+    "text": text,
+    "cylinder": bpy.ops.mesh.primitive_cylinder_add,
+    "bunny": lambda: bpy.ops.wm.obj_import(filepath=str(FILE)),
+}
+
+
+def walk():
+    yield from hands.installed()
+    watch_jobs()
+    FOUND["models"] = {}
+    for name, settings in json.loads((HERE / "models.json").read_text()).items():
+        yield from to_sheets(name, settings)
+
+
+def to_sheets(name, settings):
+    """As somebody does who has read nothing."""
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    MODELS[name]()
+    obj = bpy.context.selected_objects[0]
+    bpy.context.view_layer.objects.active = obj
+    folder = HERE / f"{name}-sheets"
+    for path, value in ({"export.folder": str(folder)} | settings).items():
+        group, setting = path.split(".")
+        setattr(getattr(obj.flexmaps, group), setting, value)
+    yield from hands.look_at([obj])
+    states = hands.module("bridge.states")
+    found = FOUND["models"][name] = {"pressed": [], "seconds": {}, "blocks": {}}
+    start = time.perf_counter()
+    for _ in range(STEPS):
+        obj = bpy.context.object
+        if obj.mode == "EDIT":
+            yield from hands.key("Tab")
+            yield from until(lambda obj=obj: obj.mode == "OBJECT")
+        step = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+        if not step:
+            break
+        found["pressed"].append(step)
+        yield from press(step, text=hands.NEXT)
+        found["seconds"][step] = FOUND["stages"].pop(step)["seconds"]
+        if step in {"quad_remesh", "set_size"}:
+            yield from hands.look_at([bpy.context.object])
+        yield from picture(f"{name}-{step}")
+    found["seconds"]["all"] = round(time.perf_counter() - start, 1)
+    found["blocks"] = {k: v for k, v in blocks().items() if k != "checks"}
+    expect("sheets" in blocks(), f"Next leads {name} to its sheets: {found['pressed']}")
+    missing = [file for file in blocks().get("sheets", {}).get("files", [None]) if not (folder / str(file)).is_file()]
+    expect(not missing, f"all files of {name} are there, but {missing}")
+
+
+hands.drive(walk(), FOUND)
