@@ -66,8 +66,8 @@ def to_sheets(name, settings):
         if not step:
             break
         found["pressed"].append(step)
-        yield from press(step, text=hands.NEXT)
-        found["seconds"][step] = FOUND["stages"].pop(step)["seconds"]
+        measured = yield from press(step, text=hands.NEXT)
+        found["seconds"][step] = measured["seconds"]
         if step in {"quad_remesh", "set_size"}:
             yield from hands.look_at([bpy.context.object])
         yield from picture(f"{name}-{step}")

@@ -88,7 +88,7 @@ def watch_jobs():
 
 
 def press(name, text=None, meanwhile=None):
-    """Click the button of an operator, wait until its work is over, and keep what was measured."""
+    """Click the button of an operator, wait until its work is over, and keep what was measured; returns it too."""
     place = yield from hands.find("operator", f"flexmaps.{name}", text)
     yield from hands.move(place)
     bar, before = hands.pixels()[-STATUS:].copy(), (len(BEGUN), last_operator())
@@ -102,10 +102,11 @@ def press(name, text=None, meanwhile=None):
         yield from meanwhile()
     while current() is not None:
         yield 0.05
-    FOUND["stages"][name] = {"seconds": round(time.perf_counter() - pressed, 2)}
+    seconds = round(time.perf_counter() - pressed, 2)
     meter.stop()
-    FOUND["stages"][name] |= meter.figures(pressed)
+    FOUND["stages"][name] = {"seconds": seconds} | meter.figures(pressed)
     yield 0.2
+    return FOUND["stages"][name]
 
 
 def press_and_stop(name, when=lambda running: running.fraction > 0.0, seen=None):
@@ -130,6 +131,9 @@ def press_and_stop(name, when=lambda running: running.fraction > 0.0, seen=None)
         figures.update({"seconds": round(time.perf_counter() - wall, 2), "of the processor": round(own, 2)})
         Held.when = None
 
-    Held.when = when
-    yield from press(name, meanwhile=stop)
-    FOUND["stopped"][name] = FOUND["stages"].pop(name) | figures
+    Held.when, earlier = when, FOUND["stages"].get(name)
+    measured = yield from press(name, meanwhile=stop)
+    FOUND["stopped"][name] = measured | figures
+    FOUND["stages"].pop(name)
+    if earlier is not None:
+        FOUND["stages"][name] = earlier
