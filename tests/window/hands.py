@@ -312,8 +312,6 @@ def drive(steps, found):
         bpy.ops.wm.quit_blender()
         return None
 
-    preferences = bpy.context.preferences
-    preferences.view.show_splash = False
-    preferences.view.smooth_view = 0
-    preferences.system.viewport_aa = "OFF"  # where no graphics card draws, every picture is drawn eight times for it
+    bpy.context.preferences.view.show_splash = False
+    bpy.context.preferences.view.smooth_view = 0
     bpy.app.timers.register(tick, first_interval=1.0, persistent=True)

@@ -14,7 +14,7 @@ import bpy
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
-from presses import FOUND, blocks, expect, picture, press, until, watch_jobs  # noqa: E402
+from presses import FOUND, blocks, expect, installed, picture, press, until  # noqa: E402
 
 STEPS = 14  # no model needs more
 FILE = HERE / "bunny.obj"
@@ -35,8 +35,7 @@ MODELS = {
 
 
 def walk():
-    yield from hands.installed()
-    watch_jobs()
+    yield from installed()
     FOUND["models"] = {}
     for name, settings in json.loads((HERE / "models.json").read_text()).items():
         yield from to_sheets(name, settings)

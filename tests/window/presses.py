@@ -71,7 +71,14 @@ class Held:
             time.sleep(0.005)
 
 
-def watch_jobs():
+def installed():
+    """As ``hands.installed``; jobs are watched, and what is drawn is drawn once instead of eight times for smooth edges."""
+    bpy.context.preferences.system.viewport_aa = "OFF"
+    yield from hands.installed()
+    _watch_jobs()
+
+
+def _watch_jobs():
     """Note every job that begins, for a quick one that is refused is over before anybody has looked; hold what is to be held."""
     kind = hands.module("bridge.job").Job
     start, report = kind.start, kind._report

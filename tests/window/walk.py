@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
 from meter import Meter  # noqa: E402
-from presses import BEGUN, FOUND, blocks, expect, picture, press, press_and_stop, until, watch_jobs  # noqa: E402
+from presses import BEGUN, FOUND, blocks, expect, installed, picture, press, press_and_stop, until  # noqa: E402
 
 warnings.filterwarnings("default", module=r"bl_ext\.")  # all of ours, also of deprecated things
 QUADS = 250
@@ -67,8 +67,7 @@ def walk():
 
 
 def install():
-    yield from hands.installed()
-    watch_jobs()
+    yield from installed()
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3)
     bpy.context.object.scale = (1.3, 1.0, 0.7)
     bpy.context.object.flexmaps.export.folder = str(HERE / "sheets")
