@@ -5,6 +5,7 @@ import pytest
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import check_geometry
 
 
 def _shaken(points):
@@ -29,6 +30,14 @@ def test_centre_lines_of_equal_spirals_in_squares_are_archimedean(flat_grid, clo
         angle = np.radians(start) + sign * 4.0 * t
         expected = 0.01 * (1 - t)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1) + [0.03, 0.03]
         np.testing.assert_allclose(lines[4, k], expected, atol=1e-15)
+
+
+def test_the_check_of_thin_quads_knows_the_room_of_a_cross(shaken):
+    """Up to the fillets, and the tenth of the arms that is left to the joints, the breadth is what the widest arms may take."""
+    flat, params = shaken[0], SpiralParams()
+    corners = np.concatenate([flat.corners, np.zeros((*flat.corners.shape[:2], 1))], axis=2)
+    expected = 0.9 * check_geometry.breadth(corners) - 2 * params.fillet
+    np.testing.assert_allclose(spiral.room(flat, params), expected, rtol=1e-9)
 
 
 def test_derivatives_agree_with_differences(shaken):
