@@ -18,6 +18,8 @@ from ..engine.spirals.slots import slot_needed
 from ..engine.spirals.spiral import LEFT, RIGHT, edge, mates
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
+# faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
+MOST = 2_000_000
 DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
 
 
@@ -69,10 +71,11 @@ def solid(
     """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
 
     Every edge has exactly two faces. Arms are straight between steps of ``degrees_per_step``: with 9.5 the volume is right to
-    half a percent. For printing, ``engine/fabrication/solid_files.py`` follows the true outlines. ``tips`` are the ends of arms with
+    half a percent; where there are more than ``MOST`` faces steps are longer. For printing, ``engine/fabrication/solid_files.py`` follows the true outlines. ``tips`` are the ends of arms with
     connectors, in their true shape.
     """
-    layout, steps = design.flat.layout, _steps(design, degrees_per_step)
+    layout = design.flat.layout
+    steps = min(_steps(design, degrees_per_step), max(MOST // (16 * len(design.width)), 5))
     flat = _edges(design, centres, steps, tips)
     index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
     heads = _Heads.of(design, centres, tips, index)
@@ -90,8 +93,12 @@ def solid(
     arm = np.concatenate([heads.arm, heads.arm, heads.wall_arm])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) % up // (8 * steps), arm // 4])
     same = np.concatenate([_joined(index, cut, design), np.arange(index.size, up)])
-    used, corners = np.unique(np.concatenate([same, same + up])[corners], return_inverse=True)
-    return Solid(np.concatenate([bottom, top])[used], corners.ravel(), sizes, quad_of, _seams(design, arm, len(sizes)))
+    corners = np.concatenate([same, same + up])[corners]
+    used = np.zeros(2 * up, dtype=bool)
+    used[corners] = True
+    number = np.cumsum(used) - 1
+    points = np.concatenate([bottom, top])[used]
+    return Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)))
 
 
 def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:

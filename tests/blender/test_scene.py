@@ -108,6 +108,20 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     assert (away < 1.5 * made.scale[quad]).all()
 
 
+def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
+    flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
+    made, centres = design.uniform(flat, SpiralParams()), arrange.side_by_side(flat)
+    faces = len(solids.solid(made, centres).sizes)
+    monkeypatch.setattr(solids, "MOST", faces // 2)
+    shape = solids.solid(made, centres)
+    assert 0.3 * faces < len(shape.sizes) < 0.6 * faces
+    starts = np.cumsum(shape.sizes) - shape.sizes
+    fans = [shape.corners[[s, s + k, s + k + 1]] for s, n in zip(starts, shape.sizes) for k in range(1, n - 1)]
+    assert trimesh.Trimesh(shape.vertices, np.array(fans), process=False).is_watertight
+
+
 @pytest.mark.parametrize("connector", ["dovetail", "key", "tab"])
 def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     """Against the outlines that are cut: the same shape from above (shapely), closed (trimesh), in the colours of their seams."""
