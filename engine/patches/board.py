@@ -13,7 +13,7 @@ from ..surface.curvature import corner_angles
 from ..surface.symmetry import Symmetry
 from .arap import NEXT, FlatPatch, PatchProblem, minimax, settle
 from .layout import PatchLayout, drawn_lengths, groups, straight_on
-from .loops import Loops, longest, loops_of
+from .loops import Loops, loops_of, perimeter
 from .outline import narrowness, simple
 from .regions import ROOM
 
@@ -32,15 +32,18 @@ class Sketch:
     """A patch before it is flattened.
 
     quads : (q,) int; corners : (q, 4) int local flat vertices; sides : (q, 4) bool outline sides
-    loops : the closed loops of its outline; perimeter : metres on the surface, of the longest of them
+    loops : the closed loops of its outline; rim : (n,) bool, flat vertices on the border of the surface
+    perimeter : metres on the surface, of the longest loop, see ``loops.perimeter``
     area : square metres on the surface; necks : number of too narrow isthmuses
-    waist : the longest outline that hangs on one straight line through the patch, over the length of that line, in edges
+    waist : the longest outline that hangs on one straight line through the patch, over the length of that line, in edges;
+        lines from border to border are left out
     """
 
     quads: np.ndarray
     corners: np.ndarray
     sides: np.ndarray
     loops: Loops
+    rim: np.ndarray
     perimeter: float
     area: float
     necks: int
@@ -70,7 +73,8 @@ class Piece:
     def neck(self) -> float:
         """Width of the narrowest isthmus of the flat outline over the shorter outline behind it."""
         loops = self.sketch.loops
-        return narrowness(self.flat.points[loops.vertices(int(np.argmax(loops.lengths)))])
+        around = loops.vertices(int(np.argmax(loops.lengths)))
+        return narrowness(self.flat.points[around], self.sketch.rim[around])
 
     @property
     def quads(self) -> np.ndarray:
@@ -328,9 +332,12 @@ class Board:
         b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
         corners = groups(4 * len(quads), a, b).reshape(-1, 4)
         loops = loops_of(corners, sides)
-        perimeter = longest(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]])
-        necks, waist = self._necks(quads, corners, sides, loops)
-        return Sketch(quads, corners, sides, loops, perimeter, float(mesh.areas[quads].sum()), necks, waist)
+        border, area = mesh.border[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
+        around = perimeter(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]], border, area)
+        rim = np.zeros(len(loops.loop), dtype=bool)
+        rim[corners] = mesh.on_border[mesh.quads[quads]]
+        necks, waist = self._necks(quads, corners, sides, loops, rim)
+        return Sketch(quads, corners, sides, loops, rim, around, area, necks, waist)
 
     def _joints(self, quads: np.ndarray, cut: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Uncut sides among some quads: local quad, side, local other quad, its side; each side once."""
@@ -351,14 +358,15 @@ class Board:
         labels = groups(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
 
-    def _necks(self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray, loops: Loops) -> tuple[int, float]:
+    def _necks(
+        self, quads: np.ndarray, corners: np.ndarray, sides: np.ndarray, loops: Loops, rim: np.ndarray
+    ) -> tuple[int, float]:
         """Straight lines from outline to outline: how many are too short, and the longest outline behind one, relative.
 
-        Lines from border to border are never too short: there the surface itself is narrow. Those between two loops have
+        Lines from border to border do not count: there the surface itself is narrow. Those between two loops have
         nothing behind them.
         """
-        where, rim = loops.where, np.zeros(len(loops.loop), dtype=bool)
-        rim[corners] = self.mesh.on_border[self.mesh.quads[quads]]
+        where = loops.where
         q, k = np.nonzero(~sides & (where[corners] >= 0))
         begin = corners[q, k]
         found, waist = 0, 0.0
@@ -370,9 +378,10 @@ class Board:
                 one, two = begin[end], at[end]
                 behind = np.abs(where[two] - where[one])
                 behind = np.minimum(behind, loops.lengths[loops.loop[one]] - behind)
-                behind[loops.loop[one] != loops.loop[two]] = 0
+                own = rim[one] & rim[two]
+                behind[own | (loops.loop[one] != loops.loop[two])] = 0
                 waist = max(waist, float(behind.max()) / steps)
-                found += int((~rim[one] | ~rim[two]).sum()) if steps < self.params.neck_min else 0
+                found += int((~own).sum()) if steps < self.params.neck_min else 0
             if end.all():
                 break
             q, k, begin = q[~end], k[~end], begin[~end]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import LayoutParams
+from ..progress import SILENT, Progress
 from .flatten import FlatPatches, flatten
 from .layout import PatchLayout
 
@@ -25,7 +26,7 @@ def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> 
     return _flipped(flat, edges, True, params)
 
 
-def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams) -> FlatPatches:
+def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
     """The flat patches of the same mesh under other cuts (E,) bool; unchanged patches are taken over as they are.
 
     Raises FlexMapsError naming the quads of a patch that cannot be laid flat in one piece.
@@ -41,7 +42,7 @@ def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams) -> FlatP
             faces=quads,
             edges=np.unique(mesh.quad_edges[quads][layout.outline_sides[quads]]),
         )
-    return flatten(layout, params, previous=flat)
+    return flatten(layout, params, progress, previous=flat)
 
 
 def _flipped(flat: FlatPatches, edges: Iterable[int], value: bool, params: LayoutParams) -> FlatPatches:

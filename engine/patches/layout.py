@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..surface.curvature import corner_angles
 from ..surface.mesh import QuadMesh
-from .loops import loops_of
+from .loops import counted, loops_of
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -146,16 +146,18 @@ class PatchLayout:
         return good
 
     @cached_property
-    def perimeters(self) -> np.ndarray:
-        """(N,) metres on the surface: the longest loop of every patch, for the others are holes of the surface."""
-        result = np.zeros(len(self.patches))
-        np.maximum.at(result, self.loop_patch, self.loop_lengths)
-        return result
-
-    @cached_property
     def compactness(self) -> np.ndarray:
-        """(N,) perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk."""
-        return self.perimeters / np.sqrt(np.bincount(self.patch_of, weights=self.mesh.areas))
+        """(N,) perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
+
+        The perimeter is the longest loop, for the others are holes of the surface; see ``counted`` for narrow surfaces.
+        """
+        area = np.bincount(self.patch_of, weights=self.mesh.areas)
+        weights = np.where(self.mesh.border, drawn_lengths(self.mesh), 0.0)[self.mesh.quad_edges]
+        sides = self.outline_sides
+        border = np.bincount(self.loop_of[sides], weights=weights[sides])
+        result = np.zeros(len(self.patches))
+        np.maximum.at(result, self.loop_patch, counted(self.loop_lengths, border, area[self.loop_patch]))
+        return result / np.sqrt(area)
 
     @cached_property
     def on_outline(self) -> np.ndarray:

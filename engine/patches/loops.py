@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 NEXT = np.array([1, 2, 3, 0])
+SQUARE = 4.0  # perimeter over the root of the area
 OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch round it has to be cut open
 
 
@@ -74,6 +75,23 @@ def loops_of(corners: np.ndarray, sides: np.ndarray) -> Loops:
     return Loops(loop, where, np.array(lengths, dtype=np.int64))
 
 
-def longest(sides: np.ndarray, corners: np.ndarray, loops: Loops, lengths: np.ndarray) -> float:
-    """Metres of the longest loop, from the lengths (q, 4) of the sides: holes that the surface has cost no compactness."""
-    return float(np.bincount(loops.loop[corners[sides]], weights=lengths[sides]).max(initial=0.0))
+def counted(lengths: np.ndarray, border: np.ndarray, area: np.ndarray | float) -> np.ndarray:
+    """(L,) metres: what loops count in how compact a patch is, from their lengths, the border in them, and the patch's area.
+
+    Border beyond that of a square of the same area counts no more: there the surface itself is narrow, and cutting a ribbon
+    into many short panels makes none of them any wider.
+    """
+    return lengths - np.maximum(border - SQUARE * np.sqrt(area), 0.0)
+
+
+def perimeter(
+    sides: np.ndarray, corners: np.ndarray, loops: Loops, lengths: np.ndarray, border: np.ndarray, area: float
+) -> float:
+    """Metres that the outline of a patch counts: its longest loop, for holes that the surface has cost no compactness.
+
+    lengths : (q, 4) metres of the sides; border : (q, 4) bool, sides on the border of the surface; area : square metres
+    """
+    loop = loops.loop[corners[sides]]
+    all_ = np.bincount(loop, weights=lengths[sides], minlength=len(loops))
+    own = np.bincount(loop, weights=np.where(border, lengths, 0.0)[sides], minlength=len(loops))
+    return float(counted(all_, own, area).max(initial=0.0))

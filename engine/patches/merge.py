@@ -15,7 +15,7 @@ from ..threads import one_thread
 from .board import WAIST, Board, Change, Effort
 from .flatten import FlatPatches, flatten
 from .layout import PatchLayout, alone
-from .ranking import Ranking, poor, split_long, worth
+from .ranking import Ranking, split_long, worth
 from .regions import Halving
 from .reroute import reroute
 from .rescue import rescue
@@ -95,7 +95,7 @@ def _merge_body(
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
     if not layout.origin and not ranking.better(board, start, progress):
         board = start  # it was merged before
-    if layout.origin and poor(board):
+    if layout.origin and ranking.poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
         other = Board(parts, params, effort=effort, tick=tick)
         run(other, FACES, progress.part(0.55, 0.75))

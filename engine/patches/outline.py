@@ -78,9 +78,10 @@ def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
-def narrowness(outline: np.ndarray) -> float:
+def narrowness(outline: np.ndarray, rim: np.ndarray | None = None) -> float:
     """The narrowest isthmus of a polygon (m,) complex: its width over the shorter part of the outline behind it.
 
+    rim : (m,) bool, points on the border of the surface; an isthmus between two of them is the surface's own and left out.
     Only parts of at least a fifth of the outline count. A rectangle four times as long as wide has 0.2; more than 0.4
     is not told apart.
     """
@@ -94,6 +95,8 @@ def narrowness(outline: np.ndarray) -> float:
     arc = np.abs(at[None, :] - at[:, None])
     arc = np.minimum(arc, total - arc)
     ratio = np.where(arc > 0.08 * total, np.abs(p[None, :] - p[:, None]) / np.maximum(arc, 1e-300), 1.0)
+    if rim is not None:
+        ratio[rim[pick][:, None] & rim[pick]] = WIDE
     i, j = np.nonzero(np.triu(ratio < WIDE))
     # the chord leaves both its ends into the polygon: between the side that follows and the one before
     forward, backward, chord = after[pick] - p, np.roll(outline, 1)[pick] - p, p[j] - p[i]

@@ -38,6 +38,14 @@ class Ranking:
             return self.fits(one, progress) or not self.fits(two, progress)
         return self.fits(one, progress) and not self.fits(two, progress)
 
+    def poor(self, board: Board) -> bool:
+        """Does a merged layout leave so much to be desired that another way is worth trying?"""
+        sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
+        necks = sum(p.sketch.necks for p in board.pieces.values())
+        # what is symmetric would have to be beaten by half as many patches
+        few = FEW * (HALF if keeping(self.found, board.cut) else 1.0)
+        return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < few)
+
     def fits(self, board: Board, progress: Progress) -> bool:
         """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
         key = np.packbits(board.cut).tobytes()
@@ -68,13 +76,6 @@ def in_the_end(board: Board) -> float:
     total += LONG * float(np.maximum(split.compactness - limit, 0.0).sum())
     total -= LONG * sum(max(p.sketch.compactness - limit, 0.0) for p in pieces)
     return total + 1e-3 * drawing_cost(board)
-
-
-def poor(board: Board) -> bool:
-    """Does a merged layout leave so much to be desired that another way is worth trying?"""
-    sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
-    necks = sum(p.sketch.necks for p in board.pieces.values())
-    return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < FEW)
 
 
 def worth(board: Board) -> float:

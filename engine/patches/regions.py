@@ -20,7 +20,7 @@ from ..surface.curvature import angle_defects, corner_angles
 from ..surface.mesh import QuadMesh
 from .arap import PatchProblem, minimax, settle
 from .layout import PatchLayout, drawn_lengths, groups
-from .loops import longest, loops_of
+from .loops import loops_of, perimeter
 from .outline import simple
 
 ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
@@ -92,10 +92,12 @@ class Halving:
         inner = (sides.size - int(sides.sum())) // 2
         if len(used) - (4 * len(quads) - inner) + len(quads) != 2 - len(loops):
             return False
-        if not loops.mere_holes(corners, self.angles[quads], mesh.border[mesh.quad_edges[quads]]):
+        border = mesh.border[mesh.quad_edges[quads]]
+        if not loops.mere_holes(corners, self.angles[quads], border):
             return False
-        perimeter = longest(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]])
-        if perimeter > self.params.compactness_limit * np.sqrt(mesh.areas[quads].sum()) * (1 + 1e-9):
+        lengths, area = drawn_lengths(mesh)[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
+        around = perimeter(sides, corners, loops, lengths, border, area)
+        if around > self.params.compactness_limit * np.sqrt(area) * (1 + 1e-9):
             return False
         problem = PatchProblem(mesh, quads, corners, tick)
         flat = settle(problem, tolerance=0.01, hopeless=3 * limit)

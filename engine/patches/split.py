@@ -7,14 +7,16 @@ pieces is taken.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import LayoutParams, SheetParams
 from ..progress import SILENT, Progress
-from ..surface.symmetry import keeping, symmetries
+from ..surface.symmetry import Symmetry, keeping, symmetries
 from .edit import with_cuts
 from .flatten import FlatPatches
 from .layout import PatchLayout, alone
@@ -42,25 +44,31 @@ def split(
     room = usable(sheet)
     _refuse_large_quads(flat, room, sheet)
     first, before = len(flat.layout.patches), flat.layout.cut
-    found = symmetries(flat.layout.mesh) if params.symmetric else []
+    found: list[Symmetry] | None = None if params.symmetric else []
     for turn in range(rounds):
+        part = progress.part(turn / rounds, (turn + 1) / rounds)
         cut = flat.layout.cut.copy()
+        large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0]
+        if not large:
+            break
+        if found is None:
+            found = symmetries(flat.layout.mesh, progress=part.part(0.0, 0.0))
         # a patch that is its own mirror image may have been cut on one side only
         mirrored = keeping(found, cut)
-        large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0]
         done: set[int] = set()
         for number, patch in enumerate(large):
-            progress((turn + number / len(large)) / rounds, "cutting patches to the sheet's size")
+            tick = partial(part, number / len(large), "cutting patches to the sheet's size")
+            tick()
             if patch in done:
                 continue  # as the mirror image of another one
-            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet, progress.quiet())
+            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet, tick)
             if run is not None:
                 for edges in (run, *(image.edges[run] for image in mirrored)):
                     done |= _cut_once(flat.layout, edges, cut, done)
         if (cut == flat.layout.cut).all():
             break
         notes = flat.layout.notes
-        flat = with_cuts(flat, cut, params)
+        flat = with_cuts(flat, cut, params, part.part(1.0, 1.0))
         flat.layout.notes.update({k: v for k, v in notes.items() if k != "forced"} | forced_notes(flat, params))
     added = len(flat.layout.patches) - first
     if added:
@@ -162,16 +170,15 @@ def _best_run(
     params: LayoutParams,
     room: np.ndarray,
     sheet: SheetParams,
-    progress: Progress = SILENT,
+    tick: Callable[[], None] = lambda: None,
 ) -> np.ndarray | None:
     """The mesh edges of the best run through a patch; ``None`` if there is none."""
-    runs = straight_runs(flat, patch)
+    runs = straight_runs(flat, patch, tick)
     if runs is None:
         return None
-    progress(0.0)
     number = np.full(len(flat.points), -1)
     number[runs.loop] = np.arange(len(runs.loop))
-    needed, tails, heads = _needed(flat, runs, number, room, sheet)
+    needed, tails, heads = _needed(flat, runs, number, room, sheet, tick)
     points = flat.points[runs.loop]
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
     # a chord's share of the area: as good as the run's own while the run is nearly straight
@@ -181,16 +188,19 @@ def _best_run(
     score = NEEDED * needed + 0.5 * runs.cost / size + UNEVEN * uneven**2
     # both directions of a run are one run: keep those that leave the smaller number behind
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
-    found: list[tuple[float, int, np.ndarray]] = []
-    piece = _Piece(*alone(flat.layout, flat.layout.patches[patch]), flat.corners[flat.layout.patches[patch]])
+    best, found = np.inf, None
+    piece = _Piece.of(flat, patch)
     for start, end in _worth_checking(score, needed):
-        progress(0.0)
+        tick()
+        if score[start, end] >= best:
+            continue  # no less is needed than its parts of the outline need
         edges = runs.edges(start, end)
         judged = _judged(piece, edges, params, room, sheet)
         if judged is not None:
             judged += 0.5 * float(runs.cost[start, end]) / size + UNEVEN * float(uneven[start, end]) ** 2
-            found.append((round(judged, 9), len(found), edges))
-    return min(found, key=lambda f: f[:2])[2] if found else None
+            if round(judged, 9) < best:
+                best, found = round(judged, 9), edges
+    return found
 
 
 def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
@@ -204,7 +214,12 @@ def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, in
 
 
 def _needed(
-    flat: FlatPatches, runs: Runs, number: np.ndarray, room: np.ndarray, sheet: SheetParams
+    flat: FlatPatches,
+    runs: Runs,
+    number: np.ndarray,
+    room: np.ndarray,
+    sheet: SheetParams,
+    tick: Callable[[], None],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(s, e) int: pieces that the two sides of every run need, by their parts of the outline; and places of starts and ends."""
     tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
@@ -212,6 +227,7 @@ def _needed(
     spread = flat.points[runs.loop] @ _directions()
     needed = np.full((len(tails), len(heads)), 10**6)
     for start in np.unique(tails).tolist():
+        tick()
         order = (start + np.arange(count + 1)) % count
         ahead = np.maximum.accumulate(spread[order]) - np.minimum.accumulate(spread[order])
         behind = (np.maximum.accumulate(spread[order][::-1]) - np.minimum.accumulate(spread[order][::-1]))[::-1]
@@ -222,11 +238,18 @@ def _needed(
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A patch by itself: its layout, the edges of the whole mesh that its edges are, and its flat corners (q, 4, 2)."""
+    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners (q, 4, 2), its neck."""
 
     layout: PatchLayout
     edges: np.ndarray
     corners: np.ndarray
+    neck: int
+
+    @classmethod
+    def of(cls, flat: FlatPatches, patch: int) -> _Piece:
+        quads = flat.layout.patches[patch]
+        layout, edges = alone(flat.layout, quads)
+        return cls(layout, edges, flat.corners[quads], int(layout.necks()[0]))
 
 
 def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarray, sheet: SheetParams) -> float | None:
@@ -240,7 +263,7 @@ def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarr
     small = min(len(quads) for quads in after.patches)
     if small < min(params.patch_min, len(piece.corners) // 2):
         return None
-    worse = (after.necks() < min(params.neck_min, layout.necks()[0])).sum()
+    worse = (after.necks() < min(params.neck_min, piece.neck)).sum()
     widths = np.stack([_widths(piece.corners[quads].reshape(-1, 2)) for quads in after.patches], axis=1)
     needed = _sheets_needed(widths, room, sheet.rotation).sum()
     compact = np.maximum(after.compactness - 4.0, 0.0)

@@ -18,6 +18,7 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .arap import PatchProblem, minimax, settle
 from .layout import PatchLayout, straight_on
+from .outline import simple
 from .regions import ROOM, Halving
 
 
@@ -54,7 +55,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
 
 
 def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
-    """Patches of the ``wanted`` bodies (B,) bool, halved until they are under the distortion limit."""
+    """Patches of the ``wanted`` bodies (B,) bool, halved until they are under the distortion limit and injective."""
     mesh = layout.mesh
     good: set[bytes] = set()
     for round_ in range(30):
@@ -76,11 +77,12 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
 
 
 def _worst(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
-    """Worst energy of a patch, as far as weighing its quads brings it down."""
+    """Worst energy of a patch, as far as weighing its quads brings it down; infinite where it lies over itself."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     problem = PatchProblem(layout.mesh, quads, corners, tick)
     flat = settle(problem, tolerance=0.01)
-    return minimax(problem, flat, target=0.01).worst
+    flat = minimax(problem, flat, target=0.01)
+    return flat.worst if simple(flat.points, corners, layout.outline_sides[quads]) else np.inf
 
 
 def motorcycles(mesh: QuadMesh) -> np.ndarray:

@@ -64,9 +64,9 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
         wanted = points + hold.pull(points) + MOMENTUM * (points - before)
         points, before = guide.back(points, wanted), points
     progress(0.8, "regularise")
-    points = _mended(points, hold, guide)
+    points = _mended(points, hold, guide, progress.part(0.8, 0.9))
     progress(0.9, "regularise")
-    points = _symmetric(mesh, _unwarped(mesh, points))
+    points = _symmetric(mesh, _unwarped(mesh, points), progress.part(0.9, 1.0))
     better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
     return mesh.moved(points) if better else mesh
 
@@ -134,7 +134,7 @@ def best_squares(corners: np.ndarray) -> np.ndarray:
 # -- guard -----------------------------------------------------------------------------------------------------------
 
 
-def _mended(points: np.ndarray, hold: _Hold, guide: Guide) -> np.ndarray:
+def _mended(points: np.ndarray, hold: _Hold, guide: Guide, progress: Progress) -> np.ndarray:
     """More rounds in which spoilt quads are held ever more tightly, until none is spoilt.
 
     What is spoilt even then goes back where it was, in a wider and wider round; in the worst case all of it.
@@ -142,6 +142,7 @@ def _mended(points: np.ndarray, hold: _Hold, guide: Guide) -> np.ndarray:
     mesh = guide.mesh
     back = np.zeros(len(points), dtype=bool)
     for done in range(MENDING):
+        progress(done / MENDING, "regularise")
         worse, away = _spoilt(mesh, points)
         if not (worse | away).any():
             return points
@@ -180,10 +181,10 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     return points
 
 
-def _symmetric(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+def _symmetric(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
     """Moves averaged over the symmetries of ``mesh``: ties between nearest points break them by a hair."""
     moves = points - mesh.vertices
-    group = symmetries(mesh, tolerance=SYMMETRY)
+    group = symmetries(mesh, tolerance=SYMMETRY, progress=progress)
     total = moves + sum(moves[s.vertices] @ s.matrix for s in group)
     return mesh.vertices + total / (1 + len(group))
 

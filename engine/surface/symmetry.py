@@ -152,9 +152,14 @@ def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
 
 
 def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray | None:
-    of_edges = {tuple(e): f for f, e in enumerate(np.sort(mesh.quad_edges, axis=1).tolist())}
-    images = [of_edges.get(tuple(e), -1) for e in np.sort(edges[mesh.quad_edges], axis=1).tolist()]
-    return None if -1 in images else np.array(images, dtype=np.int64)
+    """(F,) int: the quad that has the images of a quad's edges for its own."""
+    own, images = np.sort(mesh.quad_edges, axis=1), np.sort(edges[mesh.quad_edges], axis=1)
+    first, second = np.lexsort(own.T), np.lexsort(images.T)
+    if (own[first] != images[second]).any():
+        return None
+    result = np.empty(len(own), dtype=np.int64)
+    result[second] = first
+    return result
 
 
 def keeping(found: list[Symmetry], cut: np.ndarray) -> list[Symmetry]:
@@ -176,14 +181,18 @@ def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
             table[i, j] = index.get(a.vertices[b.vertices].tobytes(), -1)
 
     def closure(seed: set[int]) -> frozenset[int]:
-        members = set(seed)
+        members = np.array(sorted(seed), dtype=np.int64)
         while True:
-            more = {int(table[a, b]) for a in members for b in members} - members - {-1}
-            if not more:
-                return frozenset(members)
-            members |= more
+            more = np.union1d(members, table[np.ix_(members, members)])
+            more = more[more >= 0]
+            if len(more) == len(members):
+                return frozenset(members.tolist())
+            members = more
 
-    known = {closure({i}) for i in range(count)} | {closure({i, j}) for i in range(count) for j in range(i)}
+    cyclic = {closure({i}): i for i in range(count)}
+    # what two of them generate depends on their cyclic groups only
+    generators = sorted(cyclic.values())
+    known = {*cyclic, *(closure({i, j}) for i in generators for j in generators if j < i)}
     known.add(frozenset(range(count)))
     ordered = sorted(known, key=lambda g: (-len(g), sorted(g)))
     kinds = [

@@ -92,12 +92,26 @@ def test_groups_are_connected_components(count: int, links: list[tuple[int, int]
     assert [expected.setdefault(root(i), len(expected)) for i in range(size)] == labels.tolist()
 
 
+def row_between(mesh: QuadMesh, columns: int, rows: int, first: int, last: int) -> np.ndarray:
+    """Edges along the rows ``first`` and ``last`` of a grid."""
+    at = np.arange((columns + 1) * (rows + 1)).reshape(columns + 1, rows + 1)
+    pairs = [{int(at[i, j]), int(at[i + 1, j])} for i in range(columns) for j in (first, last)]
+    return np.array([e for e, ends in enumerate(mesh.edges.tolist()) if set(ends) in pairs])
+
+
 def test_measures_of_a_rectangle() -> None:
-    layout = cut_of(grid(8, 3), np.zeros(0, dtype=np.int64))
-    assert layout.euler.tolist() == [1]
-    assert layout.perimeters[0] == pytest.approx(22 * 0.02)
-    assert layout.compactness[0] == pytest.approx(22 / np.sqrt(24))
-    assert layout.necks().tolist() == [3]
+    mesh = grid(8, 9)
+    layout = cut_of(mesh, row_between(mesh, 8, 9, 3, 6))
+    assert layout.euler.tolist() == [1, 1, 1]
+    assert layout.compactness == pytest.approx(np.full(3, 22 / np.sqrt(24)))
+    assert layout.necks().tolist() == [3, 3, 3]
+
+
+def test_a_ribbon_is_as_compact_as_a_square_and_a_strip_cut_out_of_a_surface_is_not() -> None:
+    assert cut_of(grid(40, 2), np.zeros(0, dtype=np.int64)).compactness == pytest.approx(4.0)
+    mesh = grid(40, 10)
+    strip = cut_of(mesh, row_between(mesh, 40, 10, 4, 6)).compactness[1]
+    assert strip == pytest.approx((80 + 4) / np.sqrt(80))
 
 
 def test_an_inner_cut_counts_twice_and_narrows_the_neck() -> None:
@@ -107,7 +121,7 @@ def test_an_inner_cut_counts_twice_and_narrows_the_neck() -> None:
     layout = cut_of(mesh, np.array(edges))
     assert len(layout.patches) == 1
     assert layout.euler[0] == 1
-    assert layout.perimeters[0] == pytest.approx((28 + 8) * 0.02)
+    assert layout.compactness[0] == pytest.approx(4 + 8 / np.sqrt(48))  # the border is longer than that of a square
     assert layout.necks()[0] == 2  # from the end of the cut to the border
     floating = cut_of(mesh, np.array(edges[1:]))
     assert floating.euler[0] == 0

@@ -113,6 +113,32 @@ def test_a_curved_plate_with_holes_is_one_panel_where_it_is_held() -> None:
     assert len(made.layout.patches) == 1
 
 
+def comb(i: int, j: int) -> bool:
+    return j < 2 or i % 3 == 0
+
+
+@pytest.mark.parametrize("kept", [comb, lambda i, j: j < 1], ids=["comb", "ribbon"])
+def test_a_surface_that_is_narrow_by_itself_is_not_cut_into_short_panels(kept: Callable[[int, int], bool]) -> None:
+    mesh = grid(16, lambda u, v: 0.3 * np.cos(6 * v) * np.ones_like(u), kept)
+    made = merged(mesh, held=True)
+    sound(made)
+    assert len(made.layout.patches) == 1
+
+
+def test_a_wound_ribbon_is_one_panel_unless_it_lies_over_itself() -> None:
+    """Ribbons along a circular helix: the flat one is a ring of the geodesic curvature of its middle line."""
+    for turns, most in ((0.8, 1), (2.4, 4)):
+        t = np.linspace(0.0, 2 * np.pi * turns, int(40 * turns) + 1)[:, None]
+        r = np.array([[2.6, 3.0, 3.4]])
+        points = np.stack([r * np.cos(t), r * np.sin(t), 0.3 * t * np.ones_like(r)], axis=2)
+        index = np.arange(points.shape[0] * 3).reshape(-1, 3)
+        quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
+        mesh = QuadMesh(points.reshape(-1, 3), quads)
+        made = merged(mesh.moved(mesh.vertices * (0.02 / mesh.median_edge)), held=True)
+        sound(made)
+        assert len(made.layout.patches) <= most
+
+
 def test_a_tube_is_no_plate_with_a_hole() -> None:
     """Both have two rims; the tube's do not turn, those of the plate do, once each."""
     angle = 2 * np.pi * np.arange(12) / 12

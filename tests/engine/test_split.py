@@ -7,10 +7,11 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, Settings, SheetParams
 from flexmaps.engine.patches import merge, split, trace
 from flexmaps.engine.patches.flatten import overlapping
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.symmetry import keeping, symmetries
+from flexmaps.engine.surface.symmetry import SEARCH, keeping, symmetries
 
 LAYOUT = LayoutParams()
 
@@ -105,6 +106,16 @@ def test_mirrored_patches_are_cut_alike(flat_grid):
     mirrored = middles * [-1, 1, 1] + [1.6, 0, 0]
     assert {tuple(m) for m in middles.round(6).tolist()} == {tuple(m) for m in mirrored.round(6).tolist()}
     assert len(made.layout.patches) == 4
+
+
+def test_the_search_for_symmetries_and_every_run_can_be_stopped(flat_grid):
+    """Whoever wants to stop is asked in the long steps too, not only between two patches."""
+    told: dict[str, int] = {}
+    report = Progress(report=lambda _, text: told.update({text: told.get(text, 0) + 1}))
+    split.split(flat_grid(40, 15), LAYOUT, SheetParams(), report)
+    assert told[SEARCH] >= 10
+    assert told["cutting patches to the sheet's size"] > 40
+    assert any("seams" in text for text in told)
 
 
 def test_a_sheet_without_room_for_a_quad_is_refused(flat_grid):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flexmaps.engine.params import LayoutParams
+from flexmaps.engine.patches import trace
+from flexmaps.engine.patches.board import Board
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.symmetry import keeping, subgroups, symmetries
 
@@ -65,3 +68,14 @@ def test_keeping_asks_the_cuts() -> None:
     line = np.abs(mesh.vertices[mesh.edges][:, :, 0]).max(axis=1) < 1e-9
     cut[line & ~mesh.border] = True
     assert len(keeping(found, cut)) == 3
+
+
+def test_one_of_several_mirrored_runs_leads_the_others() -> None:
+    """Of every orbit of edges under the kept symmetries exactly one is tried; without symmetries all are."""
+    mesh = shapes.make("cubesphere")
+    board = Board(trace.trace(mesh, LayoutParams()), LayoutParams())
+    edges = np.arange(len(mesh.edges))
+    assert all(board.leads([e]) for e in edges.tolist())
+    board.symmetries = symmetries(mesh)
+    orbits = {frozenset([e, *(int(s.edges[e]) for s in board.symmetries)]) for e in edges.tolist()}
+    assert sorted(e for e in edges.tolist() if board.leads([e])) == sorted(min(orbit) for orbit in orbits)
