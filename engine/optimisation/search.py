@@ -102,15 +102,11 @@ class Task:
 
         return replace(problem, build=build)
 
-    def simulated(
-        self, design: SpiralDesign, start: Pose, progress: Progress = SILENT, *, roughly: bool = False
-    ) -> Simulation:
-        """The whole model's equilibrium near to a pose; ``roughly`` need not be exact."""
-        tolerance = max(self.physics.tolerance, TOLERANCE) if roughly else self.physics.tolerance
-        once = replace(self.physics, restarts=0, tolerance=tolerance)
+    def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
+        """The whole model's equilibrium near to a pose."""
         rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
-        progress = replace(progress, shown=None)  # what is shown is the search
-        return simulate(design, self.target, self.material, once, start=start, progress=progress, **rest)
+        rest["progress"] = replace(progress, shown=None)  # what is shown is the search
+        return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
     def rested(self, design: SpiralDesign, point: Point) -> Simulation:
         """A design that was made of a point as if it had been simulated: anew only where it differs from the point.
@@ -129,8 +125,8 @@ class Task:
 
 def _alike(one: Assembly, two: Assembly) -> bool:
     """Whether two assemblies of the same joints differ by rounding only."""
-    apart = (np.abs(getattr(one, name) / getattr(two, name) - 1.0).max() for name in ("width", "radius"))
-    return max(*apart, np.abs(one.twist - two.twist).max()) < ALIKE
+    apart = [np.abs(one.lever - two.lever) / one.radius.mean(), one.width / two.width - 1.0, one.twist - two.twist]
+    return all(float(np.abs(part).max()) < ALIKE for part in apart)
 
 
 @dataclass(frozen=True, eq=False)
