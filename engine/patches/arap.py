@@ -77,7 +77,7 @@ def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> C
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
     z1 = length_f.astype(complex)
-    z0 = (inner + 1j * double_area) / length_f
+    z0 = (inner + 1j * double_area) / np.where(length_f > 0, length_f, 1.0)
     # turn each triangle to lie best on the projection of its quad, so that one rotation fits all four
     w1, w0 = flat[:, NEXT] - flat, flat[:, PREVIOUS] - flat
     turn = w1 * z1.conj() + w0 * z0.conj()
@@ -85,10 +85,11 @@ def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> C
     turn = np.where(size > 0, turn / np.where(size > 0, size, 1.0), 1.0)
     z1, z0 = z1 * turn, z0 * turn
     d = z1 * z0.conj() - z1.conj() * z0
-    d = np.where(np.abs(d) > 0, d, 1e-300)
+    # a triangle without area has no map of its own, and no weight
+    inverse = np.where(np.abs(d) > 0, 1.0, 0.0) / np.where(np.abs(d) > 0, d, 1.0)
     # u1 = a z1 + b conj(z1) with u1 = d[k]; u0 = a z0 + b conj(z0) with u0 = -d[k-1]
-    along, against = z0.conj() / d, z1.conj() / d
-    along_bar, against_bar = -z0 / d, -z1 / d
+    along, against = z0.conj() * inverse, z1.conj() * inverse
+    along_bar, against_bar = -z0 * inverse, -z1 * inverse
     area = 0.5 * double_area
     stiffness = np.zeros((len(flat), 4, 4))
     for k in range(4):
@@ -104,7 +105,7 @@ def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> C
 def quad_energy(tri: CornerTriangles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """E of every quad (F,), from the a and b (F, 4) of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
     energy = 2.0 * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)
-    return (tri.area * energy).sum(axis=1) / tri.area.sum(axis=1)
+    return (tri.area * energy).sum(axis=1) / np.maximum(tri.area.sum(axis=1), 1e-300)
 
 
 def square_energy(corners: np.ndarray) -> np.ndarray:
@@ -250,8 +251,9 @@ class PatchProblem:
         """(j,) complex of length 1: the turn over every joint that makes both sides of it parallel."""
         fa, ka, fb, kb = self.joints
         flat = self.tri.flat
-        turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) / (flat[fb, kb] - flat[fb, (kb + 1) % 4])
-        return turn / np.abs(turn)
+        turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
+        size = np.abs(turn)
+        return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
     def unfolded(self) -> np.ndarray:
         """(q, 4) complex: rotations to start from, carried from every patch's middle quad outwards over uncut sides."""
@@ -316,13 +318,14 @@ class PatchProblem:
         return one // 4, one % 4, two // 4, two % 4
 
     def patch(self, points: np.ndarray) -> FlatPatch:
+        """The patch with its vertices at points (n,); where those are no numbers it is the worst there is."""
+        if not np.isfinite(points).all():
+            turns, energy = np.ones(self.corners.shape, dtype=complex), np.full(len(self.corners), np.inf)
+            return FlatPatch(points, turns, energy, self.corners.size)
         a, b = self.maps(points)
         size_a, size_b = np.abs(a), np.abs(b)
-        energy = quad_energy(self.tri, a, b)
         rotation = a / np.maximum(size_a, 1e-300)
-        # a flattening that is no number at all is the worst there is
-        energy = np.where(np.isfinite(energy), energy, np.inf)
-        return FlatPatch(points, rotation, energy, int((~(size_b < size_a)).sum()))
+        return FlatPatch(points, rotation, quad_energy(self.tri, a, b), int((~(size_b < size_a)).sum()))
 
 
 @dataclass(frozen=True, eq=False)

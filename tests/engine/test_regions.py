@@ -211,6 +211,7 @@ def test_merging_what_was_merged_changes_nothing(name: str) -> None:
     assert (again.layout.cut == once.layout.cut).all()
 
 
+@pytest.mark.filterwarnings("error")
 def test_quads_without_area_do_not_break_a_flattening() -> None:
     """The Laplacian has no Cholesky factor there; what comes of it is a candidate that loses."""
     mesh = grid(3, flat)
@@ -221,6 +222,7 @@ def test_quads_without_area_do_not_break_a_flattening() -> None:
     assert not made.worst <= PARAMS.distortion_limit or made.flips > 0
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_flattening_that_is_no_number_is_the_worst() -> None:
     mesh = grid(2, flat)
     found = PatchProblem(mesh, np.arange(4), mesh.quads).patch(np.full(9, np.nan, dtype=complex))
