@@ -34,6 +34,24 @@ def voxels(obj, size):
     return "FINISHED" in bpy.ops.object.voxel_remesh()
 
 
+def cells(obj, size):
+    """What lies flat as one polygon, cut along planes across the three axes that are about ``size`` apart."""
+    bm = bmesh.new()
+    bm.from_mesh(obj.data)
+    bmesh.ops.dissolve_limit(bm, angle_limit=1e-3, verts=[], edges=bm.edges)
+    places = np.array([v.co for v in bm.verts])
+    low, high = places.min(axis=0), places.max(axis=0)
+    for axis in range(3):
+        count = round(float((high - low)[axis]) / size)
+        for k in range(1, count):
+            middle = low + np.eye(3)[axis] * (high - low)[axis] * k / count
+            every = [*bm.verts, *bm.edges, *bm.faces]
+            # corners near to a plane count as on it, or slivers would be cut off beside them
+            bmesh.ops.bisect_plane(bm, geom=every, dist=0.2 * size, plane_co=middle, plane_no=np.eye(3)[axis])
+    bm.to_mesh(obj.data)
+    bm.free()
+
+
 def quads(obj, count, seed, smooth):
     return "FINISHED" in bpy.ops.object.quadriflow_remesh(
         mode="FACES",
@@ -86,7 +104,7 @@ def as_arrays(mesh):
     return {"vertices": vertices.reshape(-1, 3), "corners": corners, "sizes": sizes}
 
 
-TOOLS: dict = {"triangles": triangles, "voxels": voxels, "quads": quads}
+TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads": quads}
 
 
 def answer(wanted, given):

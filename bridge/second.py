@@ -62,6 +62,9 @@ class SecondBlender:
     def voxels(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
         return self._mesh("voxels", body, {"size": size}, progress)
 
+    def cells(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
+        return self._mesh("cells", body, {"size": size}, progress)
+
     def touching(self, parts: list[PolygonMesh], progress: Progress = SILENT) -> list[tuple[int, int]]:
         first = np.cumsum([0, *(len(part.vertices) for part in parts)])
         given = {

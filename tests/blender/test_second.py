@@ -6,11 +6,12 @@ import os
 from pathlib import Path
 from typing import Any
 
+import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import second
+from flexmaps.bridge import remesh, second
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface import check, requad, shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 
@@ -50,6 +51,20 @@ def test_what_hangs_is_ended_and_the_next_one_starts_anew(dome: PolygonMesh, mon
         assert np.ptp(quads.vertices, axis=0) == pytest.approx(np.ptp(dome.vertices, axis=0), rel=0.15)
         last = tool._process
     assert last.poll() is not None
+
+
+def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
+    """The M of Blender's own font has slender triangles only."""
+    curve = bpy.data.curves.new("M", "FONT")
+    curve.body = "M"
+    obj = bpy.data.objects.new("M", curve)
+    bpy.context.scene.collection.objects.link(obj)
+    letter = remesh.seen(obj, bpy.context)
+    made = remesh.quads_of(letter, 300, smooth=True)
+    assert not [f for f in check.findings(made.polygons) if f.is_error]
+    assert 150 < len(made.polygons.sizes) < 600
+    expected, area = (requad._target(mesh).area for mesh in (letter, made.polygons))
+    assert area == pytest.approx(expected, rel=0.05)
 
 
 def test_a_blender_that_does_not_start_is_named(dome: PolygonMesh, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,6 +71,8 @@ class Balls:
     def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
         return None
 
+    cells = voxels
+
 
 def spread(quads: PolygonMesh) -> np.ndarray:
     return np.bincount(bodies(sides_of(quads), len(quads.sizes)))
@@ -113,6 +115,28 @@ def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     parts, said = requad._parts(of_rows(np.array(points, float), rows), Balls(), SILENT)
     assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
     assert all(requad._is_clean(part) for part in parts)
+
+
+class Cells(Balls):
+    """Gives no quads, but the polygons of a square: two quads and two triangles."""
+
+    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
+        return None
+
+    def cells(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
+        low, size = body.vertices.min(axis=0), float(np.ptp(body.vertices, axis=0).max())
+        points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0, 0), (0.5, 0.5, 0), (0, 0.5, 0)])
+        faces = [[0, 4, 5, 6], [4, 1, 5], [1, 2, 5], [6, 5, 2, 3]]
+        return PolygonMesh(low + size * points, np.concatenate(faces), np.array([4, 3, 3, 4]))
+
+
+def test_open_bodies_that_get_no_quads_are_cut_into_some() -> None:
+    square = of_rows(np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
+    made = requad.requad(square, 14, Cells()).polygons
+    assert requad._is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
+    p = made.vertices[made.corners.reshape(-1, 4)]
+    areas = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])[:, 2]
+    assert areas.min() > 0 and areas.sum() == pytest.approx(1.0)
 
 
 def tube(around: int = 12, rings: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
