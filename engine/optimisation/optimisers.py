@@ -22,8 +22,8 @@ TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equili
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
 HOPE = 0.25  # share of what the model foretells that counts as still to be had
-# Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 330 steps that were taken
-# from where the tangent foretold them, on 7 surfaces, none took more than 7; those given up cost up to half of the time
+# Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken
+# from where the tangent foretold them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
 INNER_ITERATIONS, FORETOLD_ITERATIONS = 30, 12
 
 
