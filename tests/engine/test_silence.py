@@ -79,6 +79,6 @@ def silences(quads: int, every: bool, folder: Path) -> dict[str, int]:
 
 @pytest.mark.parametrize("every", [False, True], ids=["a few panels", "a panel a quad"])
 def test_silences_do_not_grow_with_the_piece(every: bool, tmp_path: Path) -> None:
-    small, large = (silences(quads, every, tmp_path) for quads in (24, 96))
+    small, large = (silences(quads, every, tmp_path) for quads in (16, 64))
     grown = {words: calls for words, calls in large.items() if calls > max(FEW, 2 * small.get(words, 0))}
     assert not grown
