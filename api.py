@@ -28,10 +28,8 @@ from .engine.errors import Cancelled, FlexMapsError
 from .engine.fabrication.export import FLAT
 from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed
-from .engine.patches import flatten, trace
-from .engine.patches.layout import PatchLayout
 from .engine.progress import SILENT, Progress
-from .engine.runs import job
+from .engine.runs import job, stages
 from .engine.runs import report as reporting
 from .engine.surface import check as checking
 from .engine.surface import meshio, shapes
@@ -49,18 +47,6 @@ SHAPE = "shape:"
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
 Supports = str | Sequence[int] | None
 Tell = Callable[[float, str], None] | Progress | None
-LAYOUT = ("trace", "merge", "split")
-# from which of the job's results on a change of settings makes them out of date; sections that are not named: none
-CONCERNS = {
-    "layout": "flat",
-    "spiral": "design",
-    "material": "optimisation",
-    "simulate": "optimisation",
-    "loads": "optimisation",
-    "sheet": "sheets",
-    "connect": "sheets",
-    "cut": "sheets",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +57,6 @@ class Piece:
     made : what the stages made (``engine.runs.job.Result``); None where the mesh is none that can be made
     uid : Blender's id of the object that it was read from and can be shown in again
     seams : (E,) bool, edges that the object has marked as seams
-    broken : why the flat patches that the object holds are out of date, if they are
     """
 
     name: str
@@ -82,7 +67,6 @@ class Piece:
     made: job.Result | None = None
     uid: int | None = None
     seams: np.ndarray | None = None
-    broken: FlexMapsError | None = None
 
     @property
     def result(self) -> job.Result:
@@ -140,13 +124,12 @@ def change(
         supports = None
     made = piece.made
     if made is not None:
-        for section, first in CONCERNS.items():
-            if getattr(wanted, section) != getattr(piece.settings, section):
-                made = job.without(made, first)
+        made = stages.outdated(made, piece.settings, wanted)
         if wanted.loads != piece.settings.loads:
             made = _loaded(piece, made, wanted)
         if supports is not None:
-            made = replace(job.without(made, "optimisation"), supports=standing(made.mesh, supports))
+            made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
+        made = job.completed(made, wanted)
     return replace(piece, settings=wanted, made=made)
 
 
@@ -220,34 +203,33 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     A mesh that is no object is regularised first, unless it has been: as in the main job.
     """
     if not keep_seams:
-        return _go_on(piece, (*_regular(piece), *LAYOUT), progress)
+        return _to(replace(piece, made=stages.without(piece.result, {"layout"})), "flat", progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the patches be traced")
-    cuts = trace.make_disks(PatchLayout(piece.mesh, piece.seams))
-    flat = flatten.flatten(cuts, piece.settings.layout, _progress(progress))
-    return replace(piece, made=replace(job.without(piece.result, "layout"), flat=flat), broken=None)
+    made = job.flattened(piece.result, piece.seams, piece.settings.layout, _progress(progress))
+    return replace(piece, made=made)
 
 
 def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
     """Width and twist of every spiral from the curvature."""
-    return _go_on(piece, (*_missing(piece, "flat"), "spirals"), progress)
+    return _to(replace(piece, made=stages.without(piece.result, {"design"})), "design", progress)
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """The shape that the assembled panels take, and what keeps it from the target."""
     held = change(piece, supports=supports)
-    return _go_on(held, (*_missing(held, "design"), "simulate"), progress)
+    return _to(held, "design", progress, "simulate")
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
     held = change(piece, supports=supports)
-    return _go_on(held, (*_missing(held, "design"), "optimise", "simulate"), progress)
+    return _to(held, "design", progress, "optimise", "simulate")
 
 
 def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
     """The panels with connectors and kerf, nested on sheets."""
-    return _go_on(piece, (*_missing(piece, "design"), "sheets"), progress)
+    return _to(piece, "design", progress, "sheets")
 
 
 def export(
@@ -266,7 +248,8 @@ def export(
     assert ready.result.sheets is not None
     base = Path(folder) / name
     with files.replacing_many(exporting.stale(base, ready.result.sheets.count), base.parent) as new:
-        return main_job.write_sheets(ready.result, piece.name, base, tuple(formats), new, progress=told.part(0.8, 1.0))
+        title, guide, rest = Path(piece.name).stem, main_job.guide_of(base), told.part(0.8, 1.0)
+        return main_job.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
 def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:
@@ -318,7 +301,7 @@ def run(
     names = job.stages(stop_after, optimised)
     with main_job.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
         piece = load(source, edge=edge, height=height, up=up, quads=quads, settings=settings, supports=supports)
-        piece = replace(piece, made=job.without(piece.result, "layout"), broken=None)
+        piece = replace(piece, made=stages.without(piece.result, {"layout"}))
         piece = _go_on(piece, names[1:], told.part(0.0, 0.6), lenient=True)
         return main_job.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
@@ -351,26 +334,20 @@ def _begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
     return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
 
 
-def _go_on(piece: Piece, stages: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
-    made = job.go_on(piece.result, piece.settings, stages, _progress(progress), lenient=lenient)
-    return replace(piece, made=made, broken=None if "trace" in stages else piece.broken)
+def _go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
+    return replace(piece, made=job.go_on(piece.result, piece.settings, names, _progress(progress), lenient=lenient))
 
 
-def _regular(piece: Piece) -> tuple[str, ...]:
-    """What regularises a mesh from elsewhere; the vertices of an object move only when that is asked for."""
-    return () if piece.uid is not None or "regularise" in piece.result.seconds else ("regularise",)
+def _to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
+    """The piece with the stages that are missing until a member of its result is there, and those asked for ``after``.
 
-
-def _missing(piece: Piece, name: str) -> tuple[str, ...]:
-    """The stages that still have to run for "flat" or "design" to be there."""
-    if piece.broken is not None:
-        raise piece.broken
-    found: tuple[str, ...] = ()
-    if piece.result.flat is None:
-        found += (*_regular(piece), *LAYOUT)
-    if name == "design" and piece.result.design is None:
-        found += ("spirals",)
-    return found
+    A mesh from elsewhere is regularised before it is cut, unless it has been; the vertices of an object move only when that
+    is asked for.
+    """
+    names = stages.missing(piece.result, member)
+    if "trace" in names and piece.uid is None and "regularise" not in piece.result.seconds:
+        names = ("regularise", *names)
+    return _go_on(piece, (*names, *after), progress)
 
 
 def _from_blender(source: Any) -> Piece:
@@ -379,8 +356,7 @@ def _from_blender(source: Any) -> Piece:
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     found = stored.read(obj)
     name = obj.name if obj is source else Path(source).name
-    rest = {"made": found.result, "uid": found.uid, "seams": found.seams, "broken": found.broken}
-    return Piece(name, found.source, found.settings, **rest)  # type: ignore[arg-type]
+    return Piece(name, found.source, found.settings, made=found.result, uid=found.uid, seams=found.seams)
 
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:

@@ -36,8 +36,8 @@ def parser() -> argparse.ArgumentParser:
         "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
     )
     whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
-    whole.add_argument("--stop-after", choices=list(job.STAGES), default=list(job.STAGES)[-1], metavar="STAGE",
-                       help=f"last stage to run: {', '.join(job.STAGES)}")  # fmt: skip
+    whole.add_argument("--stop-after", choices=job.NAMES, default=job.NAMES[-1], metavar="STAGE",
+                       help=f"last stage to run: {', '.join(job.NAMES)}")  # fmt: skip
     whole.add_argument(
         "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
     )

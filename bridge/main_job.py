@@ -58,7 +58,8 @@ def write(
     with quiet_blender():
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
-            written = write_sheets(result, name, out / SHEET, formats, new, out / GUIDE, progress.part(0.0, 0.2))
+            title, part = Path(name).stem, progress.part(0.0, 0.2)
+            written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings, progress.part(0.2, 0.28))
         progress(0.28, "saving the Blender file")
@@ -82,31 +83,29 @@ def write(
 
 def write_sheets(
     result: job.Result,
-    name: str,
+    title: str,
     base: Path,
     formats: tuple[str, ...],
     new: files.NewFile,
-    guide: Path | None = None,
+    guide: Path | None,
     progress: Progress = SILENT,
 ) -> list[Path]:
-    """Write the sheets as base-01.svg, ..., and the assembly sheet as base-assembly.pdf or ``guide``; returns the files."""
-    assert result.sheets is not None
+    """Write the sheets as base-01.svg, ..., and the assembly sheet as ``guide``, if that is a file; returns the files."""
+    made, figures = result.sheets, result.estimates
+    assert made is not None
+    assert figures is not None
     assert result.design is not None
-    written = export.write(result.sheets, base, formats, new, progress.part(0.0, 0.7))
-    if result.estimates is not None:
-        target = guide or base.with_name(f"{base.name}-assembly.pdf")
-        args = (
-            result.design,
-            result.sheets,
-            result.estimates,
-            target,
-            Path(name).stem,
-            new,
-            result.assembly,
-            progress.part(0.7, 1.0),
-        )
-        written.append(assembly_sheet.write(*args))
+    written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
+    if guide is not None:
+        drawing = progress.part(0.7, 1.0)
+        drawing(0.0, "drawing the assembly sheet")
+        written.append(assembly_sheet.write(result.design, made, figures, guide, title, new, result.assembly, drawing))
     return written
+
+
+def guide_of(base: Path) -> Path:
+    """Where the assembly sheet lies that belongs to the sheets base-01.svg, ..."""
+    return base.with_name(f"{base.name}-assembly.pdf")
 
 
 def _stale(out: Path) -> list[Path]:

@@ -192,7 +192,7 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     else wrote some that cannot be cut.
     """
     if len(surface.spoilt):
-        raise _cannot_be_cut(surface.spoilt)
+        raise cannot_be_cut(surface.spoilt)
     design = design_of(surface, flat, params)
     ours = made is not None and design is not None and _as_noted(design, made)
     if design is None:
@@ -204,11 +204,12 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     if not len(wrong):
         return design
     if not ours:
-        raise _cannot_be_cut(wrong)
+        raise cannot_be_cut(wrong)
     return fitted(flat, params, design.width, design.twist, prove=False)
 
 
-def _cannot_be_cut(faces: np.ndarray) -> FlexMapsError:
+def cannot_be_cut(faces: np.ndarray) -> FlexMapsError:
+    """What is said of spirals that somebody else wrote, on these faces (k,) int."""
     text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
     return FlexMapsError(text, faces=faces)
 

@@ -1,7 +1,6 @@
 """What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
 
-The blocks are those of report.json ("checks", "layout", "spirals", "equilibrium", "reach", "optimise",
-"sheets"); a stage that has not run is absent.
+The blocks are those of report.json, see ``engine/runs/stages.py``, and "checks"; a stage that has not run is absent.
 """
 
 from __future__ import annotations
@@ -14,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..engine.runs import stages
+
 if TYPE_CHECKING:
     from ..engine.surface.check import Finding
 
@@ -22,8 +23,6 @@ MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage 
 SUM = "_sum"  # behind the name of a text: where its own checksum stands
 TRACED = "traced"  # in the layout's block: there are patches that nobody has tried to join yet
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
-# how late a stage comes: running it makes everything that comes later out of date
-ORDER = {"checks": 0, "layout": 1, "spirals": 2, "equilibrium": 3, "reach": 3, "optimise": 3, "sheets": 3}
 
 
 # -- texts on the mesh: whatever a file holds, only what this program wrote is taken ------------------------------------
@@ -87,15 +86,16 @@ def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> No
 def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
     """Put the block of a stage, and drop those of the stages after it, which it made out of date."""
     _begin(mesh)
-    kept = {name: value for name, value in read(mesh).items() if name != stage and ORDER[name] <= ORDER[stage]}
-    _put(mesh, NAME, kept | {stage: block})
+    gone = stages.blocks_after(stage)
+    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
     _note_fresh(mesh, stage)
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     """Drop the block of a stage and those after it."""
     _begin(mesh)
-    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if ORDER[name] < ORDER[stage]})
+    gone = stages.blocks_after(stage) | {stage}
+    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
 
 
 def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:

@@ -10,25 +10,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.errors import FlexMapsError
 from ..engine.fabrication.export import NewFile
 from ..engine.params import ObjectSettings, Settings
-from ..engine.runs import drawing, job, report, report_page, report_plots
+from ..engine.runs import drawing, report, report_page, report_plots, stages
 from ..engine.runs.drawing import Drawing
 from ..engine.runs.report_plots import Measured
-from ..engine.surface.check import as_quad_mesh
+from ..engine.runs.result import Result
 from . import arrange, overlay
 
 if TYPE_CHECKING:
     import bpy
 
-    from .surface import Surface
+    from .stored import Taken
 
 SIMULATED = ("equilibrium", "reach", "optimise")
 PAGE, PLOTS = "report.html", "plots"
 
 
-def drawings(result: job.Result, described: dict[str, Any], settings: Settings) -> dict[str, Drawing]:
+def drawings(result: Result, described: dict[str, Any], settings: Settings) -> dict[str, Drawing]:
     """The plots of a job, by name."""
     centres = None if result.flat is None else arrange.side_by_side(result.flat)
     measured = Measured.of(result, centres)
@@ -62,20 +61,16 @@ def stale(out: Path) -> list[Path]:
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class Reported:
     """What a report needs of an object, read from Blender: plain arrays and texts, safe in another thread.
 
     blocks : the notes of the stages that are not out of date
-    supports : (k,) int, quads that are held; None where the user holds nothing
     shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
     values : (F,) arrays of that simulation, or None, by the names of ``Measured``
     """
 
-    name: str
-    surface: Surface
-    settings: ObjectSettings
+    taken: Taken
     blocks: dict[str, Any]
-    supports: np.ndarray | None = None
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
 
@@ -87,30 +82,31 @@ def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]
     """
     import bpy
 
-    from . import mesh
+    from . import mesh, stored
     from . import settings as properties
 
     surface = mesh.read_surface(obj, bpy.context.scene)
-    return of_taken(take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    taken = stored.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
+    return drawn(taken.result(), read(obj, taken))
 
 
-def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings) -> Taken:
-    """Read what ``of_taken`` needs, on Blender's main thread; milliseconds. Raises ``FlexMapsError`` for wrong supports."""
+def read(obj: bpy.types.Object, taken: Taken) -> Reported:
+    """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
     import bpy
 
-    from . import attributes, equilibrium, notes, states, supports
+    from . import attributes, equilibrium, notes, states
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = states.of(obj, bpy.context.scene)
     blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
-    found = Taken(obj.name, surface, used, blocks, supports.supported(obj, surface, used.loads))
+    found = Reported(taken, blocks)
     if "equilibrium" not in blocks:
         return found
     key = equilibrium.key_of(obj.data)
-    shape = surface.positions
+    shape = taken.surface.positions
     if key is not None:
-        shape = np.empty_like(surface.positions)
+        shape = np.empty_like(shape)
         key.data.foreach_get("co", shape.ravel())
     if not np.isfinite(shape).all():
         return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
@@ -119,26 +115,20 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings) -> Taken
     return replace(found, shape=shape, values=values)
 
 
-def of_taken(taken: Taken) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """The report and the plots; touches no Blender data. Raises as ``of_object`` does."""
-    from . import stored
+def drawn(result: Result, found: Reported) -> tuple[dict[str, Any], dict[str, Drawing]]:
+    """The report and the plots of a result that was taken from an object; touches no Blender data.
 
-    surface = taken.surface
-    found = stored.of_surface(surface, taken.settings)
-    if found.broken is not None:
-        raise found.broken
-    if found.result is None:
-        as_quad_mesh(found.source)
-        raise FlexMapsError(f"'{taken.name}' cannot be read as quads; press Check")
-    if found.result.flat is None:
-        raise FlexMapsError("There is nothing to report yet; press Merge or Flatten first")
-    result = replace(found.result, supports=taken.supports)
+    Raises ``FlexMapsError`` where nothing was laid out yet.
+    """
+    taken = found.taken
+    flat = stages.needed(result, "flat")
     described = report.build(result, source=taken.name, settings=taken.settings)
-    measured = Measured.of(result, arrange.side_by_side(found.result.flat))
-    if taken.shape is not None:
-        world = taken.shape.astype(float) @ surface.to_metres[:3, :3].T + surface.to_metres[:3, 3]
-        used = np.unique(surface.polygons.corners)  # the engine knows no others
-        measured = replace(measured, shape=world[used], **taken.values)
-    described |= {name: block for name, block in taken.blocks.items() if name != "checks"}
-    described["checks"] = taken.blocks.get("checks", described["checks"])
+    measured = Measured.of(result, arrange.side_by_side(flat))
+    if found.shape is not None:
+        to_metres = taken.surface.to_metres
+        world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
+        used = np.unique(taken.surface.polygons.corners)  # the engine knows no others
+        measured = replace(measured, shape=world[used], **found.values)
+    described |= {name: block for name, block in found.blocks.items() if name != "checks"}
+    described["checks"] = found.blocks.get("checks", described["checks"])
     return described, report_plots.drawings(measured, described, overlay.LIMITS, taken.settings.layout.distortion_limit)

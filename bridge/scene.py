@@ -14,7 +14,7 @@ from ..engine.fabrication.sheets import sheets_report
 from ..engine.params import Settings
 from ..engine.patches.flatten import layout_report
 from ..engine.progress import SILENT, Progress
-from ..engine.runs.job import Result
+from ..engine.runs.result import Result
 from ..engine.spirals.design import design_report
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from . import arrange, beside, equilibrium, mesh, notes, overlay, settings, solids, states, supports

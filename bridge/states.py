@@ -8,38 +8,52 @@ note that an earlier stage dropped, and so tells a stage that has to be run agai
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import bmesh
 import bpy
 import numpy as np
 
+from ..engine.runs import stages
 from . import attributes, notes, pose, settings
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
 
-# stage -> what its result is made from, the likeliest change first; settings by the name of their group
-PARTS: dict[str, tuple[str, ...]] = {
-    "checks": ("shape",),
-    "layout": ("seams", "shape", "layout"),
-    "spirals": ("seams", "shape", "spiral"),
-    "equilibrium": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
-    "reach": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
-    "optimise": ("shape", "design", "spiral", "material", "simulate", "loads", "down"),
-    "sheets": ("seams", "shape", "design", "spiral", "material", "sheet", "connect", "cut", "export"),
-}
-# what is no stage and has no note, but is made from the same
+# what of a result a hand can change on a Blender mesh, the likeliest first: its edges' seams, its faces' spirals, its vertices
+BY_HAND = {"flat": "seams", "design": "design", "mesh": "shape"}
+
+
+def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
+    """What something is made from that goes on from some members: what a hand can change of them, then the settings."""
+    given = stages.ingredients(members)
+    own = tuple(part for member, part in BY_HAND.items() if member in given)
+    named = tuple(dict.fromkeys(settings))
+    return (*own, *named, *(("down",) if "loads" in named else ()))
+
+
+def _parts_of(block: str) -> tuple[str, ...]:
+    writers = stages.writers(block)
+    return _parts((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
+
+
+# block of the notes -> what it is made from; settings by the name of their section, see ``stages.Stage``
+PARTS: dict[str, tuple[str, ...]] = {"checks": ("shape",)} | {block: _parts_of(block) for block in stages.BLOCKS}
+PARTS["sheets"] += ("export",)  # the note names the files
+# what has no note, but is made from the same
 BESIDE: dict[str, tuple[str, ...]] = {
-    "regularise": ("shape",),
-    "preview": ("seams", "shape", "design", "spiral", "pose"),
+    "regularise": _parts(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
+    "preview": (*_parts(("design",), ("spiral",)), "pose"),
 }
-OF_MESH = {"shape", "seams", "design", "pose"}
+OF_MESH = {*BY_HAND.values(), "pose"}
 GIVEN = {
     part for parts in (*PARTS.values(), *BESIDE.values()) for part in parts
 } - OF_MESH  # settings, and which way is down
-# stage -> the one that it goes on from
-AFTER = {"spirals": "layout", "equilibrium": "spirals", "optimise": "spirals", "sheets": "spirals"}
+# block -> those of the stages that it goes on from
+AFTER = {
+    block: stages.blocks_of(need for stage in stages.writers(block) for need in stage.needs) - {block}
+    for block in stages.BLOCKS
+}
 WHY = {
     "seams": "The seams were edited since",
     "shape": "The mesh was changed since",
@@ -163,7 +177,8 @@ class _Present:
 
     def _settings(self, name: str) -> bytes:
         given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
-        return b"" if given is None else settings.changed(getattr(given, name)).encode()
+        section, _, but = name.partition("!")
+        return b"" if given is None else settings.changed(getattr(given, section), but).encode()
 
 
 def _rounded(matrix: np.ndarray) -> str:
@@ -214,7 +229,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
     found: dict[str, State] = {}
     for stage, parts in PARTS.items():
         made = stamps.get(stage)
-        earlier = found.get(AFTER.get(stage, ""))
+        earlier = [found[name] for name in AFTER.get(stage, ()) if name in found]
         if stage not in blocks:
             found[stage] = State(TODO if made is None else OLD)
             continue
@@ -222,7 +237,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
         if changed is not None:
             found[stage] = State(OLD, changed)
         else:
-            found[stage] = State(OLD if earlier is not None and earlier.kind != DONE else DONE)
+            found[stage] = State(DONE if all(state.kind == DONE for state in earlier) else OLD)
     return found
 
 

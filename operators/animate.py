@@ -2,60 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
 from ..bridge.words import told
 from ..engine.errors import FlexMapsError
-from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class Animate(Stage, bpy.types.Operator):
+class Animate(JobStage, bpy.types.Operator):
     """Animate the assembly: the panels fly from the table to their places and are joined seam by seam, and what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
     bl_label = "Animate assembly"
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        blocks = notes.read(obj.data)
-        return None if "equilibrium" in blocks else "Press Simulate or Optimise first"
+    needs = "simulation"
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import animation, mesh, pose, preview
-        from ..bridge.objects import find
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        from ..bridge import animation, pose, preview
+        from ..engine.runs import stages
 
-        obj = find(surface.uid)
-        found = pose.read(obj, surface.to_metres)
+        settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
         if found is None:
-            raise FlexMapsError("There is no simulated shape yet; press Simulate first")
+            raise FlexMapsError(stages.MISSING["simulation"])
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
-        material = settings.material.chosen
 
-        def work(progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.assembling import assembly_film
             from ..engine.fabrication.panel_mesh import DETAILS
-            from ..engine.surface import check
 
-            progress(0.0, "Reading the spirals")
-            design = mesh.design_of(
-                surface, mesh.current_flat(surface, check.as_quad_mesh(surface.polygons)), settings.spiral
-            )
-            if design is None:
-                raise FlexMapsError("There are no spirals yet; press Spirals first")
+            design = stages.needed(result, "design")
             detail = DETAILS[settings.film.film_detail]
             table = animation.on_table(design, found)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
+            material = settings.material.chosen
             made = assembly_film.film(design, found, table, detail, material, settings.simulate, rest, tips)
             return made, found, settings
 
-        return work
+        return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import animation, beside, preview

@@ -5,90 +5,65 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..bridge import notes
 from ..bridge.words import told
 from ..engine.errors import FlexMapsError
-from ..engine.params import ExportParams, ObjectSettings
+from ..engine.params import ExportParams
 from ..engine.progress import Progress
+from .job_stage import GoOn, JobStage
 from .spirals import Drawn
-from .stage import Stage, Work
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class Export(Stage, bpy.types.Operator):
+class Export(JobStage, bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
     bl_label = "Export sheets"
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
+    needs = "design"
+    loaded = True
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import beside, equilibrium, mesh, supports
-        from ..bridge.objects import find
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        from ..bridge import beside, equilibrium
 
-        formats = _formats(settings.export)
-        obj = find(surface.uid)
-        name, look = obj.name, Drawn.look_of(settings)
+        settings = taken.settings
+        formats, look = _formats(settings.export), Drawn.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get(beside.LOOK, look) != look for o in beside.panels_of(obj))
-        base = _folder(settings.export.folder) / _file_name(name)
+        base = _folder(settings.export.folder) / _file_name(taken.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
-        resting = equilibrium.resting(obj, bpy.context.scene, surface)
-        held = supports.supported(obj, surface, settings.loads)
-        force = supports.force(obj, surface, settings.loads)
+        rest = equilibrium.resting(obj, bpy.context.scene, taken.surface) if settings.export.guide else None
+        once = replace(settings, simulate=replace(settings.simulate, restarts=0))
+        names = ("sheets",) if rest is None else ("simulate", "sheets")
 
-        def work(progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..bridge import main_job
             from ..engine import files
-            from ..engine.assembling import assembly_check, assembly_sheet
             from ..engine.fabrication import estimates, export, sheets
-            from ..engine.mechanics import simulate
-            from ..engine.patches import split
-            from ..engine.surface import check
+            from ..engine.runs import job
 
-            progress(0.0, "Reading the spirals")
-            quads = check.as_quad_mesh(surface.polygons)
-            flat = mesh.current_flat(surface, quads)
-            design = mesh.design_of(surface, flat, settings.spiral)
-            if design is None:
-                raise FlexMapsError("There are no spirals yet; press Spirals first")
-            split.check_size(flat, settings.layout, settings.sheet)
-            made = sheets.make_sheets(design, settings.sheet, progress.part(0.0, 0.8), settings.connect, settings.cut)
-            figures = estimates.estimate(made, design, settings.material.chosen)
-            found = None
-            if resting is not None and settings.export.guide:
-                progress(0.8, "Forces in the joints")
-                once, quiet = replace(settings.simulate, restarts=0), progress.quiet()
-                found = simulate.simulate(
-                    design,
-                    quads,
-                    settings.material.chosen,
-                    once,
-                    supports=held,
-                    force=force,
-                    start=resting,
-                    progress=quiet,
-                )
-            checked = assembly_check.check_assembly(design, made.connections, found)
+            made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))
+            assert made.sheets is not None
+            assert made.design is not None
+            assert made.estimates is not None
+            assert made.assembly is not None
             progress(0.85, "Writing files")
-            with files.replacing_many(export.stale(base, made.count), base.parent) as new:
-                written = export.write(made, base, formats, new, progress.part(0.85, 0.95))
-                if settings.export.guide:
-                    progress(0.95, "Drawing the assembly sheet")
-                    guide = base.with_name(f"{base.name}-assembly.pdf")
-                    written.append(
-                        assembly_sheet.write(design, made, figures, guide, name, new, checked, progress.part(0.95, 1.0))
-                    )
-            block = sheets.sheets_report(made) | estimates.estimates_report(figures)
-            drawn = Drawn.made_of(design, made.connections, settings) if stale else None
-            return block | {"files": [file.name for file in written]}, base.parent, drawn, checked.warnings
+            with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
+                guide = main_job.guide_of(base) if settings.export.guide else None
+                written = main_job.write_sheets(made, taken.name, base, formats, new, guide, progress.part(0.85, 1.0))
+            block = sheets.sheets_report(made.sheets) | estimates.estimates_report(made.estimates)
+            drawn = Drawn.made_of(made.design, made.sheets.connections, settings) if stale else None
+            return block | {"files": [file.name for file in written]}, base.parent, drawn, made.assembly.warnings
 
-        return work
+        return go_on
 
     def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
         return iter(()) if result[2] is None else result[2].show(context, surface)

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..bridge import notes
 from ..bridge.words import told
-from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class LayoutStage(Stage):
+class LayoutStage(JobStage):
     """What these stages write: seams, the flat patches, and what they cost."""
 
     shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
 
+    def said(self, result: Result) -> dict[str, bool]:
+        """What the note says besides the figures of the layout."""
+        return {}
+
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import arrange, beside, mesh
+        from ..engine.patches.flatten import layout_report
 
-        flat, block = result
+        flat, block = result.flat, layout_report(result.flat) | self.said(result)
         centres = arrange.side_by_side(flat)
         mesh.write_flat(obj, surface, flat, centres)
         mesh.shelve_design(obj)
@@ -36,16 +45,17 @@ class Trace(LayoutStage, bpy.types.Operator):
     bl_idname = "flexmaps.trace"
     bl_label = "Trace"
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        def work(progress: Progress) -> Any:
-            from ..engine.patches import flatten, trace
-            from ..engine.surface import check
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        def go_on(result: Result, progress: Progress) -> Result:
+            from ..engine.runs import job
 
-            layout = trace.trace(check.as_quad_mesh(surface.polygons), settings.layout, progress.part(0.0, 0.7))
-            flat = flatten.flatten(layout, settings.layout, progress.part(0.7, 1.0))
-            return flat, flatten.layout_report(flat) | {notes.TRACED: len(layout.patches) > 1}
+            return job.go_on(result, taken.settings, ("trace",), progress)
 
-        return work
+        return go_on
+
+    def said(self, result: Result) -> dict[str, bool]:
+        assert result.layout is not None
+        return {notes.TRACED: len(result.layout.patches) > 1}
 
 
 class Merge(LayoutStage, bpy.types.Operator):
@@ -53,25 +63,16 @@ class Merge(LayoutStage, bpy.types.Operator):
 
     bl_idname = "flexmaps.merge"
     bl_label = "Merge"
+    loaded = True
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import mesh
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        def go_on(result: Result, progress: Progress) -> Result:
+            from ..engine.runs import job
 
-        def work(progress: Progress) -> Any:
-            from ..engine.patches import flatten, merge, split, trace
-            from ..engine.surface import check
+            begun = replace(result, seams=taken.seams(result))
+            return job.go_on(begun, taken.settings, ("trace", "merge", "split"), progress)
 
-            quads = check.as_quad_mesh(surface.polygons)
-            layout = trace.make_disks(mesh.layout_of(surface, quads))
-            traced = trace.trace(quads, settings.layout, progress.part(0.0, 0.1))
-            if not surface.seams.any() or (layout.cut == traced.cut).all():
-                layout = traced  # nobody chose these cuts
-            held = bool(settings.loads.supports)
-            flat = merge.merge(layout, settings.layout, progress.part(0.1, 0.9), held=held)
-            flat = split.split(flat, settings.layout, settings.sheet, progress.part(0.9, 1.0))
-            return flat, flatten.layout_report(flat)
-
-        return work
+        return go_on
 
 
 class FlattenStage(LayoutStage):
@@ -79,21 +80,18 @@ class FlattenStage(LayoutStage):
 
     reuse = False
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
         from ..bridge import mesh
 
-        def work(progress: Progress) -> Any:
-            from ..engine.patches import flatten, trace
-            from ..engine.surface import check
+        reuse = self.reuse
 
-            progress(0.0, "Reading the seams")
-            quads = check.as_quad_mesh(surface.polygons)
-            layout = trace.make_disks(mesh.layout_of(surface, quads))
-            previous = mesh.flat_of(surface, quads) if self.reuse else None
-            flat = flatten.flatten(layout, settings.layout, progress, previous=previous)
-            return flat, flatten.layout_report(flat)
+        def go_on(result: Result, progress: Progress) -> Result:
+            from ..engine.runs import job
 
-        return work
+            previous = mesh.flat_of(taken.surface, result.mesh) if reuse else None
+            return job.flattened(result, taken.seams(result), taken.settings.layout, progress, previous)
+
+        return go_on
 
 
 class Flatten(FlattenStage, bpy.types.Operator):

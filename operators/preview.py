@@ -2,54 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
 from ..bridge.words import told
-from ..engine.errors import FlexMapsError
-from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class Preview(Stage, bpy.types.Operator):
+class Preview(JobStage, bpy.types.Operator):
     """Show the assembled piece with every spiral in its true shape, bent as the last simulation found"""
 
     bl_idname = "flexmaps.preview"
     bl_label = "Preview"
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
+    needs = "design"
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import mesh, pose, preview
-        from ..bridge.objects import find
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        from ..bridge import pose, preview
 
-        obj = find(surface.uid)
-        found = pose.read(obj, surface.to_metres)
+        settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)  # asked for before the work, not after
 
-        def work(progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.mechanics.assembly import target_pose
-            from ..engine.surface import check
 
-            progress(0.0, "Reading the spirals")
-            quads = check.as_quad_mesh(surface.polygons)
-            design = mesh.design_of(surface, mesh.current_flat(surface, quads), settings.spiral)
-            if design is None:
-                raise FlexMapsError("There are no spirals yet; press Spirals first")
+            design = result.design
+            assert design is not None
             wires = settings.preview.detail == "LINES"
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)
-            stand = target_pose(quads, design.flat.corners) if found is None else found
+            stand = target_pose(result.mesh, design.flat.corners) if found is None else found
             built = preview.build(design, stand, settings.preview.detail, tips, bending)
             return built, settings.preview, found is not None
 
-        return work
+        return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import animation, equilibrium, preview, states

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..bridge import notes
 from ..bridge.words import told
-from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class Regularise(Stage, bpy.types.Operator):
+class Regularise(JobStage, bpy.types.Operator):
     """Move the vertices along the surface so that the quads become squarer; flat patches made before are dropped"""
 
     bl_idname = "flexmaps.regularise"
@@ -25,16 +28,16 @@ class Regularise(Stage, bpy.types.Operator):
 
         return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        def work(progress: Progress) -> Any:
-            from ..engine.surface import check, regularise
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.runs import job
+            from ..engine.surface import check
             from ..engine.surface.mesh import PolygonMesh
 
-            before = check.as_quad_mesh(surface.polygons)
-            after = regularise.regularise(before, settings.regularise, progress)
-            return before, after, check.findings(PolygonMesh.of(after))
+            after = job.go_on(result, taken.settings, ("regularise",), progress).mesh
+            return result.mesh, after, check.findings(PolygonMesh.of(after))
 
-        return work
+        return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         import numpy as np

@@ -5,19 +5,21 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from concurrent.futures import Future
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
 from ..bridge.words import told
-from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .export import _file_name, _folder
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
+
+if TYPE_CHECKING:
+    from ..bridge.stored import Taken
+    from ..engine.runs.result import Result
 
 
-class Report(Stage, bpy.types.Operator):
+class Report(JobStage, bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -32,27 +34,23 @@ class Report(Stage, bpy.types.Operator):
 
     _letters: Any = None  # a Future: Blender draws all windows anew when letters are made, which must not come first
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "layout" in notes.read(obj.data) else "Merge or flatten first"
+    needs = "flat"
+    loaded = True
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
         from ..bridge import raster
         from ..bridge import report as pages
-        from ..bridge.objects import find
 
-        obj = find(surface.uid)
-        taken = pages.take(obj, surface, settings)
+        found = pages.read(obj, taken)
         letters = self._letters = Future()
-        name, folder = obj.name, None
-        if self.files and not (settings.export.folder.startswith("//") and not bpy.data.filepath):
-            folder = _folder(settings.export.folder) / f"{_file_name(name)}-report"
+        given, folder = taken.settings.export.folder, None
+        if self.files and not (given.startswith("//") and not bpy.data.filepath):
+            folder = _folder(given) / f"{_file_name(taken.name)}-report"
 
-        def work(progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
 
-            progress(0.0, "Reading what was made")
-            described, drawn = pages.of_taken(taken)
+            described, drawn = pages.drawn(result, found)
             while not letters.done():  # and hear a stop meanwhile
                 progress(0.3, "Waiting for letters")
                 time.sleep(0.02)
@@ -63,9 +61,9 @@ class Report(Stage, bpy.types.Operator):
             if folder is not None:
                 with files.replacing_many(pages.stale(folder)) as new:
                     pages.write(described, drawn, folder, new)
-            return name, shown, folder
+            return taken.name, shown, folder
 
-        return work
+        return go_on
 
     def meanwhile(self) -> None:
         from ..bridge import raster

@@ -13,13 +13,15 @@ from ..bridge.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ConnectorParams, ObjectSettings
 from ..engine.progress import SILENT, Progress
-from .stage import Stage, Work
+from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..bridge.solids import Solid
+    from ..bridge.stored import Taken
     from ..engine.fabrication.connectors import Connections
+    from ..engine.runs.result import Result
     from ..engine.spirals.arcs import Curve
     from ..engine.spirals.design import SpiralDesign
 
@@ -83,33 +85,27 @@ class Drawn:
             panels[beside.LOOK] = self.look
 
 
-class Spirals(Stage, bpy.types.Operator):
+class Spirals(JobStage, bpy.types.Operator):
     """Give every quad its spiral: the more the surface bends there, the softer. Draws the true panels beside the model"""
 
     bl_idname = "flexmaps.spirals"
     bl_label = "Spirals"
+    needs = "flat"
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "layout" in notes.read(obj.data) else "Merge or flatten first"
+    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+        settings = taken.settings
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        from ..bridge import mesh
-
-        def work(progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.runs import job
             from ..engine.spirals import design
-            from ..engine.surface import check, curvature
 
-            progress(0.0, "Measuring curvature")
-            quads = check.as_quad_mesh(surface.polygons)
-            flat = mesh.current_flat(surface, quads)
-            bent = curvature.rms_curvature(quads)
-            made = design.from_curvature(flat, settings.spiral, bent, progress.part(0.1, 0.5))
+            made = job.go_on(result, settings, ("spirals",), progress.part(0.0, 0.5)).design
+            assert made is not None
             progress(0.5, "Drawing outlines")
             drawn = Drawn.of(made, settings, progress.part(0.5, 0.9))
             return drawn, design.design_report(made, progress.part(0.9, 1.0))
 
-        return work
+        return go_on
 
     def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
         return result[0].show(context, surface)

@@ -21,7 +21,7 @@ from ..params import Settings, shown_values
 from ..patches.flatten import layout_report
 from ..spirals.design import design_report
 from ..surface.mesh import QuadMesh
-from .job import Result
+from .result import Result
 
 SCHEMA = 1
 

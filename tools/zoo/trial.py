@@ -49,7 +49,7 @@ class Clock:
             self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
             self.wall[self.stage] = round(now[0] - self._start[0], 3)
             self.busy[self.stage] = round(now[1] - self._start[1], 3)
-        if text in job.STAGES and text != self.stage:
+        if text in job.NAMES and text != self.stage:
             self.stage, self._start = text, now
             self._write()
         self._told = told

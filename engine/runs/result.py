@@ -1,0 +1,64 @@
+"""What a piece is made of so far: the members that the stages fill in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..assembling.assembly_check import AssemblyCheck
+from ..errors import FlexMapsError
+from ..fabrication.estimates import Estimates
+from ..fabrication.sheets import CutSheets
+from ..mechanics.assembly import Pose
+from ..mechanics.simulate import Simulation
+from ..optimisation.optimise import Optimisation
+from ..optimisation.reach import Reach
+from ..patches.flatten import FlatPatches
+from ..patches.layout import PatchLayout
+from ..spirals.design import SpiralDesign
+from ..surface.check import Finding
+from ..surface.mesh import PolygonMesh, QuadMesh
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the stages that ran have made; ``None`` where a stage has not run.
+
+    source : the mesh as it came in, scaled to metres
+    findings : what the check found, warnings included
+    mesh : the quad mesh, regularised if that stage ran
+    edge, height : the size that was asked for, metres, which regularising keeps
+    supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the quads
+    seams : (E,) bool, where somebody wants the surface to be cut; tracing then begins there
+    rest : a pose that was found before, from which simulating starts
+    layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
+    design : the spirals, optimised if that stage ran; optimisation : how they became so
+    simulation : the shape that the assembled object takes; limits : what keeps it from the target
+    sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
+    lost : why a member that was there once cannot be used, by its name; told instead of "there is none yet"
+    undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
+    seconds : wall time of every stage that ran
+    """
+
+    source: PolygonMesh
+    findings: list[Finding]
+    mesh: QuadMesh
+    edge: float | None = None
+    height: float | None = None
+    supports: np.ndarray | None = None
+    force: np.ndarray | None = None
+    seams: np.ndarray | None = None
+    rest: Pose | None = None
+    layout: PatchLayout | None = None
+    flat: FlatPatches | None = None
+    design: SpiralDesign | None = None
+    optimisation: Optimisation | None = None
+    simulation: Simulation | None = None
+    limits: Reach | None = None
+    sheets: CutSheets | None = None
+    estimates: Estimates | None = None
+    assembly: AssemblyCheck | None = None
+    lost: dict[str, FlexMapsError] = field(default_factory=dict)
+    undone: dict[str, Finding] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)

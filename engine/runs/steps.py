@@ -1,0 +1,130 @@
+"""What every stage of the table in ``stages`` does: from a result and the settings to a result with more in it.
+
+A step may take for granted that what its stage needs is there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..assembling import assembly_check
+from ..fabrication import estimates, sheets
+from ..mechanics import simulate
+from ..optimisation import optimise, reach
+from ..params import Settings
+from ..patches import merge, split, trace
+from ..patches.layout import PatchLayout
+from ..progress import Progress
+from ..spirals import design
+from ..surface import curvature, regularise
+from ..surface.mesh import QuadMesh
+from .result import Result
+
+
+def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
+    mesh = regularise.regularise(result.mesh, settings.regularise, progress)
+    return replace(result, mesh=_resized(mesh, result.edge, result.height))
+
+
+def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
+    """Regularising shrinks edges by a little: bring the asked size back, about the origin."""
+    if edge is not None:
+        return mesh.moved(mesh.vertices * (edge / mesh.median_edge))
+    if height is not None:
+        return mesh.moved(mesh.vertices * (height / np.ptp(mesh.vertices[:, 2])))
+    return mesh
+
+
+def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
+    layout = trace.trace(result.mesh, settings.layout, progress)
+    if result.seams is not None and result.seams.any():
+        chosen = trace.make_disks(PatchLayout(result.mesh, result.seams))
+        if not np.array_equal(chosen.cut, layout.cut):  # somebody chose these cuts
+            layout = chosen
+    return replace(result, layout=layout)
+
+
+def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.layout is not None
+    held = result.supports is not None and len(result.supports) > 0
+    return replace(result, flat=merge.merge(result.layout, settings.layout, progress, held=held))
+
+
+def _split(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.flat is not None
+    return replace(result, flat=split.split(result.flat, settings.layout, settings.sheet, progress))
+
+
+def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.flat is not None
+    progress(0.0, "Measuring curvature")
+    made = design.from_curvature(result.flat, settings.spiral, curvature.rms_curvature(result.mesh), progress)
+    return replace(result, design=made)
+
+
+def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    found = optimise.optimise(
+        result.design,
+        result.mesh,
+        settings.material.chosen,
+        settings.optimise,
+        settings.simulate,
+        supports=result.supports,
+        force=result.force,
+        progress=progress,
+    )
+    return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
+
+
+def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    better, start = result.optimisation, result.rest
+    if better is not None:
+        if not settings.simulate.restarts:
+            return replace(result, simulation=better.after, limits=reach.reach(better))
+        start = better.after.equilibrium.pose
+    found = simulate.simulate(
+        result.design,
+        result.mesh,
+        settings.material.chosen,
+        settings.simulate,
+        supports=result.supports,
+        force=result.force,
+        start=start,
+        progress=progress.part(0.0, 0.99),
+    )
+    progress(0.99, "Looking for what limits the match")
+    return replace(result, simulation=found, limits=reach.reach(found if better is None else better))
+
+
+def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.design is not None
+    split.check_size(result.design.flat, settings.layout, settings.sheet)
+    made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut)
+    return replace(result, sheets=made)
+
+
+def _estimate(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.sheets is not None
+    assert result.design is not None
+    progress(0.0, "How long making takes, and how hard the seams are to join")
+    figures = estimates.estimate(result.sheets, result.design, settings.material.chosen)
+    joins = assembly_check.check_assembly(result.design, result.sheets.connections, result.simulation)
+    return replace(result, estimates=figures, assembly=joins)
+
+
+STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
+    "regularise": _regularise,
+    "trace": _trace,
+    "merge": _merge,
+    "split": _split,
+    "spirals": _spirals,
+    "optimise": _optimise,
+    "simulate": _simulate,
+    "sheets": _sheets,
+    "estimate": _estimate,
+}
