@@ -14,6 +14,7 @@ from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
     from ..bridge.stored import Taken
+    from ..engine.patches.flatten import FlatPatches
     from ..engine.runs.result import Result
 
 
@@ -22,21 +23,24 @@ class LayoutStage(JobStage):
 
     shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
 
-    def said(self, result: Result) -> dict[str, bool]:
-        """What the note says besides the figures of the layout."""
-        return {}
-
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import arrange, beside, mesh
-        from ..engine.patches.flatten import layout_report
 
-        flat, block = result.flat, layout_report(result.flat) | self.said(result)
+        flat, block = result
         centres = arrange.side_by_side(flat)
         mesh.write_flat(obj, surface, flat, centres)
         mesh.shelve_design(obj)
         beside.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
         return told("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
+
+
+def _reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
+    """The flat patches and their note; of thousands of quads that takes a moment, so it is no work for the main thread."""
+    from ..engine.patches.flatten import layout_report
+
+    assert result.flat is not None
+    return result.flat, layout_report(result.flat) | more
 
 
 class Trace(LayoutStage, bpy.types.Operator):
@@ -46,16 +50,14 @@ class Trace(LayoutStage, bpy.types.Operator):
     bl_label = "Trace"
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        def go_on(result: Result, progress: Progress) -> Result:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            return job.go_on(result, taken.settings, ("trace",), progress)
+            made = job.go_on(result, taken.settings, ("trace",), progress)
+            assert made.layout is not None
+            return _reported(made, **{notes.TRACED: len(made.layout.patches) > 1})
 
         return go_on
-
-    def said(self, result: Result) -> dict[str, bool]:
-        assert result.layout is not None
-        return {notes.TRACED: len(result.layout.patches) > 1}
 
 
 class Merge(LayoutStage, bpy.types.Operator):
@@ -66,11 +68,11 @@ class Merge(LayoutStage, bpy.types.Operator):
     loaded = True
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        def go_on(result: Result, progress: Progress) -> Result:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
             begun = replace(result, seams=taken.seams(result))
-            return job.go_on(begun, taken.settings, ("trace", "merge", "split"), progress)
+            return _reported(job.go_on(begun, taken.settings, ("trace", "merge", "split"), progress))
 
         return go_on
 
@@ -85,11 +87,11 @@ class FlattenStage(LayoutStage):
 
         reuse = self.reuse
 
-        def go_on(result: Result, progress: Progress) -> Result:
+        def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
             previous = mesh.flat_of(taken.surface, result.mesh) if reuse else None
-            return job.flattened(result, taken.seams(result), taken.settings.layout, progress, previous)
+            return _reported(job.flattened(result, taken.seams(result), taken.settings.layout, progress, previous))
 
         return go_on
 

@@ -74,7 +74,8 @@ class Optimise(JobStage, bpy.types.Operator):
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
                 panels, spirals = Drawn.plain(found), design.design_report(found, measured=False)
             layout = None if made.flat is result.flat or made.flat is None else flatten.layout_report(made.flat)
-            return panels, made, spirals, layout
+            assert made.optimisation is not None
+            return panels, made, made.optimisation.report(), spirals, layout
 
         return go_on
 
@@ -84,8 +85,8 @@ class Optimise(JobStage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge import equilibrium, mesh
 
-        panels, made, block, layout = result
-        report, simulation = made.optimisation.report(), made.optimisation.after
+        panels, made, report, block, layout = result
+        simulation = made.optimisation.after
         if layout is not None:  # the flat shapes moved too
             mesh.write_flat(obj, surface, panels.design.flat, panels.centres)
             notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)

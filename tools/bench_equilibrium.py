@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -262,12 +263,12 @@ def linear_algebra(table: Table) -> None:
         system.factor(values)
         step = system.solve(here.gradient)
         pieces[kind] = {
-            "expand": seconds(lambda m=model, s=state: m.expand(s), 9),
-            "values": seconds(lambda s=system, h=here: s.values(h.hessian), 9),
-            "factor": seconds(lambda s=system, v=values: s.factor(v), 9),
-            "solve": seconds(lambda s=system, h=here: s.solve(h.gradient), 9),
-            "move": seconds(lambda m=model, s=state, d=step: m.moved(s, d), 9),
-            "energy": seconds(lambda m=model, s=state: m.energy(s), 9),
+            "expand": seconds(partial(model.expand, state), 9),
+            "values": seconds(partial(system.values, here.hessian), 9),
+            "factor": seconds(partial(system.factor, values), 9),
+            "solve": seconds(partial(system.solve, here.gradient), 9),
+            "move": seconds(partial(model.moved, state, step), 9),
+            "energy": seconds(partial(model.energy, state), 9),
         }
         if kind == "arm":
             others = superlu(system.pattern, values)
@@ -293,7 +294,7 @@ def superlu(pattern: Pattern, values: np.ndarray) -> dict[str, float]:
     matrix = pattern.matrix(values)
     options = {"SymmetricMode": True}
     return {
-        order: seconds(lambda o=order: splu(matrix, permc_spec=o, diag_pivot_thresh=0.0, options=options), 3)
+        order: seconds(partial(splu, matrix, permc_spec=order, diag_pivot_thresh=0.0, options=options), 3)
         for order in ("MMD_AT_PLUS_A", "COLAMD", "MMD_ATA")
     }
 

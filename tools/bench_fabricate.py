@@ -356,13 +356,14 @@ def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO]
     if not chosen:
         return []
-    tight, off = 0, 0.0
+    tight = 0
+    off: float = 0.0
     started = time.process_time()
     for panel in chosen:
         solid = solid_files.extruded(panel, made.thickness)
         mesh = trimesh.Trimesh(solid.vertices * 1e3, solid.triangles, process=False)
         tight += bool(mesh.is_watertight and mesh.is_winding_consistent)
-        off = max(off, abs(mesh.volume / (panel.area * made.thickness * 1e9) - 1.0))
+        off = max(off, float(abs(mesh.volume / (panel.area * made.thickness * 1e9) - 1.0)))
     seconds = time.process_time() - started
     solid_files.write_stl([solid], base.with_suffix(".stl"))
     solid_files.write_3mf([solid], base.with_suffix(".3mf"))

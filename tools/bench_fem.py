@@ -116,12 +116,12 @@ def speed() -> list[Row]:
         sampler = Sampler(s, "strain")
         tangent = sampler.model.rest_stiffness()
         peer = SparseCholesky(sampler.model.pattern, "superlu")
-        superlu.append(cpu(lambda peer=peer, tangent=tangent: peer.factor(tangent)))
+        superlu.append(cpu(partial(peer.factor, tangent)))
         loads = [sampler.model.loads(sampler.wrenches(k)) for k in range(3)]
-        seconds += [cpu(lambda sampler=sampler, load=load: sampler.model.solve(load)) for load in loads[1:]]
+        seconds += [cpu(partial(sampler.model.solve, load)) for load in loads[1:]]
     soft = Sampler(next(s for s in chosen if s.scale == 0.03 and s.width == 0.001 and s.twist > 6.2), "strain")
     loads = [soft.model.loads(soft.wrenches(k)) for k in range(4)]
-    slow = [cpu(lambda load=load: soft.model.solve(load)) for load in loads][1:]
+    slow = [cpu(partial(soft.model.solve, load)) for load in loads][1:]
     whole = [cpu(lambda: Sampler(chosen[62], "strain").samples(range(6)))]
     ratio = whole[0] / 6 / max(float(np.mean(seconds)), 1e-9)
     mean = float(np.mean(seconds))
@@ -155,7 +155,7 @@ def scaling() -> list[Row]:
         m = Model(subject.spiral, subject.poisson, Fineness(length=2.5 * share, turn=0.7 * share, root=1.0))
         load = m.loads(wrenches)
         sizes.append(len(m.elements.index))
-        seconds.append(min(cpu(lambda m=m, load=load: m.solve(load)) for _ in range(2)))
+        seconds.append(min(cpu(partial(m.solve, load)) for _ in range(2)))
     exponent = float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
     peer = {f"{n} elements": round(t, 3) for n, t in zip(sizes, seconds)}
     return [most("exponent of time over the number of elements", None, exponent, peer=peer)]

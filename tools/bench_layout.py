@@ -57,10 +57,10 @@ def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
             table.add(row(name, "refused", "", str(error)[:60], True))
     for name, source, memory in (
         ("made:demo", "shape:demo", None),
-        ("bunny", meshes_dir and meshes_dir / "bunny.obj", 1500),
+        ("bunny", None if meshes_dir is None else str(meshes_dir / "bunny.obj"), 1500),
     ):
-        if source is not None and (memory is None or source.is_file()):
-            table.add(*whole_job(name, str(source), memory))
+        if source is not None and (memory is None or Path(source).is_file()):
+            table.add(*whole_job(name, source, memory))
     table.finish(json_path)
     return table.rows
 

@@ -62,9 +62,9 @@ def load_package():
     spec = importlib.util.spec_from_file_location(
         "flexmaps", os.path.join(ROOT, "__init__.py"), submodule_search_locations=[ROOT]
     )
-    package = importlib.util.module_from_spec(spec)
+    package = importlib.util.module_from_spec(spec)  # type: ignore[arg-type]
     sys.modules["flexmaps"] = package
-    spec.loader.exec_module(package)
+    spec.loader.exec_module(package)  # type: ignore[union-attr]
     return package
 
 
@@ -248,7 +248,7 @@ def make_environment(python, version):
             stderr=subprocess.STDOUT,
             universal_newlines=True,
         )
-        for line in process.stdout:
+        for line in process.stdout:  # type: ignore[union-attr]
             log.write(line)
             lines.append(line.rstrip())
             ticker.line(line)

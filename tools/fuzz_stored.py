@@ -101,7 +101,7 @@ def _attribute(rng: random.Random, mesh: Any) -> str:
         mesh.attributes.remove(found)
         return f"del {name}"
     prop, width, dtype, _ = attributes.KINDS[found.data_type]
-    values = np.empty(len(found.data) * width, dtype)
+    values: np.ndarray = np.empty(len(found.data) * width, dtype)
     found.data.foreach_get(prop, values)
     value = rng.choice(VALUES)
     if not np.issubdtype(dtype, np.floating):

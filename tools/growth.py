@@ -29,10 +29,10 @@ def rows(params: SheetParams) -> list[Row]:
         for stage, spent in _stages(shells(side), params):
             seconds.setdefault(stage, []).append(spent)
     found = []
-    for stage, spent in seconds.items():
-        grown = np.polyfit(np.log([side**2 for side in SIZES]), np.log(np.maximum(spent, 1e-3)), 1)[0]
+    for stage, took in seconds.items():
+        grown = np.polyfit(np.log([side**2 for side in SIZES]), np.log(np.maximum(took, 1e-3)), 1)[0]
         found += [
-            at_most(NAME, f"{stage}, seconds", 10.0, round(spent[-1], 2)),
+            at_most(NAME, f"{stage}, seconds", 10.0, round(took[-1], 2)),
             at_most(NAME, f"{stage}, exponent", EXPONENT, round(float(grown), 2)),
         ]
     return found

@@ -10,6 +10,7 @@ import shutil
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -31,7 +32,9 @@ def main() -> int:
         shutil.copy2(build_zip.build("linux-x64", "debian-13-blender"), work)
         done = real_blender.run(ROOT / "tests" / "window" / "shots.py", work, window=True, timeout=900)
         result = work / "result.json"
-        found = json.loads(result.read_text()) if result.is_file() else {"errors": [done.stdout + done.stderr]}
+        found: dict[str, Any] = (
+            json.loads(result.read_text()) if result.is_file() else {"errors": [done.stdout + done.stderr]}
+        )
         if found["errors"]:
             print("\n".join(found["errors"]))
             return 1

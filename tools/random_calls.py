@@ -366,7 +366,7 @@ def undrawn() -> list[str]:
     for panel in panels.CLASSES:
         if panel.bl_region_type != "UI" or not getattr(panel, "poll", bool)(bpy.context):
             continue
-        shown = SimpleNamespace(layout=Nothing(), stage=getattr(panel, "stage", ""))
+        shown: Any = SimpleNamespace(layout=Nothing(), stage=getattr(panel, "stage", ""))
         try:
             if hasattr(panel, "draw_header"):
                 panel.draw_header(shown, bpy.context)

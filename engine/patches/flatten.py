@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -170,7 +171,7 @@ def flips(corners: np.ndarray) -> np.ndarray:
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)
 
 
-def layout_report(flat: FlatPatches) -> dict[str, object]:
+def layout_report(flat: FlatPatches) -> dict[str, Any]:
     """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers.
 
     ``flips`` counts corner triangles, four a quad; ``overlaps`` counts patches; ``remarks`` are sentences for the user.

@@ -121,9 +121,10 @@ def test_numbers_of_supports(strip: api.Piece) -> None:
 def test_other_settings_drop_what_they_concern_and_no_more(strip: api.Piece) -> None:
     done = api.sheets(api.optimise(strip))
     kept = {
-        ("spiral.thickness", 3): ("flat",),
+        ("spiral.thickness", 3): ("flat", "design"),  # no outline of a spiral depends on it
+        ("spiral.blend", 0.2): ("flat",),
         ("layout.patch_min", 3): (),
-        ("material.material", "birch"): ("flat", "design"),
+        ("material.material", "birch"): ("flat", "design", "sheets"),
         ("sheet.sheet_width", 500): ("flat", "design", "optimisation", "simulation"),
         ("optimise.smoothness", 0.5): ("flat", "design", "optimisation", "simulation", "sheets"),
         ("spiral.thickness", 2): ("flat", "design", "optimisation", "simulation", "sheets"),  # the same as before

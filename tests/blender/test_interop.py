@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -297,7 +298,8 @@ def running(piece: Any) -> Iterator[job.Job]:
 
     press("flatten")
     surface = mesh.read_surface(piece, bpy.context.scene)
-    work = Spirals.prepare(SimpleNamespace(), surface, settings.read(piece.flexmaps, ObjectSettings))
+    operator = SimpleNamespace(needs=Spirals.needs, loaded=False, going_on=partial(Spirals.going_on, None))
+    work = Spirals.prepare(operator, surface, settings.read(piece.flexmaps, ObjectSettings))
     made = job.Job("Spirals", work)
     made.start()
     yield made

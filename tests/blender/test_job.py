@@ -247,10 +247,13 @@ def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
 def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -> None:
     """The same result as at once."""
     from flexmaps.operators import layout
+    from flexmaps.operators.job_stage import JobStage
 
     class Merge(layout.Merge.__mro__[1], Move):  # type: ignore[misc]  # LayoutStage without bpy.types.Operator
         bl_label = "Merge"
-        prepare = layout.Merge.prepare
+        loaded = layout.Merge.loaded
+        prepare = JobStage.prepare
+        going_on = layout.Merge.going_on
         finish = layout.LayoutStage.finish
 
     here = add(shapes.make("cubesphere"), "here")
@@ -364,10 +367,11 @@ def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pyte
 def report(dome: Any) -> Any:
     """Report as a window runs it, on a dome with patches."""
     from flexmaps.operators import report as module
+    from flexmaps.operators.job_stage import JobStage
 
     assert bpy.ops.flexmaps.trace() == {"FINISHED"}
     dome.flexmaps.export.folder = "//"
-    body = {k: v for base in (stage.Stage, module.Report) for k, v in vars(base).items()}
+    body = {k: v for base in (stage.Stage, JobStage, module.Report) for k, v in vars(base).items()}
     hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
     operator = type("Report", (), {k: v for k, v in body.items() if k not in hidden} | {"files": False})()
     operator.said = []

@@ -15,7 +15,20 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 # what is given to the stages, or told beside what they make
-GIVEN = {"source", "findings", "mesh", "edge", "height", "supports", "force", "seams", "rest", "lost", "undone", "seconds"}
+GIVEN = {
+    "source",
+    "findings",
+    "mesh",
+    "edge",
+    "height",
+    "supports",
+    "force",
+    "seams",
+    "rest",
+    "lost",
+    "undone",
+    "seconds",
+}
 # sections that say how to search, what to draw and where to write, so that no result depends on them
 NO_RESULT = {"optimise", "remesh", "export", "preview", "film", "render"}
 
