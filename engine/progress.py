@@ -29,6 +29,10 @@ class Progress:
     def __call__(self, fraction: float, text: str = "") -> None:
         if self.stopped is not None and self.stopped():
             raise Cancelled(text)
+        self.tell(fraction, text)
+
+    def tell(self, fraction: float, text: str = "") -> None:
+        """Report without asking whether to stop: for the end of work whose result is to be kept even then."""
         if self.report is not None:
             self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
 

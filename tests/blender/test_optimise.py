@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -172,11 +171,12 @@ def test_undo_and_redo_in_one_step(piece: Any, all_of: Any, mode: str) -> None:
 # -- stopped -----------------------------------------------------------------------------------------------------------
 
 
-class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # Stage without bpy.types.Operator
+class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # JobStage without bpy.types.Operator
     """The operator without Blender's part of it."""
 
     bl_label = "Optimise"
-    prepare, finish, after = (getattr(operators.Optimise, name) for name in ("prepare", "finish", "after"))
+    needs, loaded = operators.Optimise.needs, operators.Optimise.loaded
+    going_on, finish, after = (getattr(operators.Optimise, name) for name in ("going_on", "finish", "after"))
 
     def __init__(self) -> None:
         self.said: list[tuple[str, str]] = []
@@ -489,7 +489,7 @@ def test_main_job_with_and_without(tmp_path: Path) -> None:
 def test_a_running_optimisation_touches_nothing(piece: Any, all_of: Any) -> None:
     before = all_of(piece)
     surface = mesh.read_surface(piece, bpy.context.scene)
-    work = operators.Optimise.prepare(SimpleNamespace(), surface, settings.read(piece.flexmaps, ObjectSettings))
+    work = Button().prepare(surface, settings.read(piece.flexmaps, ObjectSettings))
     running = job.Job("Optimise", work)
     running.start()
     running.end()

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -37,6 +36,14 @@ def arch() -> QuadMesh:
 
 def press(name: str, **properties: Any) -> None:
     assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
+
+
+class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]  # JobStage without bpy.types.Operator
+    """The operator without Blender's part of it."""
+
+    bl_label = "Simulate"
+    needs, loaded = operators.Simulate.needs, operators.Simulate.loaded
+    going_on, finish = operators.Simulate.going_on, operators.Simulate.finish
 
 
 @pytest.fixture
@@ -364,7 +371,7 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
     monkeypatch.setattr(engine, "simulate", endless)
     before = all_of(piece)
     surface = mesh.read_surface(piece, bpy.context.scene)
-    work = operators.Simulate.prepare(SimpleNamespace(), surface, settings.read(piece.flexmaps, ObjectSettings))
+    work = Button().prepare(surface, settings.read(piece.flexmaps, ObjectSettings))
     running = job.Job("Simulate", work)
     running.start()
     try:
@@ -399,9 +406,7 @@ def test_stopped_from_the_keyboard(piece: Any, all_of: Any, monkeypatch: pytest.
 def test_not_found_is_a_warning_not_a_success(piece: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[tuple[str, str]] = []
 
-    class Simulate(operators.Simulate.__mro__[1]):  # type: ignore[misc]  # Stage without bpy.types.Operator
-        bl_label, prepare, finish = "Simulate", operators.Simulate.prepare, operators.Simulate.finish
-
+    class Simulate(Button):
         def report(self, kind: set[str], text: str) -> None:
             said.append((*kind, text))
 
