@@ -28,7 +28,7 @@ class Stage:
     needs : what it goes on from; may_use : what it looks at where it is there
     makes : what it makes; improves : what it was given and gives back better, so that later stages begin with that
     settings : sections of the settings that its result depends on; "spiral!thickness" is a section but for one setting
-    blocks : what it writes into report.json, and into the notes of a .blend file
+    blocks : what it tells of itself in report.json and in the notes of a .blend file
     asked : it runs only if it is asked for; optional : sheets can be cut without it, so that its failure does not end a job
     quick : it takes so little time that it is done whenever it can be; nobody asks for it by name
     """
@@ -64,7 +64,7 @@ TABLE = (
     Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
           blocks=("sheets",)),
     Stage("estimate", 0.02, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
-          settings=("material",), blocks=("sheets", "assembly"), quick=True),
+          settings=("material",), blocks=("sheets",), quick=True),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
 # why a stage cannot go on, where what it needs is not there

@@ -154,12 +154,12 @@ def test_poor_quads_are_to_be_made_squarer_once(piece: Any) -> None:
 CHANGES: dict[str, tuple[Any, set[str], str]] = {
     "limit": (
         lambda o: setattr(o.flexmaps.layout, "distortion_limit", 0.02),
-        {"layout", "spirals", "equilibrium", "optimise", "sheets"},
+        {"layout", "spirals", "equilibrium", "reach", "optimise", "sheets"},
         "setting",
     ),
     "thickness": (
         lambda o: setattr(o.flexmaps.spiral, "thickness", 3.0),
-        {"spirals", "equilibrium", "reach", "optimise", "sheets"},
+        {"equilibrium", "reach", "optimise", "sheets"},  # no outline of a spiral depends on it
         "setting",
     ),
     "material": (
@@ -199,9 +199,9 @@ def test_a_change_leaves_behind_what_was_made_from_it(made: Any, change: str) ->
 
 
 def test_taken_back_a_change_never_was(made: Any) -> None:
-    made.flexmaps.spiral.thickness = 3.0
+    made.flexmaps.spiral.blend = 0.2
     assert kinds(made)["spirals"] == OLD
-    made.flexmaps.spiral.thickness = 2.0
+    made.flexmaps.spiral.blend = 0.15
     assert kinds(made)["spirals"] == DONE
 
 

@@ -130,8 +130,8 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
 
 def test_notes_are_dropped_with_what_they_tell_of() -> None:
     """In a .blend file a note stays true until a stage before its own writes."""
-    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets", "assembly"}
-    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets", "assembly"}
+    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets"}
+    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets"}
     assert stages.blocks_after("equilibrium") == stages.blocks_after("optimise") == set()
 
 
