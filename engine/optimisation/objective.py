@@ -6,10 +6,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, vstack
 
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
+
+# How much a place counts beside the Laplacian coordinates, which hardly feel bends that are longer than some 30 spirals: a piece
+# may match in all of them and still lie far away. On 12 surfaces of 78 to 986 quads the RMS distance to the target fell with 0.05
+# to between a third and 0.94 of what it was without, while the Laplacian RMSE changed by -29 to +38 %, by +3 % in the middle;
+# with 0.02 the distances gained half of that.
+PLACES = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +23,7 @@ class Target:
     """What the centres of the spirals are compared with.
 
     pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
-    laplacian : compare in Laplacian coordinates (eq. 9), else in Cartesian ones
+    laplacian : compare in Laplacian coordinates (eq. 9) and, with a small weight, in places; else in places alone
     free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
     unit : metres, the distance that counts as one: the mean distance of joined spirals
     """
@@ -34,12 +40,16 @@ class Target:
 
     @cached_property
     def operator(self) -> csr_array:
-        """(n, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n."""
+        """(m, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n; places come last."""
         n = len(self.points)
-        matrix = uniform_laplacian(self.pairs, n)
-        if not self.laplacian:
-            matrix = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
+        places = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
+        matrix = vstack([uniform_laplacian(self.pairs, n), PLACES * places]) if self.laplacian else places
         return csr_array(matrix / (self.unit * np.sqrt(n)))
+
+    @property
+    def bends(self) -> int:
+        """So many of the compared rows are Laplacian coordinates; the others are places."""
+        return len(self.points) if self.laplacian else 0
 
     @cached_property
     def back(self) -> csr_array:
@@ -48,12 +58,15 @@ class Target:
 
     @cached_property
     def wanted(self) -> np.ndarray:
-        """(n, 3) the target's coordinates."""
+        """(m, 3) the target's coordinates."""
         return self.centred(self.operator @ self.points)
 
     def centred(self, values: np.ndarray) -> np.ndarray:
-        """Without the mean where it is free; Laplacian coordinates are without it already."""
-        return values - values.mean(axis=0) if self.free and not self.laplacian else values
+        """Compared rows (m, 3), places without their mean where the object is free."""
+        if not self.free:
+            return values
+        bends, places = values[: self.bends], values[self.bends :]
+        return np.concatenate([bends, places - places.mean(axis=0)])
 
     def laid(self, pose: Pose) -> Pose:
         """A pose laid over the target where nothing holds the object."""
@@ -74,7 +87,7 @@ class Target:
 class Mismatch:
     """One comparison: value = half the mean square of the residual, in units of ``Target.unit``.
 
-    own : (n, 3) the centres' coordinates, turned by ``rotation`` onto the target's
+    own : (m, 3) the centres' coordinates, turned by ``rotation`` onto the target's
     """
 
     target: Target
@@ -83,7 +96,7 @@ class Mismatch:
 
     @property
     def residual(self) -> np.ndarray:
-        """(n, 3)"""
+        """(m, 3)"""
         return self.own - self.target.wanted
 
     @property
@@ -92,8 +105,9 @@ class Mismatch:
 
     @property
     def rmse(self) -> float:
-        """Metres."""
-        return float(np.sqrt(2.0 * self.value)) * self.target.unit
+        """Metres, of the Laplacian coordinates where those are compared."""
+        compared = self.residual[: self.target.bends or None]
+        return float(np.sqrt((compared**2).sum())) * self.target.unit
 
     @property
     def gradient(self) -> np.ndarray:
@@ -109,7 +123,7 @@ class Mismatch:
         return np.linalg.qr(turned)[0]
 
     def forward(self, shift: np.ndarray) -> np.ndarray:
-        """(n, 3) change of the residual with shifts (n, 3) metres of the centres, best rotation included to first order."""
+        """(m, 3) change of the residual with shifts (n, 3) metres of the centres, best rotation included to first order."""
         return self._without_turns(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
 
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
