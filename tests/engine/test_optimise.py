@@ -16,7 +16,7 @@ from flexmaps.engine.mechanics.simulate import build_model, simulate
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
-from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.objective import PLACES, Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.reach import NAMES, reach
 from flexmaps.engine.optimisation.search import Task
@@ -337,3 +337,19 @@ def test_no_equilibrium_to_start_from_is_said() -> None:
 def test_uniform_start_is_uniform() -> None:
     design, _ = made()
     assert np.ptp(uniform(design.flat, design.params).width) < 1e-4
+
+
+def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it() -> None:
+    """A row of spirals bent to a wide arc: its ends lie far away, and still no spiral lies far from its neighbours' mean."""
+    x = 0.02 * np.arange(-20.0, 21.0)
+    points, height = np.stack([x, 0 * x, 0 * x], axis=1), 0.25 * x**2  # a radius of 2 m
+    pairs = np.stack([np.arange(40), np.arange(1, 41)], axis=1)
+    bent = points + np.stack([0 * x, 0 * x, height], axis=1)
+    target = Target(pairs, points, free=False)
+    found = target.compare(bent)
+    around = np.pad(height, 1, mode="reflect")  # at the ends the one neighbour is the mean
+    felt, distance = np.sqrt(((height - 0.5 * (around[:-2] + around[2:])) ** 2).mean()), np.sqrt((height**2).mean())
+    assert found.rmse == pytest.approx(felt) and distance > 15.0 * felt
+    assert found.value == pytest.approx(0.5 * (felt / 0.02) ** 2 + 0.5 * (PLACES * distance / 0.02) ** 2)
+    # in places alone, no Laplacian coordinates are compared
+    assert Target(pairs, points, laplacian=False, free=False).compare(bent).rmse == pytest.approx(distance)
