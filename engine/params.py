@@ -137,7 +137,11 @@ class LayoutParams(Params):
         0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged patch", low=0.001, high=1.0
     )
     compactness_limit: float = setting(
-        5.0, "Compactness limit", "Largest perimeter / sqrt(area) of a patch; a square has 4", low=3.6, high=50.0
+        5.0,
+        "Compactness limit",
+        "Largest perimeter / sqrt(area) of a patch; a square has 4. Where the surface itself is narrow, its border hardly counts",
+        low=3.6,
+        high=50.0,
     )
     neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a patch", low=1, high=10)
     patch_min: int = setting(6, "Smallest patch", "Fewest quads in a patch, where the surface allows", low=1, high=1000)

@@ -31,7 +31,7 @@ TIPS: dict[str, str] = {
     "Rounds of fitting squares and averaging them": "So oft werden Quadrate angepasst und gemittelt",
     "Move border vertices only along the border of an open surface": "Punkte am Rand einer offenen Oberfläche nur entlang des Randes verschieben",
     "Largest ARAP energy of a quad in a merged patch": "Größte ARAP-Energie eines Vierecks in einem zusammengeführten Flicken",
-    "Largest perimeter / sqrt(area) of a patch; a square has 4": "Größter Umfang / Wurzel(Fläche) eines Flickens; ein Quadrat hat 4",
+    "Largest perimeter / sqrt(area) of a patch; a square has 4. Where the surface itself is narrow, its border hardly counts": "Größter Umfang / Wurzel(Fläche) eines Flickens; ein Quadrat hat 4. Wo die Fläche selbst schmal ist, zählt ihr Rand kaum",
     "Fewest quads across any isthmus of a patch": "Wenigste Vierecke quer über jede Engstelle eines Flickens",
     "Fewest quads in a patch, where the surface allows": "Wenigste Vierecke in einem Flicken, wo die Oberfläche es zulässt",
     "Leave a curved surface in one panel where it lies flat in one. Without supports such a panel stays flat: nothing makes it leave the plane": "Eine gekrümmte Oberfläche in einer Platte lassen, wo sie in einer flach liegt. Ohne Auflager bleibt eine solche Platte flach: nichts hebt sie aus der Ebene",
