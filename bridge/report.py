@@ -12,6 +12,7 @@ import numpy as np
 
 from ..engine.fabrication.export import NewFile
 from ..engine.params import ObjectSettings, Settings
+from ..engine.progress import SILENT, Progress
 from ..engine.runs import drawing, report, report_page, report_plots, stages
 from ..engine.runs.drawing import Drawing
 from ..engine.runs.report_plots import Measured
@@ -115,14 +116,14 @@ def read(obj: bpy.types.Object, taken: Taken) -> Reported:
     return replace(found, shape=shape, values=values)
 
 
-def drawn(result: Result, found: Reported) -> tuple[dict[str, Any], dict[str, Drawing]]:
+def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
     """The report and the plots of a result that was taken from an object; touches no Blender data.
 
     Raises ``FlexMapsError`` where nothing was laid out yet.
     """
     taken = found.taken
     flat = stages.needed(result, "flat")
-    described = report.build(result, source=taken.name, settings=taken.settings)
+    described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
     measured = Measured.of(result, arrange.side_by_side(flat))
     if found.shape is not None:
         to_metres = taken.surface.to_metres

@@ -69,7 +69,6 @@ class Optimise(JobStage, bpy.types.Operator):
                 progress(0.95, "Drawing outlines")
                 panels = Drawn.of(found, taken.settings, progress.part(0.95, 0.98))
                 spirals = design.design_report(found, progress.part(0.98, 1.0))
-                progress(1.0, "Looking for what limits the match")
                 made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
                 panels, spirals = Drawn.plain(found), design.design_report(found, measured=False)

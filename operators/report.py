@@ -50,7 +50,7 @@ class Report(JobStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
 
-            described, drawn = pages.drawn(result, found)
+            described, drawn = pages.drawn(result, found, progress.part(0.0, 0.3))
             while not letters.done():  # and hear a stop meanwhile
                 progress(0.3, "Waiting for letters")
                 time.sleep(0.02)

@@ -7,6 +7,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
+from ..progress import SILENT, Progress
 
 SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
 DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
@@ -70,7 +71,9 @@ class NewtonSystem:
             shifted[diagonal] += SHIFT * np.abs(values[diagonal]).max(initial=1e-300)
             return negative_eigenvalues(self.pattern, shifted)
 
-    def softest(self, values: np.ndarray, metric: np.ndarray, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    def softest(
+        self, values: np.ndarray, metric: np.ndarray, count: int = 1, progress: Progress = SILENT
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
 
         Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, is made definite: against it
@@ -86,7 +89,12 @@ class NewtonSystem:
             return np.stack([self.full(v) for v in vectors.T]), rise
         self.cholesky.factor(metric)
         size = (len(self.free),) * 2
-        inverse = LinearOperator(size, matvec=lambda x: self.cholesky.solve(np.asarray(x).ravel()), dtype=float)
+
+        def solved(x: np.ndarray) -> np.ndarray:
+            progress(0.0, "How the shape moves most easily")
+            return self.cholesky.solve(np.asarray(x).ravel())
+
+        inverse = LinearOperator(size, matvec=solved, dtype=float)
         start = np.random.default_rng(0).normal(size=len(self.free))
         both = self.pattern.matrix(values), self.pattern.matrix(metric)
         try:

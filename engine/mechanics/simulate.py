@@ -75,13 +75,13 @@ class Simulation:
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
 
-    @cached_property
-    def softest(self) -> tuple[np.ndarray, float]:
+    def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
         pose, pairs = self.equilibrium.pose, self.assembly.pairs
         system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
-        modes, rise = system.softest(system.values(here.hessian), system.values(here.convex))
+        progress(0.0, "How the shape moves most easily")
+        modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), progress=progress)
         return modes[0], float(rise[0])
 
     @cached_property

@@ -11,6 +11,7 @@ from ..mechanics.arm_model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..mechanics.shortfall import Shortfall
 from ..mechanics.simulate import Simulation
+from ..progress import SILENT, Progress
 from .optimise import Optimisation
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
@@ -49,12 +50,13 @@ class Reach:
         }
 
 
-def reach(of: Simulation | Optimisation) -> Reach:
+def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     """What limits the match of a simulated design; of an optimised one also where its bounds hold it back.
 
     Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``.
     """
     simulation = of.after if isinstance(of, Optimisation) else of
+    within = progress.at(0.0, "Looking for what limits the match")
     difference = laplacian_difference(
         simulation.assembly.pairs, simulation.equilibrium.pose.centres, simulation.target.centroids
     )
@@ -62,23 +64,25 @@ def reach(of: Simulation | Optimisation) -> Reach:
     a, b = simulation.assembly.pairs.T
     spacing = np.linalg.norm(simulation.target.centroids[b] - simulation.target.centroids[a], axis=1).mean()
     kind = np.full(len(mismatch), NAMES.index("free"))
-    reasons = _reasons(simulation)
+    reasons = _reasons(simulation, within)
     if isinstance(of, Optimisation):
+        within(0.0)
         reasons |= _bounds(of)
     for name in reversed(NAMES):
         if name in reasons:
             kind[reasons[name]] = NAMES.index(name)
     kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
+    within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
     return Reach(kind, share, _advice(kind, share, simulation.shortfalls))
 
 
-def _reasons(simulation: Simulation) -> dict[str, np.ndarray]:
+def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
     """(F,) bool for every reason that a simulation knows."""
     found = {"distorted": simulation.design.flat.energy > DISTORTED}
     if isinstance(simulation.model, ArmModel):
         found["stretched"] = _stretched(simulation, simulation.model)
-        found["unstable"] = _unstable(simulation)
+        found["unstable"] = _unstable(simulation, progress)
     return found
 
 
@@ -106,9 +110,9 @@ def _stretched(simulation: Simulation, model: ArmModel) -> np.ndarray:
     return total[:, 0] > STRETCHED * np.maximum(total[:, 1], 1e-300)
 
 
-def _unstable(simulation: Simulation) -> np.ndarray:
+def _unstable(simulation: Simulation, progress: Progress) -> np.ndarray:
     """(F,) bool: takes part in a motion that hardly costs energy."""
-    mode, stiffness = simulation.softest
+    mode, stiffness = simulation.softest(progress)
     moved = np.linalg.norm(mode[:, 3:], axis=1)
     return (moved > UNSTABLE * moved.max()) & (stiffness < SNAPPING)
 

@@ -19,6 +19,7 @@ from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
 from ..params import Settings, shown_values
 from ..patches.flatten import layout_report
+from ..progress import SILENT, Progress
 from ..spirals.design import design_report
 from ..surface.mesh import QuadMesh
 from .result import Result
@@ -27,9 +28,15 @@ SCHEMA = 1
 
 
 def build(
-    result: Result, *, source: str, files: Iterable[Path] = (), settings: Settings | None = None
+    result: Result,
+    *,
+    source: str,
+    files: Iterable[Path] = (),
+    settings: Settings | None = None,
+    progress: Progress = SILENT,
 ) -> dict[str, Any]:
     """The report of a run as plain JSON types; ``source`` names the input, ``files`` are the sheets that were written."""
+    within = progress.at(0.0, "collecting the figures")
     report: dict[str, Any] = {
         "schema": SCHEMA,
         "program": f"{PROGRAM} {VERSION}",
@@ -43,10 +50,12 @@ def build(
         report["undone"] = undone
     if result.flat is not None:
         report["layout"] = layout_report(result.flat)
+        within(0.0)
     if result.design is not None:
-        report["spirals"] = design_report(result.design)
+        report["spirals"] = design_report(result.design, within)
     if result.optimisation is not None:
         report["optimise"] = result.optimisation.report()
+    within(0.0)
     if result.simulation is not None:
         report["equilibrium"] = result.simulation.report()
     if result.limits is not None:

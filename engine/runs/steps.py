@@ -85,7 +85,7 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
     better, start = result.optimisation, result.rest
     if better is not None:
         if not settings.simulate.restarts:
-            return replace(result, simulation=better.after, limits=reach.reach(better))
+            return replace(result, simulation=better.after, limits=reach.reach(better, progress))
         start = better.after.equilibrium.pose
     found = simulate.simulate(
         result.design,
@@ -97,8 +97,8 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
         start=start,
         progress=progress.part(0.0, 0.99),
     )
-    progress(0.99, "Looking for what limits the match")
-    return replace(result, simulation=found, limits=reach.reach(found if better is None else better))
+    limits = reach.reach(found if better is None else better, progress.part(0.99, 1.0))
+    return replace(result, simulation=found, limits=limits)
 
 
 def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:

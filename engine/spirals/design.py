@@ -104,10 +104,10 @@ class SpiralDesign:
         """The same, once looked for, with progress."""
         if "_narrowest" not in self.__dict__:
             layout, slot, bridge = self.flat.layout, np.inf, np.inf
-            every = np.arange(len(self.width))
+            every, roots = np.arange(len(self.width)), self.roots
             for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
                 some = every[part]
-                left, right = self.roots.left[some], self.roots.right[some]
+                left, right = roots.left[some], roots.right[some]
                 found = narrowest(self.arms.of(some), left, right, self.params.fillet)
                 # what lies across a cut is another panel
                 across = gaps_across(self.arms, layout.mesh, self.flat.corners, some)[~layout.outline_sides[some]]
