@@ -118,11 +118,11 @@ class Halves:
     def edge(
         self, t: np.ndarray, side: np.ndarray | float, wider: tuple[np.ndarray, np.ndarray] | None = None
     ) -> np.ndarray:
-        """(2, n, M) points of edges at t (n, M) and their derivative by t, in the arms' frames."""
-        added = None if wider is None else (wider[0][:, None], wider[1][:, None])
-        sides = np.broadcast_to(np.asarray(side, dtype=float), t.shape)[:, None]
-        p, d = edge(self.arms, t[:, None], sides, wider=added)
-        return np.stack([self.local(complexes(p[:, 0])), complexes(d[:, 0]) / self.out[:, None]])
+        """(2, ..., n, M) points of edges at t (n, M) and their derivative by t, in the arms' frames; ``side`` a number or (..., n, 1)."""
+        added = None if wider is None else (wider[0][..., None, :], wider[1][..., None, :])
+        p, d = edge(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
+        points, ways = complexes(p[..., 0, :, :]), complexes(d[..., 0, :, :])
+        return np.stack([(points - self.origin[:, None]) / self.out[:, None], ways / self.out[:, None]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,20 +178,18 @@ class Throughs:
 
     def edges(self, tau: np.ndarray, wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Points (2, n, M) of the widened arms' left and right edges at tau (n, M), and the outward directions there."""
-        count = tau.shape[1]
-        both, side = np.concatenate([tau, tau], axis=1), np.repeat([LEFT, RIGHT], count)
-        wider = None if wide is None else wide.at(both, side)
-        made = self.own.edge(np.maximum(both, 0.0), side, wider)
+        side = np.array([LEFT, RIGHT])[:, None, None]
+        wider = None if wide is None else wide.at(tau, side)
+        made = self.own.edge(np.maximum(tau, 0.0), side, wider)
         rows = np.flatnonzero((tau < 0.0).any(axis=1))
         if len(rows):
             scale = self.scale[rows, None]
-            beyond = None if wider is None else (wider[0][rows], -wider[1][rows] / scale)
-            far = self.other.rows(rows).edge(np.maximum(-both[rows] * scale, 0.0), -side, beyond)
-            inside = both[rows] >= 0.0
-            made[0, rows] = np.where(inside, made[0, rows], -far[0])
-            made[1, rows] = np.where(inside, made[1, rows], far[1])
-        points, ways = made[0], -made[1] / np.abs(made[1])
-        return points.reshape(-1, 2, count).swapaxes(0, 1), ways.reshape(-1, 2, count).swapaxes(0, 1)
+            beyond = None if wider is None else (wider[0][:, rows], -wider[1][:, rows] / scale)
+            far = self.other.rows(rows).edge(np.maximum(-tau[rows] * scale, 0.0), -side, beyond)
+            inside = tau[rows] >= 0.0
+            made[0][:, rows] = np.where(inside, made[0][:, rows], -far[0])
+            made[1][:, rows] = np.where(inside, made[1][:, rows], far[1])
+        return made[0], -made[1] / np.abs(made[1])
 
     def beyond(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
         """The edges ``side`` (n,) from the joints to tau (n,) < 0 as arcs, walking outwards."""

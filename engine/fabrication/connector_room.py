@@ -33,7 +33,8 @@ _SHIFTS = 12  # steps to either side
 _STEP = 0.55  # of a shift, in necks
 _TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
 _LOOK = 2e-4  # metres along the arm from one look to the next
-_RAYS = 20_000  # lines of sight that are followed together
+_BUNDLE = 8  # lines of sight beside each other for which what is near is looked up once
+_RAYS = 2500  # bundles that are followed together
 _PIECES = 8  # parts of every arm, so that few lie near a place
 _TOGETHER = 500  # quads whose arms are drawn together
 
@@ -158,23 +159,33 @@ class Room:
         step = self.sizes(joint)[-1].neck * _STEP
         return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
 
-    def tips(self, which: Sequence[int], attempts: Sequence[Attempt]) -> list[tuple[Tip, Tip] | None]:
-        """Both tips of every attempt at the joints ``which``; ``None`` where an arm has no room for one."""
-        rows = np.array(which, dtype=int)
+    def judged(
+        self, which: Sequence[int], attempts: Sequence[Attempt]
+    ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
+        """Both tips of every attempt at the joints ``which``, and their polygons (2, 2) as ``_apart`` gives them; ``None`` without room.
+
+        Both tips must keep the smallest slot from all that is near, in their own panels and in the panels beyond once both lie
+        side by side. The second tip is made only where the first one has room.
+        """
+        rows, left = np.array(which, dtype=int), np.arange(len(which))
         shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
-        roles = list(zip(*(a.roles() for a in attempts), strict=True))
-        one = make_tips(self.through, rows, roles[0], attempts, shift, aside)
-        good = np.array([k for k, tip in enumerate(one) if tip is not None], dtype=int)
-        two: list[Tip | None] = [None] * len(one)
-        tried = [attempts[k] for k in good.tolist()]
-        turned = [roles[1][k] for k in good.tolist()]
-        for k, tip in zip(
-            good.tolist(),
-            make_tips(self.through.turned, rows[good], turned, tried, -shift[good], -aside[good]),
-            strict=True,
-        ):
-            two[k] = tip
-        return [None if a is None or b is None else (a, b) for a, b in zip(one, two, strict=True)]
+        roles = [a.roles() for a in attempts]
+        tips, placed = np.empty((len(rows), 2), dtype=object), np.empty((2, len(rows), 2), dtype=object)
+        for half, (through, sign) in enumerate(((self.through, 1.0), (self.through.turned, -1.0))):
+            if not len(left):
+                break
+            role, tried = ([x[k] for k in left.tolist()] for x in ([r[half] for r in roles], attempts))
+            made = make_tips(through, rows[left], role, tried, sign * shift[left], sign * aside[left])
+            left = left[[tip is not None for tip in made]]
+            tips[left, half] = [tip for tip in made if tip is not None]
+            placed[:, left, half] = self._apart(through, tips[left, half])
+            for shapes in placed[:, :, half]:  # what is blocked in its own panel is looked for nowhere else
+                left = left[self._free(through, rows[left], shapes[left])]
+        left = left[[not self.joints.inside[rows[k]] or not self._touching(*tips[k]) for k in left.tolist()]]
+        found: list[tuple[tuple[Tip, Tip], np.ndarray] | None] = [None] * len(rows)
+        for k in left.tolist():
+            found[k] = (tips[k, 0], tips[k, 1]), placed[:, k]
+        return found
 
     # -- what is near --------------------------------------------------------------------------------------------------
 
@@ -208,20 +219,19 @@ class Room:
         """Metres by which the frames of consecutive patches are moved apart, so that no two lie in the same place."""
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
-    def apart(self, tips: Sequence[tuple[Tip, Tip]]) -> np.ndarray:
-        """(2, n, 2) the polygons of tips in their panels, and in the panels beyond, side by side; all panels apart."""
+    def _apart(self, through: Throughs, tips: np.ndarray) -> np.ndarray:
+        """(2, n) the polygons of tips (n,) in their panels, and in the panels beyond, side by side; all panels apart."""
         import shapely
 
-        polygons = np.array([tip.polygon for both in tips for tip in both])
+        polygons = np.array([tip.polygon for tip in tips])
         points, owner = shapely.get_coordinates(polygons, return_index=True)
-        rows = np.array([one.row for one, _ in tips], dtype=int)
-        halves = self.through.own.rows(rows), self.through.other.rows(rows)
-        origin, out, patch = (np.stack([getattr(h, n) for h in halves], axis=1) for n in ("origin", "out", "patch"))
-        own = complexes(points)
-        local = (own - origin.ravel()[owner]) / out.ravel()[owner]
-        beside = (origin[:, ::-1].ravel()[owner]) - out[:, ::-1].ravel()[owner] * local
-        placed = own + self.pitch * patch.ravel()[owner], beside + self.pitch * patch[:, ::-1].ravel()[owner]
-        return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed]).reshape(2, -1, 2)
+        rows = np.array([tip.row for tip in tips], dtype=int)[owner]
+        own, other = through.own, through.other
+        there = complexes(points)
+        local = (there - own.origin[rows]) / own.out[rows]
+        beside = other.origin[rows] - other.out[rows] * local
+        placed = there + self.pitch * own.patch[rows], beside + self.pitch * other.patch[rows]
+        return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed])
 
     def look(self, which: Sequence[int]) -> None:
         """Find out how much room there is beside the arms through some joints, from both edges to either side."""
@@ -232,45 +242,37 @@ class Room:
         reach = np.array([max(self._shifts(j)) + 2.0 * self.sizes(j)[0].length for j in rows.tolist()])
         back, ahead = (np.minimum(reach, half.along(half.end)) for half in (through.own, through.other))
         steps = int(np.ceil(reach.max() / _LOOK))
-        x = _LOOK * np.arange(-steps, steps + 1)
+        x = _LOOK * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
         there = (x >= -back[:, None]) & (x <= ahead[:, None])
         edges, ways = through.edges(through.tau(np.repeat(-x[None], len(rows), axis=0)))
         ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
         # as far as the widest end that is tried could reach
         view = 1.02 * self.slot + np.array([self.sizes(j)[0].pad for j in rows.tolist()])
+        view = np.repeat(np.tile(view, 2), len(x) // _BUNDLE)
         free = np.full(edges.shape, np.inf)
-        side, row, place = np.nonzero(np.stack([there, there]))
+        own = np.stack([through.own.arm, through.other.arm], axis=1)
+        own = np.repeat(np.tile(own, (2, 1)), len(x) // _BUNDLE, axis=0)
         for half, sign in ((through.own, 1.0), (through.other, -1.0)):
-            out = sign * half.out[row]
-            origin = half.origin[row] + out * edges[side, row, place] + self.pitch * half.patch[row]
-            own = np.stack([through.own.arm[row], through.other.arm[row]], axis=1)
-            seen = self.bodies.sight(origin, out * ways[side, row, place], view[row], own)
-            free[side, row, place] = np.minimum(free[side, row, place], np.maximum(seen - 1.02 * self.slot, 0.0))
+            out = sign * half.out[:, None]
+            origin = half.origin[:, None] + out * edges + self.pitch * half.patch[:, None]
+            seen = self.bodies.sight(origin.reshape(-1, _BUNDLE), (out * ways).reshape(-1, _BUNDLE), view, own)
+            free = np.minimum(free, np.maximum(seen.reshape(free.shape) - 1.02 * self.slot, 0.0))
         width = np.abs(edges[0] - edges[1])
         for k, joint in enumerate(rows.tolist()):
             at = there[k]
             self._openings[joint] = Openings(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
-    def free(self, which: Sequence[int], tips: Sequence[tuple[Tip, Tip]], placed: np.ndarray) -> np.ndarray:
-        """(n,) whether both tips at the joints ``which`` keep the smallest slot from all that is near.
+    def _free(self, through: Throughs, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        """(n,) whether shapes (n,) keep the smallest slot from all but the arms through the joints ``rows`` (n,)."""
+        own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
+        return ~self.bodies.near(shapes, own, 0.999 * self.slot)
 
-        In their own panels, and in the panels beyond once both lie side by side: ``placed`` (2, n, 2) from ``apart``.
-        """
+    def _touching(self, one: Tip, two: Tip) -> bool:
+        """Whether the tips at a cut inside a panel come nearer to each other's arms than the smallest slot."""
         import shapely
 
-        slot, rows = 0.999 * self.slot, np.array(which, dtype=int)
-        own = np.repeat(np.stack([self.through.own.arm[rows], self.through.other.arm[rows]], axis=1), 2, axis=0)
-        blocked = np.zeros(2 * len(rows), dtype=bool)
-        for shapes in placed.reshape(2, -1):
-            blocked |= self.bodies.near(shapes, own, slot)
-        free = ~blocked.reshape(-1, 2).any(axis=1)
-        for k in np.flatnonzero(free & self.joints.inside[rows]).tolist():
-            one, two = tips[k]
-            near = [
-                shapely.dwithin(a.polygon, b, slot) for a, b in ((one, two.rest), (two, one.rest), (one, two.polygon))
-            ]
-            free[k] = not any(near)
-        return free
+        near = ((one.polygon, two.rest), (two.polygon, one.rest), (one.polygon, two.polygon))
+        return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
         """All tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
@@ -289,14 +291,17 @@ class _Bodies:
     """Pieces of arms, and hubs, in the plane where all panels lie apart.
 
     rings : (P, K) complex, metres; arm : (P,) which arm a piece belongs to, 4 quad + side, -1 for hubs
+    low, high : (P, 2) corners of the boxes round them
     """
 
     def __init__(self, rings: np.ndarray, arm: np.ndarray):
         import shapely
 
         self.rings, self.arm = rings, arm
-        low, high = (pairs(f(rings.real, axis=1) + 1j * f(rings.imag, axis=1)) for f in (np.min, np.max))
-        self.tree = shapely.STRtree(shapely.box(*low.T, *high.T))
+        self.low, self.high = (
+            np.stack([f(rings.real, axis=1), f(rings.imag, axis=1)], axis=1) for f in (np.min, np.max)
+        )
+        self.tree = shapely.STRtree(shapely.box(*self.low.T, *self.high.T))
         # polygons are made where they are asked for: most never are
         self._shapes, self._known = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
 
@@ -322,22 +327,33 @@ class _Bodies:
         return found
 
     def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
-        """(N,) metres: how far one sees from points along unit directions, at most ``view`` (N,), before a piece is in the way.
+        """(N, K) metres: how far one sees from points along unit directions, at most ``view`` (N,), before a piece is in the way.
 
-        origin, way : (N,) complex; without : (N, 2) arms that are looked through. 0 inside a piece.
+        origin, way : (N, K) complex, those of a row near to each other; without : (N, 2) arms that a row looks through. 0
+        inside a piece.
         """
         import shapely
 
-        seen = view.astype(float).copy()
+        seen = np.repeat(view[:, None].astype(float), origin.shape[1], axis=1)
         for first in range(0, len(origin), _RAYS):
             part = slice(first, first + _RAYS)
-            ends = np.stack([origin[part], origin[part] + view[part] * way[part]], axis=1)
-            ray, piece = self.tree.query(shapely.linestrings(pairs(ends)))
-            other = (self.arm[piece][:, None] != without[part][ray]).all(axis=1)
-            ray, piece = ray[other], piece[other]
-            start = self.rings[piece]
-            along, ahead = np.roll(start, -1, axis=1) - start, way[part][ray, None]
-            to = start - origin[part][ray, None]
+            start, ends = origin[part], origin[part] + view[part, None] * way[part]
+            low = np.minimum(start.real, ends.real), np.minimum(start.imag, ends.imag)
+            high = np.maximum(start.real, ends.real), np.maximum(start.imag, ends.imag)
+            around = shapely.box(*(x.min(axis=1) for x in low), *(x.max(axis=1) for x in high))
+            row, piece = self.tree.query(around)
+            other = (self.arm[piece][:, None] != without[part][row]).all(axis=1)
+            row, piece = row[other], piece[other]
+            meet = np.ones((len(row), origin.shape[1]), dtype=bool)
+            for axis in range(2):
+                meet &= (low[axis][row] <= self.high[piece, axis, None]) & (
+                    high[axis][row] >= self.low[piece, axis, None]
+                )
+            pair, ray = np.nonzero(meet)
+            row, piece = row[pair], piece[pair]
+            ring = self.rings[piece]
+            along, ahead = np.roll(ring, -1, axis=1) - ring, way[part][row, ray, None]
+            to = ring - start[row, ray, None]
             cross = (ahead.conj() * along).imag
             with np.errstate(divide="ignore", invalid="ignore"):
                 far, share = (to.conj() * along).imag / cross, (to.conj() * ahead).imag / cross
@@ -345,5 +361,5 @@ class _Bodies:
             nearest = np.where(hit, far, np.inf).min(axis=1)
             # an odd number of walls ahead: the point lies inside
             nearest[hit.sum(axis=1) % 2 == 1] = 0.0
-            np.minimum.at(seen, first + ray, nearest)
+            np.minimum.at(seen, (first + row, ray), nearest)
         return seen

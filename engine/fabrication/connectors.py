@@ -165,7 +165,7 @@ def connect(
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """What is made of a joint: one of its attempts, its tips, and ``placed`` (2, 2) their polygons from ``Room.apart``."""
+    """What is made of a joint: one of its attempts, its tips, and ``placed`` (2, 2) their polygons from ``Room.judged``."""
 
     attempt: Attempt
     tips: tuple[Tip, Tip]
@@ -180,50 +180,48 @@ class _Search:
         self.attempts = [room.attempts(joint) for joint in range(len(room.joints.edge))]
         self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
 
-    def next(self, joints: list[int], progress: Progress, few: int = 1) -> dict[int, _Choice | None]:
+    def next(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
         """For each of these joints the next attempt that has room; ``None`` where there is no other one.
 
-        few : how many attempts of a joint are judged together at first
+        first : whether these are the joints' first attempts, which are made without looking round
         """
         found: dict[int, _Choice | None] = {j: self.ready[j].popleft() for j in joints if self.ready[j]}
-        waiting = [j for j in joints if j not in found]
+        waiting, few = [j for j in joints if j not in found], FEW
         while waiting:
             tries = []
+            # only as many of one joint as make a chunk: those after the first with room are judged in vain
+            each = 1 if first else max(1, min(few, CHUNK // len(waiting)))
             for place, joint in enumerate(waiting):
-                if few > 1 and place % CHUNK == 0:
+                if not first and place % CHUNK == 0:
                     progress(len(found) / len(joints), "connectors")
                     self.room.look(waiting[place : place + CHUNK])
-                more = list(islice(self.attempts[joint], few))
+                more = list(islice(self.attempts[joint], each))
                 tries += [(joint, attempt) for attempt in more]
                 if not more:
                     found[joint] = None
-            for first in range(0, len(tries), CHUNK):
+            for begin in range(0, len(tries), CHUNK):
                 progress(len(found) / len(joints), "connectors")
-                self._judge(tries[first : first + CHUNK])
+                self._judge(tries[begin : begin + CHUNK])
             for joint in waiting:
                 if self.ready[joint]:
                     found[joint] = self.ready[joint].popleft()
             waiting = [j for j in waiting if j not in found]
-            few = min(2 * few + 2, MANY)
+            few, first = min(2 * each + 2, MANY), False
         return found
 
     def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
         """Keep the attempts that have room."""
-        made = self.room.tips([joint for joint, _ in tries], [attempt for _, attempt in tries])
-        whole = [(*one, tips) for one, tips in zip(tries, made, strict=True) if tips is not None]
-        both = [tips for *_, tips in whole]
-        placed = self.room.apart(both)
-        free = self.room.free([joint for joint, *_ in whole], both, placed)
-        for k in np.flatnonzero(free).tolist():
-            joint, attempt, tips = whole[k]
-            self.ready[joint].append(_Choice(attempt, tips, placed[:, k]))
+        made = self.room.judged([joint for joint, _ in tries], [attempt for _, attempt in tries])
+        for (joint, attempt), tips in zip(tries, made, strict=True):
+            if tips is not None:
+                self.ready[joint].append(_Choice(attempt, *tips))
 
 
 def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     """For every joint the first attempt with room; ``None`` where none has."""
     search = _Search(room)
     every = list(range(len(room.joints.edge)))
-    found = search.next(every, progress.part(0.0, 0.9))
+    found = search.next(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
     changed = set(every)
@@ -232,7 +230,7 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
         giving = _crowded(room, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
-        for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn), FEW).items():
+        for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn)).items():
             chosen[joint] = choice
         changed = set(giving)
     return chosen

@@ -102,7 +102,8 @@ def pack(
         sheet_of[i], (turned[i], shift[i]) = place
     sizes = [s.size for s in open_sheets]
     if rest < len(order):
-        last = _in_rows([shapes[i] for i in order[rest:]], sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
+        small = [(shapes[i], *boxes[i]) for i in order[rest:]]
+        last = _in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
         sheet_of[order[rest:]], turned[order[rest:]] = len(sizes) + last.sheet, last.rotation
         shift[order[rest:]] = last.shift
         sizes += [(width, height) for width, height in last.sizes.tolist()]
@@ -110,24 +111,26 @@ def pack(
 
 
 def _in_rows(
-    shapes: list[np.ndarray],
+    boxed: list[tuple[np.ndarray, float, np.ndarray]],
     sheet: tuple[float, float],
     margin: float,
     spacing: float,
     progress: Progress,
     rotation: str,
 ) -> Packing:
-    """Shapes by their smallest boxes in rows, the highest first, each in the first row with room (Coffman et al. 1980)."""
+    """Shapes by their smallest boxes in rows, the highest first, each in the first row with room (Coffman et al. 1980).
+
+    boxed : every shape with the turn and the sides of its smallest box
+    """
     free = np.array(sheet) - 2.0 * margin
     laid: list[tuple[float, np.ndarray]] = []
-    for done, shape in enumerate(shapes):
-        progress(0.5 * done / len(shapes), "packing in rows")
-        turn, size = least_box(shape)
+    for done, (shape, turn, size) in enumerate(boxed):
+        progress(0.5 * done / len(boxed), "packing in rows")
         if rotation != "GRAIN" and (size > free).any():
             turn, size = turn + 0.5 * np.pi, size[::-1]
         slanted = turn_that_fits(shape, sheet, margin + CLOSE, rotation) if (size > free).any() else None
         laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
-    count = len(shapes)
+    count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
     rows: list[list[float]] = []  # sheet, height, lower border, used length
     used: list[float] = []  # height of every sheet that rows take
@@ -138,7 +141,7 @@ def _in_rows(
             sizes.append(_large_enough(np.sort(laid[i][1])[::-1], sheet, margin, 0.0, rotation))
             used.append(np.inf)
             rows.append([len(sizes) - 1, np.inf, margin, np.inf])
-            row, turn = rows[-1], least_box(shapes[i])[0]
+            row, turn = rows[-1], boxed[i][1]
             corner = np.array([margin, margin])
         else:
             row = next((r for r in rows if high <= r[1] and r[3] + wide <= free[0] + margin), [])
@@ -153,7 +156,7 @@ def _in_rows(
             corner = np.array([row[3], row[2]])
             row[3] += wide + spacing
         laid[i] = turn, laid[i][1]
-        where[i], shift[i] = row[0], corner - (shapes[i] @ _turn(turn)).min(axis=0)
+        where[i], shift[i] = row[0], corner - (boxed[i][0] @ _turn(turn)).min(axis=0)
     return Packing(where, np.array([turn for turn, _ in laid]), shift, np.array(sizes).reshape(-1, 2))
 
 
@@ -273,11 +276,12 @@ class _Sheet:
             rows, columns = (t - m + 1 for t, m in zip(self.taken.shape, mask.shape, strict=True))
             if rows < 1 or columns < 1 or (quarter > 1 and not self.taken.any()):
                 continue
-            row, column = np.nonzero(self._hits(mask)[:rows, :columns] < 0.5)
-            if not len(row):
+            free = self._hits(mask)[:rows, :columns] < 0.5
+            column = int(free.any(axis=0).argmax())
+            row = int(free[:, column].argmax())
+            if not free[row, column]:
                 continue
-            first = np.lexsort((row, column + mask.shape[1]))[0]
-            found = (int(column[first]) + mask.shape[1], int(row[first]), int(column[first]), quarter)
+            found = (column + mask.shape[1], row, column, quarter)
             best = found if best is None else min(best, found)
         if best is None:
             self._refused.append((np.sort(stamp.box), stamp.taken))

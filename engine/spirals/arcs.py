@@ -198,6 +198,8 @@ def _fitted(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted:
         good = (stray <= tolerance) | (spans == SPANS[-1])
         found.append((now[good], nodes[good], bulge[good]))
         sizes[now[good]] = 2 * spans
+        # what strays falls with the third power of the spans: numbers that would leave it ten times too much are not tried
+        need[now[~good]] = spans * np.cbrt(stray[~good] / (10.0 * tolerance))
         open_ = np.setdiff1d(open_, now[good], assume_unique=True)
     start = np.concatenate([[0], np.cumsum(sizes)])
     points, bulges = np.empty((start[-1], 2)), np.empty(start[-1])
@@ -241,31 +243,27 @@ def _inverse(weight: np.ndarray, levels: np.ndarray) -> np.ndarray:
 
 def _stray(nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int) -> np.ndarray:
     """(C,) metres: largest distance of the true points (C, 6 spans + 1, 2) from the arcs."""
-    a = nodes.reshape(-1, 2)
-    b = np.concatenate([nodes[:, 1:], last[:, None]], axis=1).reshape(-1, 2)
-    k = bulge.reshape(-1)
+    ends = np.concatenate([nodes, last[:, None]], axis=1)
+    shape = (len(nodes), spans, 2, 1)
     # points of a span are compared with both of its arcs; the nearer one counts
-    p = np.stack([true[:, i : i + 6 * spans - 5 : 6] for i in range(1, 6)], axis=2)  # (C, spans, 5, 2)
-    p = np.repeat(p[:, :, None], 2, axis=2).reshape(-1, 5, 2)
-    chord = b - a
-    size = np.maximum(np.linalg.norm(chord, axis=1), 1e-15)
-    along = _dot(p - a[:, None], chord[:, None]) / size[:, None]
-    across = (chord[:, None, 0] * (p - a[:, None])[..., 1] - chord[:, None, 1] * (p - a[:, None])[..., 0]) / size[
-        :, None
-    ]
-    half = 0.5 * size[:, None]
-    sag = half * k[:, None]
-    distance = _circle_distance(along - half, across, half, sag)
-    return distance.reshape(len(nodes), spans, 2, 5).min(axis=2).max(axis=(1, 2))
+    within = [true[:, i : i + 6 * spans - 5 : 6] for i in range(1, 6)]
+    px, py = (np.stack([p[..., i] for p in within], axis=-1)[:, :, None] for i in range(2))  # (C, spans, 1, 5)
+    (ax, ay), (cx, cy) = ((x[..., 0].reshape(shape), x[..., 1].reshape(shape)) for x in (nodes, np.diff(ends, axis=1)))
+    size = np.maximum(np.sqrt(cx * cx + cy * cy), 1e-15)
+    cx, cy, half = cx / size, cy / size, 0.5 * size
+    dx, dy = px - ax, py - ay
+    distance = _circle_distance(dx * cx + dy * cy - half, dy * cx - dx * cy, half, half * bulge.reshape(shape))
+    return distance.min(axis=2).max(axis=(1, 2))
 
 
 def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.ndarray) -> np.ndarray:
     """Distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is the straight line."""
     # power of the point over 2r: |power| / (r + distance to the centre), multiplied through by 2 sag
-    power = (x * x + y * y - half * half) * 2.0 * sag - 2.0 * y * (half * half - sag * sag)
+    double, rest = 2.0 * sag, half * half - sag * sag
+    power = (x * x + y * y - half * half) * double - 2.0 * y * rest
     twice = half * half + sag * sag  # 2 r |sag|
-    centre = np.hypot(2.0 * sag * x, 2.0 * sag * y - (half * half - sag * sag))
-    return np.abs(power) / (twice + centre)
+    to_x, to_y = double * x, double * y - rest
+    return np.abs(power) / (twice + np.sqrt(to_x * to_x + to_y * to_y))
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -231,7 +231,7 @@ def edge(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
 
-    ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t.
+    ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t; an axis before those of t stays in what is given.
     ``away`` shifts the points, in metres, at right angles away from the arm: where a cutter or a fillet of that radius
     has its centre while it touches the edge. ``wider`` is added to the width of the arms and to its derivative by t.
     """
@@ -241,7 +241,7 @@ def edge(
         width, slope = width + wider[0], slope + wider[1]
     side = np.asarray(side, dtype=float)
     speed = np.hypot(d1[..., 0], d1[..., 1])
-    normal = np.empty_like(d1)
+    normal: np.ndarray = np.empty((*np.broadcast_shapes(side.shape, speed.shape), 2))
     normal[..., 0], normal[..., 1] = side * d1[..., 1] / speed, -side * d1[..., 0] / speed
     curvature = side * _cross(d1, d2) / speed**3
     point = p + normal * (0.5 * width)[..., None]
