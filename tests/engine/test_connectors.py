@@ -255,3 +255,29 @@ def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connecto
         for curve, other in zip((a.outer, *a.holes), (b.outer, *b.holes), strict=True):
             assert curve.points == pytest.approx(other.points, abs=1e-12)
             assert curve.bulge == pytest.approx(other.bulge, abs=1e-9)
+
+
+# -- looking round -----------------------------------------------------------------------------------------------------
+
+
+def test_lines_of_sight_end_where_shapely_sees_the_first_piece(flat_grid):
+    room = connectors.Room(_halves(flat_grid, 0.5), ConnectorParams())
+    rng = np.random.default_rng(3)
+    rings = room.bodies.rings
+    view = 0.004
+    near = rings[rng.integers(0, len(rings), 40), 0]
+    origin = near[:, None] + rng.uniform(-0.002, 0.002, (40, 8)) + 1j * rng.uniform(-0.002, 0.002, (40, 8))
+    way = np.exp(2j * np.pi * rng.random(origin.shape))
+    arm = rng.integers(0, room.bodies.arm.max() + 1, (40, 2))
+    seen = room.bodies.sight(origin, way, np.full(40, view), arm)
+    expected = np.full(seen.shape, view)
+    for row in range(len(origin)):
+        other = ~np.isin(room.bodies.arm, arm[row])
+        pieces = shapely.union_all(shapely.polygons(np.stack([rings[other].real, rings[other].imag], axis=-1)))
+        for k, (start, end) in enumerate(zip(origin[row], origin[row] + view * way[row], strict=True)):
+            ray = shapely.LineString([(start.real, start.imag), (end.real, end.imag)])
+            hit = ray.intersection(pieces)
+            if not hit.is_empty:
+                expected[row, k] = hit.distance(shapely.Point(start.real, start.imag))
+    assert (expected < view).sum() > 50
+    assert np.abs(seen - expected).max() < 1e-9
