@@ -31,6 +31,11 @@ def earlier(tmp_path):
     assert os.listdir(tmp_path) == ["sheet-01.svg"]
 
 
+def _in_two():
+    """Sheets too small for the strip in one panel, so that it has joints."""
+    return SheetParams(**QUICK, sheet_width=0.08, sheet_height=0.08)
+
+
 REFUSED = {
     "kerf wider than a slot": (
         {"cut": lambda: CutParams(kerf_outline=0.0008, kerf_holes=0.0008)},
@@ -43,7 +48,7 @@ REFUSED = {
         False,
     ),
     "clearance larger than a connector": (
-        {"connect": lambda: ConnectorParams(clearance=0.001)},
+        {"connect": lambda: ConnectorParams(clearance=0.001), "sheet": _in_two},
         r"clearance of 1 mm connectors would slip out.* make the clearance at most",
         False,
     ),
@@ -77,6 +82,7 @@ REFUSED = {
         {
             "cut": lambda: CutParams(kerf_outline=0.0003, kerf_holes=0.0003),
             "connect": lambda: ConnectorParams(rounding=0.0001),
+            "sheet": _in_two,
         },
         r"too wide for corners of 0\.1 mm in the connectors; make their rounding at least 0\.15 mm",
         False,
