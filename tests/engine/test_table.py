@@ -1,0 +1,144 @@
+"""The table of the stages: it fits the steps, the results and the settings, and says what a change makes out of date."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import ObjectSettings
+from flexmaps.engine.runs import job, stages
+from flexmaps.engine.runs.result import Result
+from flexmaps.engine.runs.stages import STAGES, TABLE
+from flexmaps.engine.runs.steps import STEPS
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+# what is given to the stages, or told beside what they make
+GIVEN = {
+    "source",
+    "findings",
+    "mesh",
+    "edge",
+    "height",
+    "supports",
+    "force",
+    "seams",
+    "rest",
+    "lost",
+    "undone",
+    "seconds",
+}
+# sections that say how to search, what to draw and where to write, so that no result depends on them
+NO_RESULT = {"optimise", "remesh", "export", "preview", "film", "render"}
+
+
+@pytest.fixture(scope="module")
+def settings() -> ObjectSettings:
+    base = ObjectSettings()
+    return replace(base, sheet=replace(base.sheet, nesting="FAST"))
+
+
+@pytest.fixture(scope="module")
+def made(settings: ObjectSettings) -> Result:
+    return job.run(PolygonMesh.of(shapes.make("strip")), settings)
+
+
+def there(result: Result) -> set[str]:
+    return {f.name for f in fields(result) if f.name not in GIVEN and getattr(result, f.name) is not None}
+
+
+def test_every_stage_has_its_step_and_every_member_its_stage() -> None:
+    assert list(STEPS) == [stage.name for stage in TABLE]
+    makers = [member for stage in TABLE for member in stage.makes]
+    assert sorted(makers) == sorted({f.name for f in fields(Result)} - GIVEN)  # each once
+    made_by_now = {"mesh"}
+    for stage in TABLE:
+        assert made_by_now.issuperset((*stage.needs, *stage.may_use)), stage.name
+        made_by_now.update(stage.makes)
+        assert made_by_now.issuperset(stage.improves), stage.name
+        assert stages.MISSING.keys() >= {*stage.needs} - {"mesh"}
+
+
+def test_every_section_of_the_settings_concerns_a_stage_or_no_result() -> None:
+    named = {section.partition("!")[0] for stage in TABLE for section in stage.settings}
+    assert named == {f.name for f in fields(ObjectSettings)} - NO_RESULT
+    for section in {section for stage in TABLE for section in stage.settings if "!" in section}:
+        name, _, but = section.partition("!")
+        assert hasattr(getattr(ObjectSettings(), name), but)
+
+
+SPIRALS = {"layout", "flat", "design"}
+SHAPE, CUT = {"simulation", "limits"}, {"sheets", "estimates", "assembly"}
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "left"),
+    [
+        ("layout", {"patch_min": 3}, set()),
+        ("spiral", {"width_max": 0.0015}, {"layout", "flat"}),
+        ("spiral", {"thickness": 0.003}, SPIRALS),
+        ("material", {"material": "petg"}, SPIRALS | {"sheets"}),
+        ("simulate", {"model": "rod"}, SPIRALS | {"sheets"}),
+        ("loads", {"force_z": 1.0}, SPIRALS | {"sheets"}),
+        ("sheet", {"sheet_width": 0.3}, SPIRALS | SHAPE),
+        ("connect", {"connector": "none"}, SPIRALS | SHAPE),
+        ("export", {"pdf": True}, SPIRALS | SHAPE | CUT),
+        ("optimise", {"iterations": 7}, SPIRALS | SHAPE | CUT),
+    ],
+)
+def test_a_changed_setting_takes_what_was_made_from_it(
+    made: Result, settings: ObjectSettings, section: str, values: dict[str, object], left: set[str]
+) -> None:
+    """The expected sets follow from what each step reads, not from the table."""
+    assert there(made) == SPIRALS | SHAPE | CUT
+    other = replace(settings, **{section: replace(getattr(settings, section), **values)})  # type: ignore[arg-type]
+    found = stages.outdated(made, settings, other)
+    assert there(found) == left
+    if found.design is not None:
+        assert found.design.params == other.spiral
+
+
+def test_what_is_missing_runs_first_and_in_order(made: Result) -> None:
+    bare = stages.without(made, {"layout"})
+    assert there(bare) == set()
+    assert stages.missing(bare, "sheets") == ("trace", "merge", "split", "spirals", "sheets")
+    assert stages.missing(replace(bare, flat=made.flat), "design") == ("spirals",)
+    assert stages.missing(made, "sheets") == ()
+
+
+def test_what_was_lost_is_told_instead_of_what_is_missing(made: Result, settings: ObjectSettings) -> None:
+    reason = FlexMapsError("the seams were edited")
+    bare = replace(stages.without(made, {"layout"}), lost={"flat": reason})
+    with pytest.raises(FlexMapsError, match="the seams were edited"):
+        stages.missing(bare, "design")
+    with pytest.raises(FlexMapsError, match="the seams were edited"):
+        job.go_on(bare, settings, ("spirals",))
+    with pytest.raises(FlexMapsError, match="no flat patches"):
+        job.go_on(replace(bare, lost={}), settings, ("spirals",))
+    # whoever lays it out anew has lost nothing
+    assert job.go_on(bare, settings, ("trace",)).lost == {}
+
+
+def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: ObjectSettings) -> None:
+    """Simulating leaves the sheets alone, but how hard they are to join is judged anew; new spirals leave nothing."""
+    again = job.go_on(made, settings, ("simulate",))
+    assert again.sheets is made.sheets and again.assembly is not None and again.assembly is not made.assembly
+    assert there(job.go_on(made, settings, ("spirals",))) == SPIRALS
+    assert there(job.go_on(made, settings, ("regularise",))) == set()
+
+
+def test_notes_are_dropped_with_what_they_tell_of() -> None:
+    """In a .blend file a note stays true until a stage before its own writes."""
+    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets"}
+    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets"}
+    assert stages.blocks_after("equilibrium") == stages.blocks_after("optimise") == set()
+
+
+def test_stages_up_to_a_name() -> None:
+    assert job.stages("split") == ["check", "regularise", "trace", "merge", "split"]
+    assert "optimise" not in job.stages("sheets") and "optimise" in job.stages("sheets", optimised=True)
+    assert job.stages("optimise")[-1] == "optimise"
+    assert not any(STAGES[name].quick for name in job.NAMES[1:])
+    with pytest.raises(FlexMapsError, match="no stage 'nest'"):
+        job.stages("nest")
