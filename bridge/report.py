@@ -41,12 +41,15 @@ def write(
     out: Path,
     new: NewFile,
     pictures: Sequence[tuple[str, Path]] = (),
+    progress: Progress = SILENT,
 ) -> list[Path]:
     """Write the page, and every plot as an SVG file of its own beside it; returns the files, the page first.
 
     pictures : what they show, and PNG files
     """
     made = datetime.now().strftime("%Y-%m-%d %H:%M")
+    for plot in progress.each([*drawn.values()], "Writing the page"):
+        drawing.svg(plot)  # kept for the page and for the file
     text = report_page.page(described, drawn, [(says, file.read_bytes()) for says, file in pictures], made)
     new(out / PAGE).write_text(text, encoding="utf-8")
     written = [out / PAGE]

@@ -54,13 +54,13 @@ class Report(JobStage, bpy.types.Operator):
             while not letters.done():  # and hear a stop meanwhile
                 progress(0.3, "Waiting for letters")
                 time.sleep(0.02)
-            shown, drawing_it = {}, progress.part(0.3, 1.0)
+            shown, drawing_it = {}, progress.part(0.3, 0.9)
             for k, (kind, drawing) in enumerate(drawn.items()):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.pixels(drawing, letters.result())
             if folder is not None:
                 with files.replacing_many(pages.stale(folder)) as new:
-                    pages.write(described, drawn, folder, new)
+                    pages.write(described, drawn, folder, new, progress=progress.part(0.9, 1.0))
             return taken.name, shown, folder
 
         return go_on

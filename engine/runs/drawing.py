@@ -78,6 +78,7 @@ class Drawing:
 
     def add(self, *items: Item) -> None:
         self.items.extend(items)
+        self.__dict__.pop("_svg", None)
 
 
 def rgb(colour: str) -> np.ndarray:
@@ -86,7 +87,9 @@ def rgb(colour: str) -> np.ndarray:
 
 
 def svg(drawing: Drawing) -> str:
-    """The drawing as an SVG document of its own, or to stand within a page; it names no other file."""
+    """The drawing as an SVG document of its own, or to stand within a page; it names no other file. Written once."""
+    if "_svg" in drawing.__dict__:
+        return str(drawing.__dict__["_svg"])
     w, h = f"{drawing.width:g}", f"{drawing.height:g}"
     title = escape(drawing.title)
     lines = [
@@ -95,7 +98,8 @@ def svg(drawing: Drawing) -> str:
     ]
     for item in drawing.items:
         lines += _svg(item)
-    return "\n".join([*lines, "</svg>"]) + "\n"
+    drawing.__dict__["_svg"] = "\n".join([*lines, "</svg>"]) + "\n"
+    return str(drawing.__dict__["_svg"])
 
 
 def _svg(item: Item) -> list[str]:
