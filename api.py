@@ -395,5 +395,5 @@ def _loaded(piece: Piece, made: job.Result, wanted: ObjectSettings) -> job.Resul
 
     obj = objects.find(piece.uid)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    held, force = supports.supported(obj, surface, wanted.loads), supports.force(obj, surface, wanted.loads)
+    held, force = supports.loads(obj, surface, wanted.loads)
     return replace(made, supports=held, force=force)

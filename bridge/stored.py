@@ -87,7 +87,7 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loade
     taken = Taken(obj.name, surface, used, note=notes.read(obj.data).get("spirals"))
     if not loaded:
         return taken
-    held, force = supports.supported(obj, surface, used.loads), supports.force(obj, surface, used.loads)
+    held, force = supports.loads(obj, surface, used.loads)
     return replace(taken, held=held, force=force)
 
 
@@ -106,5 +106,5 @@ def read(obj: bpy.types.Object) -> Stored:
         result = taken.result()
     except FlexMapsError:
         return Stored(surface.polygons, used, surface.uid)
-    held, force = supports.supported(obj, surface, used.loads), supports.force(obj, surface, used.loads)
+    held, force = supports.loads(obj, surface, used.loads)
     return Stored(surface.polygons, used, surface.uid, replace(result, supports=held, force=force), taken.seams(result))

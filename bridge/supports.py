@@ -17,6 +17,11 @@ CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
 GROUP = "FlexMaps supports"
 
 
+def loads(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """What holds an object and what pulls at it, as ``supported`` and ``force`` tell; raises as these do."""
+    return supported(obj, surface, params), force(obj, surface, params)
+
+
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
     """(k,) int: the quads that are held; ``None`` where the user holds nothing.
 
