@@ -11,7 +11,8 @@ def register() -> None:
     import bpy
 
     from . import operators, panels
-    from .bridge import command, settings
+    from .bridge.store import settings
+    from .command import main as command
 
     settings.register()
     operators.register()
@@ -27,7 +28,8 @@ def unregister() -> None:
     import atexit
 
     from . import operators, panels
-    from .bridge import command, settings
+    from .bridge.store import settings
+    from .command import main as command
 
     atexit.unregister(unregister)
     command.unregister()

@@ -25,15 +25,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .engine.errors import Cancelled, FlexMapsError
-from .engine.fabrication.export import FLAT
+from .engine.fabrication.writers.export import FLAT
 from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed
 from .engine.progress import SILENT, Progress
 from .engine.runs import job, stages
 from .engine.runs import report as reporting
 from .engine.surface import check as checking
-from .engine.surface import meshio, shapes
+from .engine.surface import shapes
 from .engine.surface.check import Finding
+from .engine.surface.files import meshio
 from .engine.surface.mesh import PolygonMesh, QuadMesh
 
 if TYPE_CHECKING:
@@ -140,7 +141,8 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
     """
     import bpy
 
-    from .bridge import objects, scene
+    from .bridge.store import objects
+    from .bridge.view import scene
 
     if obj is None and piece.uid is not None:
         obj = objects.find(piece.uid)
@@ -155,7 +157,7 @@ def save(piece: Piece, path: str | Path) -> Path:
 
     Blender's open file stays as it is, but for an object that is brought up to date.
     """
-    from .bridge import scene
+    from .bridge.view import scene
     from .engine import files
 
     if piece.uid is not None:
@@ -182,7 +184,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     quads : about how many; else as the settings say. What had to be left out or joined is among the findings of ``check``.
     Raises ``FlexMapsError`` where Blender finds none.
     """
-    from .bridge import remesh as remeshing
+    from .bridge.hosts import remesh as remeshing
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
     found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted.remesh.smooth, _progress(progress))
@@ -239,9 +241,9 @@ def export(
 
     formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
     """
-    from .bridge import main_job
+    from .bridge.hosts import main_job
     from .engine import files
-    from .engine.fabrication import export as exporting
+    from .engine.fabrication.writers import export as exporting
 
     told = _progress(progress)
     ready = piece if piece.result.sheets is not None else sheets(piece, progress=told.part(0.0, 0.8))
@@ -258,7 +260,7 @@ def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) ->
     Of an object, instead of a piece: of what was last done to it in Blender. The page and its plots (SVG) open without a
     network.
     """
-    from .bridge import report as pages
+    from .bridge.view import report as pages
     from .engine import files
 
     if isinstance(piece, Piece):
@@ -295,7 +297,7 @@ def run(
     Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
     earlier run's files in the folder stay as they are unless everything succeeds.
     """
-    from .bridge import main_job
+    from .bridge.hosts import main_job
 
     told = _progress(progress)
     names = job.stages(stop_after, optimised)
@@ -351,7 +353,8 @@ def _to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
 
 
 def _from_blender(source: Any) -> Piece:
-    from .bridge import scene, stored
+    from .bridge.store import stored
+    from .bridge.view import scene
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     found = stored.read(obj)
@@ -380,7 +383,7 @@ def _is_group(piece: Piece, name: str) -> bool:
     """Whether a text names a vertex group of the piece's object."""
     if piece.uid is None:
         return False
-    from .bridge import objects
+    from .bridge.store import objects
 
     return objects.find(piece.uid).vertex_groups.get(name) is not None
 
@@ -391,7 +394,7 @@ def _loaded(piece: Piece, made: job.Result, wanted: ObjectSettings) -> job.Resul
         raise FlexMapsError("Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'")
     import bpy
 
-    from .bridge import mesh, objects, supports
+    from .bridge.store import mesh, objects, supports
 
     obj = objects.find(piece.uid)
     surface = mesh.read_surface(obj, bpy.context.scene)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge import job
+from ..bridge.hosts import job
 from . import (
     animate,
     check,

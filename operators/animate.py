@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.words import told
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -25,7 +25,8 @@ class Animate(JobStage, bpy.types.Operator):
     needs = "simulation"
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import animation, pose, preview
+        from ..bridge.store import pose
+        from ..bridge.view import animation, preview
         from ..engine.runs import stages
 
         settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
@@ -35,8 +36,8 @@ class Animate(JobStage, bpy.types.Operator):
             preview.quad_colours(obj, settings.preview.colour)
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.assembling import assembly_film
-            from ..engine.fabrication.panel_mesh import DETAILS
+            from ..engine.assembling import film as assembly_film
+            from ..engine.display.panel_mesh import DETAILS
 
             design = stages.needed(result, "design")
             detail = DETAILS[settings.film.film_detail]
@@ -50,7 +51,7 @@ class Animate(JobStage, bpy.types.Operator):
         return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import animation, beside, preview
+        from ..bridge.view import animation, beside, preview
 
         film, found, settings = result
         colour, scene = settings.preview.colour, context.scene

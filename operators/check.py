@@ -6,9 +6,10 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes, warm
-from ..bridge.objects import unusable
-from ..bridge.words import told
+from ..bridge.hosts import warm
+from ..bridge.store import notes
+from ..bridge.store.objects import unusable
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -63,7 +64,7 @@ class ShowFinding(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         warm.wait()
-        from ..bridge import mesh
+        from ..bridge.store import mesh
 
         obj = context.object
         findings = notes.read(obj.data)["checks"]

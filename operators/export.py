@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ExportParams
 from ..engine.progress import Progress
@@ -18,7 +18,7 @@ from .job_stage import GoOn, JobStage
 from .spirals import Drawn
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -32,7 +32,8 @@ class Export(JobStage, bpy.types.Operator):
     loaded = True
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import beside, equilibrium
+        from ..bridge.store import equilibrium
+        from ..bridge.view import beside
 
         settings = taken.settings
         formats, look = _formats(settings.export), Drawn.look_of(settings)
@@ -45,9 +46,10 @@ class Export(JobStage, bpy.types.Operator):
         names = ("sheets",) if rest is None else ("simulate", "sheets")
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..bridge import main_job
+            from ..bridge.hosts import main_job
             from ..engine import files
-            from ..engine.fabrication import estimates, export, sheets
+            from ..engine.fabrication import estimates, sheets
+            from ..engine.fabrication.writers import export
             from ..engine.runs import job
 
             made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))

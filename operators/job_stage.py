@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
+from ..bridge.store import notes
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import Stage, Work
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
-    from ..bridge.surface import Surface
+    from ..bridge.store.stored import Taken
+    from ..bridge.store.surface import Surface
     from ..engine.runs.result import Result
 
 GoOn = Callable[["Result", Progress], Any]
@@ -47,8 +47,8 @@ class JobStage(Stage):
         raise NotImplementedError
 
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
-        from ..bridge import stored
-        from ..bridge.objects import find
+        from ..bridge.store import stored
+        from ..bridge.store.objects import find
 
         obj, needs = find(surface.uid), self.needs
         taken = stored.take(obj, surface, settings, loaded=self.loaded)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.patches.flatten import FlatPatches
     from ..engine.runs.result import Result
 
@@ -24,7 +24,9 @@ class LayoutStage(JobStage):
     shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import arrange, beside, mesh
+        from ..bridge.store import mesh
+        from ..bridge.view import beside
+        from ..engine.display import arrange
 
         flat, block = result
         centres = arrange.side_by_side(flat)
@@ -83,7 +85,7 @@ class FlattenStage(LayoutStage):
     reuse = False
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import mesh
+        from ..bridge.store import mesh
 
         reuse = self.reuse
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.errors import Cancelled
 from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 from .spirals import Drawn
 
 if TYPE_CHECKING:
-    from ..bridge.live import Moving
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
+    from ..bridge.view.live import Moving
     from ..engine.optimisation.optimise import Look
     from ..engine.runs.result import Result
 
@@ -34,7 +34,7 @@ class Optimise(JobStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        from ..bridge import attributes
+        from ..bridge.store import attributes
 
         blocks = notes.read(obj.data)
         if "layout" not in blocks:
@@ -44,7 +44,7 @@ class Optimise(JobStage, bpy.types.Operator):
         return "Press Spirals first"
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import designing
+        from ..bridge.view import designing
 
         unit = bpy.context.scene.unit_settings.scale_length
         once = replace(taken.settings, simulate=replace(taken.settings.simulate, restarts=0))
@@ -82,7 +82,7 @@ class Optimise(JobStage, bpy.types.Operator):
         return result[0].show(context, surface)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import equilibrium, mesh
+        from ..bridge.store import equilibrium, mesh
 
         panels, made, report, block, layout = result
         simulation = made.optimisation.after

@@ -6,9 +6,9 @@ from typing import Any
 
 import bpy
 
-from ..bridge import warm
-from ..bridge.objects import unusable
-from ..bridge.words import named, told
+from ..bridge.hosts import warm
+from ..bridge.store.objects import unusable
+from ..bridge.store.words import named, told
 
 STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
 
@@ -51,7 +51,7 @@ class Overlay(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         warm.wait()
-        from ..bridge import overlay
+        from ..bridge.view import overlay
 
         if self.kind != "NONE" and not overlay.store(context.object, self.kind):
             stage = "Simulate" if self.kind in overlay.SIMULATED else STAGES.get(self.kind, "Merge")
@@ -62,13 +62,13 @@ class Overlay(bpy.types.Operator):
 
 
 def register() -> None:
-    from ..bridge import overlay
+    from ..bridge.view import overlay
 
     overlay.register()
 
 
 def unregister() -> None:
-    from ..bridge import overlay
+    from ..bridge.view import overlay
 
     overlay.unregister()
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 from bl_operators.presets import AddPresetBase
 
-from ..bridge.objects import unusable
-from ..bridge.words import told
+from ..bridge.store.objects import unusable
+from ..bridge.store.words import told
 from ..engine.params import ObjectSettings
 
 FOLDER = Path(__file__).resolve().parent.parent

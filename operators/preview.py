@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.words import told
+from ..bridge.store.words import told
 from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -24,7 +24,8 @@ class Preview(JobStage, bpy.types.Operator):
     needs = "design"
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import pose, preview
+        from ..bridge.store import pose
+        from ..bridge.view import preview
 
         settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
@@ -45,7 +46,8 @@ class Preview(JobStage, bpy.types.Operator):
         return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import animation, equilibrium, preview, states
+        from ..bridge.store import equilibrium, states
+        from ..bridge.view import animation, preview
 
         built, params, simulated = result
         animation.clear(obj)  # one of both stands there

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -24,7 +24,7 @@ class Regularise(JobStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        from ..bridge import equilibrium
+        from ..bridge.store import equilibrium
 
         return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
 
@@ -42,7 +42,8 @@ class Regularise(JobStage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         import numpy as np
 
-        from ..bridge import beside, mesh, states
+        from ..bridge.store import mesh, states
+        from ..bridge.view import beside
 
         before, after, findings = result
         mesh.write_vertices(obj, surface, after)

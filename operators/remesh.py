@@ -7,9 +7,10 @@ from typing import Any
 
 import bpy
 
-from ..bridge import job, notes, settings, warm
-from ..bridge.objects import find, unusable
-from ..bridge.words import told
+from ..bridge.hosts import job, warm
+from ..bridge.store import notes, settings
+from ..bridge.store.objects import find, unusable
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -38,7 +39,7 @@ class QuadRemesh(Stage, bpy.types.Operator):
     def _read(self, context: bpy.types.Context) -> Work:
         """Of what is seen: modifiers are no obstacle, other than to stages that write into the mesh itself."""
         warm.wait()
-        from ..bridge import remesh
+        from ..bridge.hosts import remesh
 
         self._source = context.object.session_uid
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
@@ -46,7 +47,7 @@ class QuadRemesh(Stage, bpy.types.Operator):
         return lambda progress: remesh.quads_of(polygons, wanted.quads, wanted.smooth, progress)
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
-        from ..bridge import remesh
+        from ..bridge.hosts import remesh
         from ..engine.surface import check
 
         obj = find(self._source)
@@ -62,7 +63,7 @@ class QuadRemesh(Stage, bpy.types.Operator):
 
 def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
     """The new object takes the place of the old one, with its settings."""
-    from ..bridge import beside
+    from ..bridge.view import beside
 
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     beside.clear(obj)
@@ -97,7 +98,8 @@ class SetSize(Stage, bpy.types.Operator):
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import beside, mesh
+        from ..bridge.store import mesh
+        from ..bridge.view import beside
 
         factor, findings = result
         obj.scale = [s * factor for s in obj.scale]

@@ -7,8 +7,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import RenderParams
 from .stage import Stage
@@ -28,7 +28,8 @@ class Render(Stage, bpy.types.Operator):
         return self.execute(context)  # Blender renders on its main thread
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        from ..bridge import picture, settings
+        from ..bridge.store import settings
+        from ..bridge.view import picture
         from ..engine import files
 
         try:

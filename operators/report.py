@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.words import told
+from ..bridge.store.words import told
 from ..engine.progress import Progress
 from .export import _file_name, _folder
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -38,8 +38,8 @@ class Report(JobStage, bpy.types.Operator):
     loaded = True
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import raster
-        from ..bridge import report as pages
+        from ..bridge.view import raster
+        from ..bridge.view import report as pages
 
         found = pages.read(obj, taken)
         letters = self._letters = Future()
@@ -66,12 +66,12 @@ class Report(JobStage, bpy.types.Operator):
         return go_on
 
     def meanwhile(self) -> None:
-        from ..bridge import raster
+        from ..bridge.view import raster
 
         self._letters.set_result(raster.glyphs())
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import report as pages
+        from ..bridge.view import report as pages
 
         _, shown, folder = result
         if folder is None:
@@ -83,7 +83,7 @@ class Report(JobStage, bpy.types.Operator):
         return told("{} pictures for the image editor; {}", len(shown), page)
 
     def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
-        from ..bridge import raster
+        from ..bridge.view import raster
 
         name, shown, _ = result
         for kind, pixels in shown.items():

@@ -10,7 +10,7 @@ from ..engine.progress import Progress
 from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.stored import Taken
+    from ..bridge.store.stored import Taken
     from ..engine.runs.result import Result
 
 
@@ -23,7 +23,7 @@ class Simulate(JobStage, bpy.types.Operator):
     loaded = True
 
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge import live
+        from ..bridge.view import live
 
         def go_on(result: Result, progress: Progress) -> Result:
             from ..engine.runs import job
@@ -34,7 +34,7 @@ class Simulate(JobStage, bpy.types.Operator):
         return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import equilibrium
+        from ..bridge.store import equilibrium
 
         equilibrium.write(obj, context.scene, surface, result.simulation, result.limits)
         text, warning = equilibrium.sentences(result.simulation.report())

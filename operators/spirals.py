@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import notes
-from ..bridge.words import told
+from ..bridge.store import notes
+from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ConnectorParams, ObjectSettings
 from ..engine.progress import SILENT, Progress
@@ -18,9 +18,9 @@ from .job_stage import GoOn, JobStage
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..bridge.solids import Solid
-    from ..bridge.stored import Taken
-    from ..engine.fabrication.connectors import Connections
+    from ..bridge.store.stored import Taken
+    from ..engine.display.solids import Solid
+    from ..engine.fabrication.connectors.connect import Connections
     from ..engine.runs.result import Result
     from ..engine.spirals.arcs import Curve
     from ..engine.spirals.design import SpiralDesign
@@ -48,8 +48,8 @@ class Drawn:
     @classmethod
     def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> Drawn:
         """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
-        from ..bridge import solids
-        from ..engine.fabrication import connectors
+        from ..engine.display import solids
+        from ..engine.fabrication.connectors import connect as connectors
 
         tolerance = max(settings.sheet.tolerance, solids.DRAWN)
         try:
@@ -61,7 +61,8 @@ class Drawn:
     @classmethod
     def plain(cls, design: SpiralDesign) -> Drawn:
         """At once, without connectors and outlines; ``Export`` draws them true."""
-        from ..bridge import arrange, beside, solids
+        from ..bridge.view import beside
+        from ..engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
         return cls(design, beside.PLAIN, centres, solids.light(design, centres), [])
@@ -69,15 +70,15 @@ class Drawn:
     @classmethod
     def made_of(cls, design: SpiralDesign, made: Connections, settings: ObjectSettings) -> Drawn:
         """With connectors that are there already."""
-        from ..bridge import arrange, solids
+        from ..engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
         shape = solids.light(design, centres, made.tips)
         return cls(design, cls.look_of(settings), centres, shape, [(o.outer, *o.holes) for o in made.outlines])
 
     def show(self, context: bpy.types.Context, surface: Any) -> Iterator[None]:
-        from ..bridge import beside
-        from ..bridge.objects import find
+        from ..bridge.store.objects import find
+        from ..bridge.view import beside
 
         obj = find(surface.uid)
         yield from beside.show_spirals(obj, context.scene, self.design, self.shape, self.outlines, self.centres)
@@ -111,7 +112,7 @@ class Spirals(JobStage, bpy.types.Operator):
         return result[0].show(context, surface)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge import mesh
+        from ..bridge.store import mesh
 
         drawn, block = result
         mesh.write_design(obj, drawn.design)

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge import job, warm
-from ..bridge.words import named, told
+from ..bridge.hosts import job, warm
+from ..bridge.store.words import named, told
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 
 if TYPE_CHECKING:
-    from ..bridge.surface import Surface
+    from ..bridge.store.surface import Surface
 
 Work = Callable[[Progress], Any]
 
@@ -71,7 +71,7 @@ class Stage:
     _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # the pieces that are still to be written
     _made_from: Any = None  # checksums of the settings that the work began with
-    _surface: Any = None  # bridge.surface.Surface; Blender evaluates annotations, so only names that are there
+    _surface: Any = None  # bridge.store.surface.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
 
@@ -179,7 +179,7 @@ class Stage:
 
     def _read(self, context: bpy.types.Context) -> Work:
         warm.wait()
-        from ..bridge import mesh, settings, states
+        from ..bridge.store import mesh, settings, states
 
         obj = context.object
         if obj is None:
@@ -189,8 +189,9 @@ class Stage:
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
-        from ..bridge import mesh, overlay, states
-        from ..bridge.objects import find
+        from ..bridge.store import mesh, states
+        from ..bridge.store.objects import find
+        from ..bridge.view import overlay
 
         assert self._surface is not None
         obj = find(self._surface.uid)
@@ -229,7 +230,7 @@ class Stage:
         return {"CANCELLED"}
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
-        from ..bridge.objects import find
+        from ..bridge.store.objects import find
 
         if self._surface is not None and (error.faces or error.edges):
             with suppress(FlexMapsError):  # where the object is gone there is nothing to select
@@ -241,7 +242,7 @@ class Stage:
 
 def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
     """Why a stage cannot run on the object now, as a sentence; ``None`` if it can."""
-    from ..bridge.objects import changed_by_modifiers, unusable
+    from ..bridge.store.objects import changed_by_modifiers, unusable
 
     running = job.current()
     if running is not None:
@@ -265,7 +266,7 @@ def reveal(
     """
     import numpy as np
 
-    from ..bridge import attributes
+    from ..bridge.store import attributes
 
     if not bpy.app.background and context.view_layer.objects.active == obj:
         if obj.mode != "EDIT":

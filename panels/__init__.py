@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge import plot
+from ..bridge.view import plot
 from . import preview, sidebar, translations
 
 # in the order in which they are seen

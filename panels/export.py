@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge import notes, states
+from ..bridge.store import notes, states
 from ..engine.params import ConnectorParams, CutParams, ExportParams, SheetParams
 from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result

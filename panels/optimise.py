@@ -7,7 +7,9 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import job, notes, plot, states
+from ..bridge.hosts import job
+from ..bridge.store import notes, states
+from ..bridge.view import plot
 from ..engine.params import OptimiseParams
 from .rows import choice_row, fold, more, number, numbers, wrapped
 from .stages import StagePanel, button, look, result

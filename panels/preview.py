@@ -6,7 +6,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge import preview, states
+from ..bridge.store import states
+from ..bridge.view import preview
 from ..engine.params import FilmParams, PreviewParams, RenderParams
 from .rows import more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel

@@ -7,8 +7,10 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import beside, job, notes, warm
-from ..bridge.objects import changed_by_modifiers, shared, unusable
+from ..bridge.hosts import job, warm
+from ..bridge.store import notes
+from ..bridge.store.objects import changed_by_modifiers, shared, unusable
+from ..bridge.view import beside
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import optimise, presets, simulate
 from .export import ExportPanel

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge import equilibrium, notes
+from ..bridge.store import equilibrium, notes
 from ..engine.params import LoadParams, MaterialParams, SimulateParams
 from .rows import choice_row, fold, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, result

@@ -8,8 +8,9 @@ from typing import Any
 
 import bpy
 
-from ..bridge import job, states
-from ..bridge.objects import unusable
+from ..bridge.hosts import job
+from ..bridge.store import states
+from ..bridge.store.objects import unusable
 from .rows import wrapped
 
 ICONS = {states.TODO: "RADIOBUT_OFF", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
@@ -47,7 +48,7 @@ class Sidebar:
 
 
 class StagePanel(Sidebar):
-    """A sub-panel; ``stage`` is its name in ``bridge/states.py``, "" where it has no state."""
+    """A sub-panel; ``stage`` is its name in ``bridge/store/states.py``, "" where it has no state."""
 
     bl_parent_id = "FLEXMAPS_PT_main"
     stage = ""

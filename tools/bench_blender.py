@@ -175,7 +175,7 @@ def progress(_: argparse.Namespace) -> Iterator[Row]:
 def _first_sight(cls: type) -> float:
     """Seconds from ``invoke`` to the job that the sidebar shows, as with a window."""
     import bpy
-    from flexmaps.bridge import job
+    from flexmaps.bridge.hosts import job
     from flexmaps.operators import stage
 
     body = {k: v for base in reversed(cls.__mro__) if issubclass(base, stage.Stage) for k, v in vars(base).items()}
@@ -237,7 +237,7 @@ def panels(_: argparse.Namespace) -> Iterator[Row]:
     for button in ("check", "flatten", "spirals", "simulate"):
         getattr(bpy.ops.flexmaps, button)()
     from flexmaps import panels
-    from flexmaps.bridge import states
+    from flexmaps.bridge.store import states
 
     def drawing(panel: Any) -> Callable[[], None]:
         shown = SimpleNamespace(layout=Nothing(), stage=getattr(panel, "stage", ""))

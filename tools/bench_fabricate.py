@@ -19,16 +19,15 @@ import numpy as np
 import shapely
 from bench_layout import EDGE, surfaces
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import connector_check, dxf, nesting, packing, pdf, sheets, solid_files, svg
-from flexmaps.engine.fabrication.connectors import Connections
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.connectors import check as connector_check
+from flexmaps.engine.fabrication.connectors.connect import Connections
+from flexmaps.engine.fabrication.nesting import nest as nesting
+from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.params import (
-    ConnectorParams,
-    LayoutParams,
-    RegulariseParams,
-    SheetParams,
-    SpiralParams,
-)
+from flexmaps.engine.fabrication.writers import dxf, pdf, svg
+from flexmaps.engine.fabrication.writers import solids as solid_files
+from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.patches import merge, split, trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.design import SpiralDesign

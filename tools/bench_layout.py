@@ -22,7 +22,8 @@ from flexmaps.engine.patches import edit, flatten, merge, outline, trace
 from flexmaps.engine.patches.arap import corner_triangles, quad_energy
 from flexmaps.engine.patches.flatten import FlatPatches
 from flexmaps.engine.progress import SILENT
-from flexmaps.engine.surface import check, meshio, regularise, shapes
+from flexmaps.engine.surface import check, regularise, shapes
+from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, at_most, row
 

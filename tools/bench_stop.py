@@ -60,7 +60,7 @@ def stages(wanted: list[str]) -> Iterator[Row]:
 @contextmanager
 def listening() -> Iterator[list[tuple[float, str, str]]]:
     """Collects (seconds, the words before it, the place after it) for every time between two looks for a stop."""
-    from flexmaps.bridge import job
+    from flexmaps.bridge.hosts import job
     from flexmaps.engine.progress import Progress
 
     gaps: list[tuple[float, str, str]] = []

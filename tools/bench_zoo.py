@@ -29,7 +29,7 @@ import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface import meshio
+from flexmaps.engine.surface.files import meshio
 from rows import Row, Table, row
 from zoo import summary, trial
 
@@ -182,7 +182,7 @@ def _program() -> str:
     made = hashlib.sha256()
     folders = [ROOT / "engine", ROOT / "data"]
     parts = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix != ".pyc"]
-    for path in [*parts, *sorted((ROOT / "bridge").glob("*remesh*.py")), Path(trial.__file__)]:
+    for path in [*parts, *sorted((ROOT / "bridge" / "hosts").glob("*remesh*.py")), Path(trial.__file__)]:
         if path.is_file():
             made.update(path.read_bytes())
     return made.hexdigest()

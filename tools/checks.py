@@ -24,7 +24,14 @@ TIERS = {
     "window": "a real Blender with its window",
 }
 LONGEST = "blender"
-PACKAGES = ("engine", "bridge", "operators", "panels", "database")  # whose types are checked, with the api and tools/
+PACKAGES = (
+    "engine",
+    "bridge",
+    "command",
+    "operators",
+    "panels",
+    "database",
+)  # whose types are checked, with the api and tools/
 
 
 def main(argv: list[str]) -> int:

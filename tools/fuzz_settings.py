@@ -8,7 +8,7 @@ import random
 from dataclasses import fields
 from typing import Any
 
-from flexmaps.bridge import arguments
+from flexmaps.command import arguments
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SHOWN, ObjectSettings, changed, shown_values
 

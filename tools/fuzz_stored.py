@@ -16,7 +16,7 @@ import bpy
 import flexmaps
 import numpy as np
 from flexmaps import api
-from flexmaps.bridge import attributes, notes
+from flexmaps.bridge.store import attributes, notes
 from flexmaps.engine.errors import FlexMapsError
 from random_calls import undrawn
 

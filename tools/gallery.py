@@ -111,8 +111,9 @@ def make(name: str) -> None:
     """One object: all stages, its sheets, its picture, its figures."""
     import bpy
     from flexmaps import api
-    from flexmaps.bridge import main_job, picture
-    from flexmaps.bridge.job import Ticks
+    from flexmaps.bridge.hosts import main_job
+    from flexmaps.bridge.hosts.job import Ticks
+    from flexmaps.bridge.view import picture
     from flexmaps.engine.params import RenderParams
 
     item, folder = ITEMS[name], OUT / name
@@ -140,7 +141,8 @@ def film(obj: Any, folder: Path, view: Any) -> None:
     """The assembly of an object, which is there with its simulated shape, as frames and as one file that a page can show."""
     import bpy
     import numpy as np
-    from flexmaps.bridge import main_job, picture
+    from flexmaps.bridge.hosts import main_job
+    from flexmaps.bridge.view import picture
     from PIL import Image
 
     bpy.context.scene.render.fps = RATE

@@ -7,8 +7,11 @@ from collections.abc import Iterator
 
 import numpy as np
 from bench_layout import EDGE
-from flexmaps.engine.assembling import assembly_sheet
-from flexmaps.engine.fabrication import connectors, estimates, labels, nesting, sheets
+from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.fabrication import estimates, sheets
+from flexmaps.engine.fabrication.connectors import connect as connectors
+from flexmaps.engine.fabrication.nesting import nest as nesting
+from flexmaps.engine.fabrication.panels import labels
 from flexmaps.engine.params import ConnectorParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches import flatten
 from flexmaps.engine.patches.layout import PatchLayout

@@ -8,7 +8,7 @@ DEMO = ["shape:demo", "--optimise", "--supports", "lowest", "--out", "out"]
 def main(argv: list[str]) -> int:
     """``demo`` runs on the project's own surface unless other arguments are given; ``run`` takes all of them."""
     import flexmaps
-    from flexmaps.bridge import command
+    from flexmaps.command import main as command
 
     flexmaps.register()  # so that the .blend carries the settings of the run
     name, *rest = argv

@@ -19,7 +19,8 @@ from typing import Any
 
 import bpy
 import numpy as np
-from flexmaps.bridge import job, notes, states
+from flexmaps.bridge.hosts import job
+from flexmaps.bridge.store import notes, states
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress

@@ -7,11 +7,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..fabrication.labels import panel_name, seam_name
-from ..fabrication.pdf import Page
+from ..fabrication.panels.labels import panel_name, seam_name
+from ..fabrication.writers.pdf import Page
 from ..patches.flatten import FlatPatches
 from ..spirals.arcs import Curve
-from .assembly_order import Join, Step
+from .order import Join, Step
 
 INK, PALE = "#1c1e24", "#e4e6e9"
 LIFT = 0.35  # how far the view looks down, as the tangent of the angle

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fabrication.labels import panel_name
+from ..fabrication.panels.labels import panel_name
 from ..materials import Material
 from ..mechanics.assembly import Pose, nearest_rotation, of_design
 from ..mechanics.elastic import ElasticModel
@@ -28,7 +28,7 @@ from ..params import SimulateParams
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
-from .assembly_order import Step, steps
+from .order import Step, steps
 
 PARTS = 3
 """About so many stages, one after the other, in which an arriving panel is joined; every seam has one at least."""

@@ -13,14 +13,14 @@ from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, touching
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
-from .connectors import Connections, connect
-from .kerf import cut_paths
-from .labels import Labels, key_label, make_labels
-from .nesting import nest
-from .packing import Packing, fill, used_length
-from .panel import Panel
-from .sheet_checks import check_kerf, check_mill, oversize, tight, without
-from .toolpath import WAY, Runs, plan
+from .checks import check_kerf, check_mill, oversize, tight, without
+from .connectors.connect import Connections, connect
+from .nesting.nest import nest
+from .nesting.packing import Packing, fill, used_length
+from .panels.kerf import cut_paths
+from .panels.labels import Labels, key_label, make_labels
+from .panels.panel import Panel
+from .panels.toolpath import WAY, Runs, plan
 
 _HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
 CONNECTORS, CUT = ConnectorParams(), CutParams()

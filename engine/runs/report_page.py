@@ -8,9 +8,9 @@ from dataclasses import fields
 from html import escape
 from typing import Any
 
+from ..display.drawing import FONT, Drawing, svg
+from ..display.plots import bars
 from ..params import SHOWN, ObjectSettings
-from .drawing import FONT, Drawing, svg
-from .plots import bars
 
 Row = tuple[str, str]
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from .. import colours
+from ..display import plots
+from ..display.drawing import Drawing, hexes, rgb
+from ..display.plots import Colouring
 from ..optimisation import reach
 from ..surface.mesh import QuadMesh
-from . import plots
-from .drawing import Drawing, hexes, rgb
 from .job import Result
-from .plots import Colouring
 
 Looks = Mapping[str, tuple[tuple[float, float, float], str]]
 NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",

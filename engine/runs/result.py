@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..assembling.assembly_check import AssemblyCheck
+from ..assembling.check import AssemblyCheck
 from ..errors import FlexMapsError
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets

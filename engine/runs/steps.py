@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..assembling import assembly_check
+from ..assembling import check as assembly_check
 from ..fabrication import estimates, sheets
 from ..mechanics import simulate
 from ..optimisation import optimise, reach

@@ -1,6 +1,6 @@
 """Quads in the shape of any mesh: every body by itself, by a tool that makes quads of one clean body at a time.
 
-The tool is Blender's (``bridge.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean. What it
+The tool is Blender's (``bridge.hosts.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean. What it
 gives is judged and mended here. QuadriFlow works in single precision and refuses or spoils surfaces that are very small
 or large, so that it gets every body at one size.
 """

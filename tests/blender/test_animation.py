@@ -7,7 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import animation, mesh, pose, preview
+from flexmaps.bridge.store import mesh, pose
+from flexmaps.bridge.view import animation, preview
 from flexmaps.engine.assembling import stages
 from flexmaps.engine.surface import shapes
 

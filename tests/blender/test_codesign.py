@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import attributes, mesh, notes, settings
+from flexmaps.bridge.store import attributes, mesh, notes, settings
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import SimulateParams, SpiralParams

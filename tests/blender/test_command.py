@@ -10,7 +10,8 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge import arguments, command
+from flexmaps.command import arguments
+from flexmaps.command import main as command
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 

@@ -15,7 +15,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import attributes, job, mesh, notes, states
+from flexmaps.bridge.hosts import job
+from flexmaps.bridge.store import attributes, mesh, notes, states
 from flexmaps.engine.surface import check, shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -292,7 +293,7 @@ def test_a_linked_piece_is_refused_by_name(piece: Any, tmp_path: Path) -> None:
 @pytest.fixture
 def running(piece: Any) -> Iterator[job.Job]:
     """Spirals, computed in the background; nothing is written before the test does it."""
-    from flexmaps.bridge import settings
+    from flexmaps.bridge.store import settings
     from flexmaps.engine.params import ObjectSettings
     from flexmaps.operators.spirals import Spirals
 

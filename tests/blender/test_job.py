@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge import job
+from flexmaps.bridge.hosts import job
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.operators import stage
@@ -319,7 +319,7 @@ def test_a_remesh_runs_beside_the_window(remesh: Any, window: Window) -> None:
 
 def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
     """Though QuadriFlow itself cannot be stopped, and here never comes back."""
-    from flexmaps.bridge import second
+    from flexmaps.bridge.hosts import second
 
     started, start = [], second._started
     monkeypatch.setattr(second, "_started", lambda folder: started.append(start(folder)) or started[-1])
@@ -347,7 +347,7 @@ def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window) -> 
 
 
 def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexmaps.bridge import warm
+    from flexmaps.bridge.hosts import warm
 
     monkeypatch.setattr(warm, "_begun", [])
     warm.warm_up()
@@ -384,7 +384,7 @@ def test_a_report_is_seen_before_its_letters_are_made(
     report: Any, window: Window, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Making them draws every window anew."""
-    from flexmaps.bridge import raster
+    from flexmaps.bridge.view import raster
 
     made, glyphs = [], raster.glyphs
     monkeypatch.setattr(raster, "glyphs", lambda: made.append(1) or glyphs())
@@ -413,7 +413,7 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
     move: Any, window: Window, spiralled: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A result is made from the settings that its stage began with: with another material it is out of date at once."""
-    from flexmaps.bridge import notes, states
+    from flexmaps.bridge.store import notes, states
 
     def finish(context: Any, obj: Any, surface: Any, result: Any) -> str:
         notes.write(obj.data, "equilibrium", {})

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexmaps.bridge import command, picture
+from flexmaps.bridge.view import picture
+from flexmaps.command import main as command
 from flexmaps.engine import files
 from flexmaps.engine.surface import shapes
 

@@ -9,8 +9,9 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import arrange, mesh
-from flexmaps.bridge.surface import Surface
+from flexmaps.bridge.store import mesh
+from flexmaps.bridge.store.surface import Surface
+from flexmaps.engine.display import arrange
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches import flatten, trace

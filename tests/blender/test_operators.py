@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import panels
-from flexmaps.bridge import beside, notes
+from flexmaps.bridge.store import notes
+from flexmaps.bridge.view import beside
 from flexmaps.engine.surface import check, shapes
 
 BUTTONS = ("check", "regularise", "trace", "merge", "flatten", "update_from_seams", "spirals", "export")
@@ -263,7 +264,7 @@ def test_outlines_beside_are_the_true_ones(dome: Any) -> None:
         points = np.array([v.co[:] for v in mesh.vertices])
         measured += sum(float(np.linalg.norm(points[e.vertices[0]] - points[e.vertices[1]])) for e in mesh.edges)
         obj.to_mesh_clear()
-    from flexmaps.bridge import mesh as bridge
+    from flexmaps.bridge.store import mesh as bridge
     from flexmaps.engine.fabrication import sheets
     from flexmaps.engine.params import SheetParams, SpiralParams
 
@@ -448,7 +449,7 @@ def test_who_took_the_colours_away_has_none(dome: Any) -> None:
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_colours_lie_closely_on_the_surface(dome: Any, mode: str) -> None:
     """Neighbours share their corners, or the mesh would shine through between them."""
-    from flexmaps.bridge import overlay
+    from flexmaps.bridge.view import overlay
 
     press("trace")
     bpy.ops.object.mode_set(mode=mode)
@@ -510,7 +511,7 @@ def test_what_cannot_be_remeshed_leaves_nothing_behind(add: Any) -> None:
 
 
 def bodies_of(obj: Any) -> int:
-    from flexmaps.bridge import mesh
+    from flexmaps.bridge.store import mesh
     from flexmaps.engine.surface import check_topology
 
     found = mesh.read_surface(obj, bpy.context.scene).polygons
@@ -646,7 +647,7 @@ def test_the_sidebar_tells_a_simulation_as_it_is(dome: Any, sides: Any) -> None:
 
 
 def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> None:
-    from flexmaps.bridge import job
+    from flexmaps.bridge.hosts import job
 
     obj = add(shapes.make("dome"))
     notes.write_checks(obj.data, [check.Finding("x", "warning", "Quads are small", faces=(1,))])
@@ -696,8 +697,8 @@ def test_merge_cuts_what_is_larger_than_the_sheet(dome: Any) -> None:
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> None:
-    from flexmaps.bridge import mesh as bridge
-    from flexmaps.bridge import overlay
+    from flexmaps.bridge.store import mesh as bridge
+    from flexmaps.bridge.view import overlay
     from flexmaps.engine import colours
 
     press("merge")

@@ -11,7 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import arrange, command, designing, equilibrium, job, mesh, notes, overlay, plot, settings, solids
+from flexmaps.bridge.hosts import job
+from flexmaps.bridge.store import equilibrium, mesh, notes, settings
+from flexmaps.bridge.view import designing, overlay, plot
+from flexmaps.command import main as command
+from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.optimisation import optimise as engine
 from flexmaps.engine.optimisation.reach import NAMES
@@ -216,8 +220,8 @@ def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
 def test_who_stops_it_does_not_wait_for_the_true_panels(
     piece: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexmaps.bridge import beside
-    from flexmaps.engine.fabrication import connectors
+    from flexmaps.bridge.view import beside
+    from flexmaps.engine.fabrication.connectors import connect as connectors
 
     def unwanted(*_: Any, **__: Any) -> None:
         raise AssertionError("drawn after the stop")

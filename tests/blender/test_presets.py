@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import notes, settings
+from flexmaps.bridge.store import notes, settings
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 from flexmaps.operators import presets

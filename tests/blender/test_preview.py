@@ -7,7 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import attributes, beside, mesh, notes, pose, preview, states
+from flexmaps.bridge.store import attributes, mesh, notes, pose, states
+from flexmaps.bridge.view import beside, preview
 from flexmaps.engine.surface import check, shapes
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import looks, picture, studio
+from flexmaps.bridge.view import looks, picture, studio
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RenderParams
 

@@ -14,11 +14,12 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge import arrange, raster
-from flexmaps.bridge import report as pages
+from flexmaps.bridge.view import raster
+from flexmaps.bridge.view import report as pages
 from flexmaps.engine import colours
-from flexmaps.engine.runs import drawing, plots, report_plots
-from flexmaps.engine.runs.plots import Colouring
+from flexmaps.engine.display import arrange, drawing, plots
+from flexmaps.engine.display.plots import Colouring
+from flexmaps.engine.runs import report_plots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
@@ -317,8 +318,8 @@ def test_the_button_in_a_file_that_was_never_saved(dome: Any) -> None:
 
 def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
     """What is taken from an object stays true while Blender goes on: the window is alive meanwhile."""
-    from flexmaps.bridge import mesh, stored
-    from flexmaps.bridge import settings as properties
+    from flexmaps.bridge.store import mesh, stored
+    from flexmaps.bridge.store import settings as properties
     from flexmaps.engine.params import ObjectSettings
 
     obj = api.show(strip)

@@ -8,7 +8,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import arrange, beside, mesh, picture, scene, settings, solids
+from flexmaps.bridge.store import mesh, settings
+from flexmaps.bridge.view import beside, picture, scene
+from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.params import ConnectorParams, LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams

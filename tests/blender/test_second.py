@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import remesh, second
+from flexmaps.bridge.hosts import remesh, second
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import check, requad, shapes
 from flexmaps.engine.surface.mesh import PolygonMesh

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge import settings
+from flexmaps.bridge.store import settings
 from flexmaps.engine.params import SHOWN, ObjectSettings, Params, Settings, SheetParams, SpiralParams
 
 

@@ -12,8 +12,12 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import command, equilibrium, job, live, mesh, notes, scene, settings
-from flexmaps.engine.assembling import assembly_check, assembly_sheet
+from flexmaps.bridge.hosts import job
+from flexmaps.bridge.store import equilibrium, mesh, notes, settings
+from flexmaps.bridge.view import live, scene
+from flexmaps.command import main as command
+from flexmaps.engine.assembling import check as assembly_check
+from flexmaps.engine.assembling import sheet as assembly_sheet
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.mechanics import simulate as engine
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings

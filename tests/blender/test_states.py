@@ -9,8 +9,8 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge import attributes, notes, states
-from flexmaps.bridge.states import DONE, OLD, TODO
+from flexmaps.bridge.store import attributes, notes, states
+from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import check, shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 

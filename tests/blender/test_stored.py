@@ -10,7 +10,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge import attributes, beside, notes, pose, states
+from flexmaps.bridge.store import attributes, notes, pose, states
+from flexmaps.bridge.view import beside
 from flexmaps.engine.optimisation import reach
 
 NOTES = {

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 from flexmaps import operators, panels
-from flexmaps.bridge import states
-from flexmaps.bridge.words import told
+from flexmaps.bridge.store import states
+from flexmaps.bridge.store.words import told
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.panels import translations
 
@@ -134,7 +134,7 @@ def test_told_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
         app=SimpleNamespace(translations=SimpleNamespace(pgettext_rpt=lambda text: german.get(text, text)))
     )
     assert told("{} frames in {}", 3, "{x}") == "3 frames in {x}"
-    monkeypatch.setattr("flexmaps.bridge.words.bpy", played)
+    monkeypatch.setattr("flexmaps.bridge.store.words.bpy", played)
     assert told("{} frames in {}", 3, "{x}") == "3 Bilder in {x}"
     assert told("Press Spirals first") == "Erst Spiralen drücken"
     assert told("'{x}' has a name of its own") == "'{x}' has a name of its own"

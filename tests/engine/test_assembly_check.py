@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import assembly_check
-from flexmaps.engine.fabrication import connectors
+from flexmaps.engine.assembling import check as assembly_check
+from flexmaps.engine.fabrication.connectors import connect as connectors
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics import simulate
 from flexmaps.engine.mechanics.arm_model import ArmModel

@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import assembly_film
-from flexmaps.engine.assembling.assembly_order import steps
+from flexmaps.engine.assembling import film as assembly_film
 from flexmaps.engine.assembling.blend import Blend
-from flexmaps.engine.fabrication.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.assembling.order import steps
+from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.mechanics.bent_arms import bent

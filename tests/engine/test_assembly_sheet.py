@@ -6,11 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import assembly_sheet, pictures
-from flexmaps.engine.assembling.assembly_order import steps
+from flexmaps.engine.assembling import pictures
+from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.fabrication import estimates, pdf, sheets
-from flexmaps.engine.fabrication.labels import panel_name, seam_name
+from flexmaps.engine.fabrication import estimates, sheets
+from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
+from flexmaps.engine.fabrication.writers import pdf
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches import flatten, merge, trace

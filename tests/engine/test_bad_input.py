@@ -5,7 +5,7 @@ import os
 import pytest
 from flexmaps.engine import files
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import export
+from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes

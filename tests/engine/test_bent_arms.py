@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from flexmaps.engine.fabrication.connectors import connect
-from flexmaps.engine.fabrication.panel_mesh import DETAILS, Detail, panel_mesh
+from flexmaps.engine.display.panel_mesh import DETAILS, Detail, panel_mesh
+from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics import bent_arms
 from flexmaps.engine.mechanics.arm_model import ArmModel

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.fabrication import connectors, sheets
-from flexmaps.engine.fabrication.connector_check import fit
-from flexmaps.engine.fabrication.connector_shape import head, key, size, socket
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.connectors import connect as connectors
+from flexmaps.engine.fabrication.connectors.check import fit
+from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import contours, design

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import kerf, sheets
-from flexmaps.engine.fabrication.connector_shape import rounded
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.connectors.shape import rounded
+from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import contours, design
 from flexmaps.engine.spirals.arcs import Curve

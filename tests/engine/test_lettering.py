@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.fabrication.lettering import along, length, straight, strokes
+from flexmaps.engine.fabrication.panels.lettering import along, length, straight, strokes
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-."
 

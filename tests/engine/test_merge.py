@@ -12,7 +12,8 @@ from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches import flatten, merge, trace
 from flexmaps.engine.patches.flatten import FlatPatches
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.surface import check, meshio, regularise, shapes
+from flexmaps.engine.surface import check, regularise, shapes
+from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 
 PARAMS = LayoutParams()

@@ -9,7 +9,8 @@ import struct
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import meshio, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.fabrication import nest_process, nesting
-from flexmaps.engine.fabrication.packing import Packing, fill, pack, used_length
+from flexmaps.engine.fabrication.nesting import nest as nesting
+from flexmaps.engine.fabrication.nesting import process as nest_process
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill, pack, used_length
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity

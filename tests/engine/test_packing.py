@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.fabrication import packing
-from flexmaps.engine.fabrication.packing import fits, least_box, pack
+from flexmaps.engine.fabrication.nesting import packing
+from flexmaps.engine.fabrication.nesting.packing import fits, least_box, pack
 from flexmaps.engine.progress import Progress
 from shapely import Polygon, affinity
 

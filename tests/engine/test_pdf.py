@@ -4,7 +4,8 @@ import re
 
 import numpy as np
 import pytest
-from flexmaps.engine.fabrication import pdf, sheets
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.writers import pdf
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve

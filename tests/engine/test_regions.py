@@ -15,7 +15,8 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.regions import Halving
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface import check, curvature, meshio, regularise, shapes
+from flexmaps.engine.surface import check, curvature, regularise, shapes
+from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 PARAMS = LayoutParams()

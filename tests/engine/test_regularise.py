@@ -8,7 +8,8 @@ import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import RegulariseParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.surface import check, meshio, shapes
+from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.regularise import GOOD, WARP, WORSE, best_squares, regularise, square_energy
 from flexmaps.engine.surface.regularise_guide import Guide, deviation

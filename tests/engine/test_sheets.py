@@ -10,8 +10,11 @@ import pytest
 import shapely
 import svgelements
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.fabrication import dxf, export, lettering, packing, sheets, svg
-from flexmaps.engine.fabrication.labels import panel_name, seam_name
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.nesting import packing
+from flexmaps.engine.fabrication.panels import lettering
+from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
+from flexmaps.engine.fabrication.writers import dxf, export, svg
 from flexmaps.engine.params import ConnectorParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches import split
 from flexmaps.engine.progress import Progress

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import assembly_sheet
-from flexmaps.engine.fabrication import estimates, export, sheets
+from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.fabrication import estimates, sheets
+from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import CutParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches import flatten
 from flexmaps.engine.patches.layout import PatchLayout

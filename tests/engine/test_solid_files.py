@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import export, sheets, solid_files
-from flexmaps.engine.fabrication.panel import Panel
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.panels.panel import Panel
+from flexmaps.engine.fabrication.writers import export
+from flexmaps.engine.fabrication.writers import solids as solid_files
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve

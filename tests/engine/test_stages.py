@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.assembling import stages
-from flexmaps.engine.assembling.assembly_order import steps
+from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.fabrication.labels import panel_name
+from flexmaps.engine.fabrication.panels.labels import panel_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import dxf, sheets, svg, toolpath
-from flexmaps.engine.fabrication.connector_check import fit
-from flexmaps.engine.fabrication.connector_shape import head, size, socket
-from flexmaps.engine.fabrication.kerf import relieved
+from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.connectors.check import fit
+from flexmaps.engine.fabrication.connectors.shape import head, size, socket
+from flexmaps.engine.fabrication.panels import toolpath
+from flexmaps.engine.fabrication.panels.kerf import relieved
+from flexmaps.engine.fabrication.writers import dxf, svg
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve

@@ -53,7 +53,7 @@ def to_sheets(name, settings):
         group, setting = path.split(".")
         setattr(getattr(obj.flexmaps, group), setting, value)
     yield from hands.look_at([obj])
-    states = hands.module("bridge.states")
+    states = hands.module("bridge.store.states")
     found = FOUND["models"][name] = {"pressed": [], "seconds": {}, "blocks": {}}
     start = time.perf_counter()
     for _ in range(STEPS):

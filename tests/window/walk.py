@@ -229,7 +229,7 @@ def animate():
 
 def render():
     """A small picture, by Cycles: without a graphics card EEVEE needs minutes."""
-    pictures = importlib.import_module("bl_ext.user_default.flexmaps.bridge.picture")
+    pictures = importlib.import_module("bl_ext.user_default.flexmaps.bridge.view.picture")
     studio = pictures.studio
     pictures.studio = lambda *words: studio(*words, engine="CYCLES")
     settings = bpy.context.object.flexmaps.render

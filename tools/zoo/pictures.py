@@ -9,9 +9,9 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from flexmaps.bridge import arrange
+from flexmaps.engine.display import arrange
+from flexmaps.engine.display.drawing import Drawing, Shapes, Strokes
 from flexmaps.engine.runs import job, report_plots
-from flexmaps.engine.runs.drawing import Drawing, Shapes, Strokes
 from flexmaps.engine.runs.report_plots import Measured
 from PIL import Image, ImageDraw
 

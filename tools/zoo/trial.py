@@ -109,7 +109,7 @@ def settings_used(**optimise: Any) -> Settings:
 
 def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
     """Quads by Blender's tools, as ``run --remesh`` makes them."""
-    from flexmaps.bridge import main_job, remesh
+    from flexmaps.bridge.hosts import main_job, remesh
 
     with main_job.quiet_blender():
         return remesh.quads_of(polygons, count, RemeshParams().smooth).polygons

@@ -1,0 +1,123 @@
+"""The one background job: a worker thread runs engine code, the main thread polls, draws and writes.
+
+The worker never touches Blender's data. ``Job`` is the thread with its progress and its stop; ``run_here`` is the same
+work without a thread, for scripts and for Blender without a window.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from ...engine.errors import Cancelled
+from ...engine.progress import Progress
+
+Work = Callable[[Progress], Any]
+
+# seconds until a thread that waits for Python's lock gets it while the worker computes in Python. To draw a sidebar the main
+# thread asks for it a hundred times, which with Python's own 5 ms is seen as a window that does not answer
+SWITCH = 0.0003
+
+_running: list[Job] = []
+
+
+def current() -> Job | None:
+    """The job that runs now, if any; panels read it to draw the progress line."""
+    return _running[0] if _running else None
+
+
+class Job:
+    """Engine work in a thread: ``start``, then ask ``finished`` until it is, then take ``result`` or ``error``."""
+
+    def __init__(self, title: str, work: Work, on_stop: str = "nothing is changed then"):
+        self.title = title
+        self.on_stop = on_stop  # what becomes of the work when it is stopped, for the sidebar
+        self.fraction = 0.0
+        self.text = ""
+        self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving
+        self.result: Any = None
+        self.error: BaseException | None = None
+        self._work = work
+        self._stop = threading.Event()
+        self._interval = sys.getswitchinterval()
+        self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
+
+    def start(self) -> None:
+        """Become the current job; raises ``RuntimeError`` while another one runs."""
+        if _running:
+            raise RuntimeError(f"{_running[0].title} is still running")
+        _running.append(self)
+        self._interval = sys.getswitchinterval()
+        sys.setswitchinterval(min(SWITCH, self._interval))
+        self._thread.start()
+
+    @property
+    def finished(self) -> bool:
+        return not self._thread.is_alive()
+
+    @property
+    def stopping(self) -> bool:
+        return self._stop.is_set()
+
+    def stop(self) -> None:
+        """Ask the work to end at its next progress report."""
+        self._stop.set()
+
+    def end(self) -> None:
+        """Stop if it still runs, wait for the thread, and make room for the next job."""
+        self.stop()
+        if self._thread.ident is not None:
+            self._thread.join()
+            sys.setswitchinterval(self._interval)
+        if self in _running:
+            _running.remove(self)
+
+    def _run(self) -> None:
+        try:
+            self.result = self._work(Progress(self._report, self._stop.is_set, shown=self._show))
+        except BaseException as error:  # carried to the main thread, which knows what to do with it
+            self.error = error
+
+    def _report(self, fraction: float, text: str) -> None:
+        self.fraction, self.text = fraction, text
+
+    def _show(self, value: Any) -> None:
+        self.shown = value
+
+
+class Ticks:
+    """Prints progress for people who watch a console: a line when a step comes up first, and one a second in between.
+
+    What follows a colon in the text is a detail of the same step.
+    """
+
+    def __init__(self, title: str):
+        self._title = title
+        self._steps: set[str] = set()
+        self._time = 0.0
+
+    def __call__(self, fraction: float, text: str) -> None:
+        now = time.monotonic()
+        step = text.partition(":")[0]
+        if step in self._steps and now - self._time < 1.0:
+            return
+        self._steps.add(step)
+        self._time = now
+        print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip(), file=sys.stdout, flush=True)
+
+
+def run_here(title: str, work: Work) -> Any:
+    """Run the work now, on this thread; Ctrl-C becomes ``Cancelled``."""
+    try:
+        return work(Progress(Ticks(title)))
+    except KeyboardInterrupt:
+        raise Cancelled(title) from None
+
+
+def stop_current(*_: object) -> None:
+    """End the current job and wait for it: before another file is loaded, and when the extension is disabled."""
+    for running in list(_running):
+        running.end()

@@ -1,0 +1,142 @@
+"""What the main job leaves in its folder: sheets, a .blend, pictures, the report as a page and as ``report.json``."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
+from typing import Any
+
+from ...engine import files
+from ...engine.assembling import sheet as assembly_sheet
+from ...engine.fabrication.writers import export, series
+from ...engine.params import Settings
+from ...engine.progress import SILENT, Progress
+from ...engine.runs import job, report
+
+SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
+PICTURES = {
+    "layout.png": "The surface with its patches",
+    "panels.png": "The flat panels with their spirals",
+    "shape.png": "The shape that the assembled panels take",
+    "together.png": "The surface, the assembled piece and its panels",
+}
+TITLE = "together.png"  # of the report
+
+
+@contextmanager
+def folder(out: Path) -> Iterator[files.NewFile]:
+    """Gives the function that ``write`` takes: the folder's files appear together, or the earlier ones stay as they were.
+
+    Raises ``FlexMapsError`` where another run is writing into the folder.
+    """
+    with files.replacing_many(_stale(out), out) as new:
+        new(out / REPORT)  # a folder that cannot be written to says so before the work, not after
+        yield new
+
+
+def write(
+    result: job.Result,
+    settings: Settings,
+    name: str,
+    out: Path,
+    new: files.NewFile,
+    formats: tuple[str, ...],
+    pictures: bool,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Write everything that the stages have made; returns the report. Blender's open file is left for the model's."""
+    from ..view import picture, scene
+    from ..view import report as pages
+
+    written: list[Path] = []
+    shown: list[tuple[str, Path]] = []
+    with quiet_blender():
+        if result.sheets is not None:
+            progress(0.0, "writing the sheets")
+            title, part = Path(name).stem, progress.part(0.0, 0.2)
+            written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
+        progress(0.2, "building the Blender file")
+        model = scene.show(result, name, settings, progress.part(0.2, 0.28))
+        progress(0.28, "saving the Blender file")
+        scene.save(new(out / MODEL))
+        if pictures:
+            simulated = result.simulation is not None
+            made = (True, result.flat is not None, simulated, simulated)
+            draws = (picture.layout, picture.panels, picture.shape, picture.overview)
+            shares = (0.3, 0.45, 0.6, 0.8)
+            for share, wanted, draw, (file, says) in zip(shares, made, draws, PICTURES.items(), strict=True):
+                if wanted:
+                    progress(share, f"rendering {file}")
+                    draw(model, new(out / file))
+                    shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
+    described = report.build(result, source=name, files=written, settings=settings)
+    new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+    pages.write(described, pages.drawings(result, described, settings), out, new, shown)
+    progress(1.0, "done")
+    return described
+
+
+def write_sheets(
+    result: job.Result,
+    title: str,
+    base: Path,
+    formats: tuple[str, ...],
+    new: files.NewFile,
+    guide: Path | None,
+    progress: Progress = SILENT,
+) -> list[Path]:
+    """Write the sheets as base-01.svg, ..., and the assembly sheet as ``guide``, if that is a file; returns the files."""
+    made, figures = result.sheets, result.estimates
+    assert made is not None
+    assert figures is not None
+    assert result.design is not None
+    written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
+    if guide is not None:
+        drawing = progress.part(0.7, 1.0)
+        drawing(0.0, "drawing the assembly sheet")
+        written.append(assembly_sheet.write(result.design, made, figures, guide, title, new, result.assembly, drawing))
+    return written
+
+
+def guide_of(base: Path) -> Path:
+    """Where the assembly sheet lies that belongs to the sheets base-01.svg, ..."""
+    return base.with_name(f"{base.name}-assembly.pdf")
+
+
+def _stale(out: Path) -> list[Path]:
+    """What an earlier run left in the folder: it goes when the new files come, and only what its report names."""
+    from ..view import report as pages
+
+    try:
+        earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
+        sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
+    except (OSError, ValueError, AttributeError, TypeError):
+        return []
+    return [*filter(series.ours, sheets), *(out / name for name in PICTURES), *pages.stale(out)]
+
+
+@contextmanager
+def quiet_blender() -> Iterator[None]:
+    """Blender writes a line for every step of a render straight to the process's standard output: not for people."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            with redirect_stdout(nowhere):
+                yield
+        finally:
+            _flush()
+            os.dup2(kept, 1)
+            os.close(kept)
+
+
+def _flush() -> None:
+    """What Blender has written is still in the C library's buffer, and would come out later."""
+    with suppress(OSError, AttributeError, TypeError):
+        (ctypes.cdll.ucrtbase if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)

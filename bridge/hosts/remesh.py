@@ -1,0 +1,42 @@
+"""Quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.requad``."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.progress import SILENT, Progress
+from ...engine.surface import requad
+from ...engine.surface.mesh import PolygonMesh
+from ..store.mesh import read_evaluated, to_metres
+from ..view import beside
+from .second import SecondBlender
+
+
+def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
+    """The polygons that are seen of an object, simulations apart, metres; raises ``FlexMapsError`` where there are none."""
+    if abs(np.linalg.det(to_metres(obj, context.scene)[:3, :3])) < 1e-30:
+        raise FlexMapsError(f"'{obj.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis")
+    return read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+
+
+def quads_of(polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT) -> requad.Requadded:
+    """About ``count`` quads in their shape; any thread may ask. Raises ``FlexMapsError`` where nothing works."""
+    with SecondBlender(smooth) as tool:
+        return requad.requad(polygons, count, tool, progress)
+
+
+def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
+    """A new object of the quads (metres, world axes) in the frame and the collections of another one."""
+    frame = to_metres(obj, scene)
+    corners = quads.corners.reshape(-1, 4)
+    if np.linalg.det(frame[:3, :3]) < 0:  # a mirrored object is seen from the other side
+        corners = corners[:, ::-1]
+    local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
+    mesh = beside.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
+    made = bpy.data.objects.new(mesh.name, mesh)
+    made.matrix_world = obj.matrix_world.copy()
+    for collection in obj.users_collection or (scene.collection,):
+        collection.objects.link(made)
+    return made

@@ -1,0 +1,153 @@
+"""A second Blender without a window, which does what the first one must not: QuadriFlow and the voxel remesh.
+
+QuadriFlow blocks the Blender that it runs in, after one ESC there it takes itself for cancelled for the rest of the session,
+and on some surfaces it never comes back. A process of its own can be watched and ended.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.progress import SILENT, Progress
+from ...engine.surface.mesh import PolygonMesh
+
+SCRIPT = Path(__file__).with_name("remesh_tools.py")
+# seconds after which there is no hope: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
+LIMIT = 60.0
+START = 120.0  # for Blender to start as well
+USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
+LOOK = 0.02  # seconds between two looks for the answer
+
+
+class SecondBlender:
+    """The tool of ``engine.surface.requad``; use it in a ``with``, so that its process ends.
+
+    smooth : whether QuadriFlow smooths the normals first
+    """
+
+    def __init__(self, smooth: bool = False):
+        self._smooth = smooth
+        self._process: subprocess.Popen[str] | None = None
+        self._asked = 0
+
+    def __enter__(self) -> SecondBlender:
+        self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        self._folder.cleanup()
+
+    def triangles(self, mesh: PolygonMesh, near: float, progress: Progress = SILENT) -> PolygonMesh | None:
+        found = self._mesh("triangles", mesh, {"near": near}, progress)
+        if found is None and self._process is None:
+            raise FlexMapsError(
+                "The second Blender, which the quad remesh needs, did not start or broke off; try again"
+            )
+        return found
+
+    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress = SILENT) -> PolygonMesh | None:
+        return self._mesh("quads", body, {"count": count, "seed": seed, "smooth": self._smooth}, progress)
+
+    def voxels(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
+        return self._mesh("voxels", body, {"size": size}, progress)
+
+    def cells(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
+        return self._mesh("cells", body, {"size": size}, progress)
+
+    def touching(self, parts: list[PolygonMesh], progress: Progress = SILENT) -> list[tuple[int, int]]:
+        first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+        given = {
+            "vertices": np.concatenate([part.vertices for part in parts]),
+            "corners": np.concatenate([part.corners + k for part, k in zip(parts, first, strict=False)]),
+            "body": np.repeat(np.arange(len(parts)), [len(part.sizes) for part in parts]),
+        }
+        found = self._ask("touching", given, {}, progress)
+        return [] if found is None else [(int(a), int(b)) for a, b in found["pairs"]]
+
+    # -- the process -----------------------------------------------------------------------------------------------------
+
+    def _mesh(self, tool: str, mesh: PolygonMesh, options: dict[str, Any], progress: Progress) -> PolygonMesh | None:
+        given = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
+        found = self._ask(tool, given, options, progress)
+        if not found:
+            return None
+        corners, sizes = found["corners"].astype(np.int64), found["sizes"].astype(np.int64)
+        return PolygonMesh(found["vertices"].astype(float), corners, sizes)
+
+    def _ask(
+        self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
+    ) -> dict[str, np.ndarray] | None:
+        """The answer as arrays, none where Blender refuses; ``None`` where it crashed or did not come back in time."""
+        progress(0.0, tool)
+        self._asked += 1
+        base = Path(self._folder.name) / str(self._asked)
+        file, answer = base.with_suffix(".npz"), base.with_suffix(".answer.npz")
+        np.savez(file, **given)  # type: ignore[arg-type]
+        limit = LIMIT
+        if self._process is None:
+            self._process, limit = _started(Path(self._folder.name)), LIMIT + START
+        wanted = {"tool": tool, "options": options, "given": str(file), "answer": str(answer)}
+        ends = time.monotonic() + limit
+        try:
+            assert self._process.stdin is not None
+            self._process.stdin.write(json.dumps(wanted) + "\n")
+            self._process.stdin.flush()
+            while not answer.exists():
+                if self._process.poll() is not None or time.monotonic() > ends:
+                    self._end()
+                    return None
+                time.sleep(LOOK)
+                progress(0.0, tool)
+        except OSError:  # it ended before it could be asked
+            self._end()
+            return None
+        except BaseException:  # stopped
+            self._end()
+            raise
+        with np.load(answer) as found:
+            return dict(found)
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+            self._process = None
+
+
+def _started(folder: Path) -> subprocess.Popen[str]:
+    """A Blender that works on its standard input, with user files of its own in a folder.
+
+    With the user's it would clear away the Python packages of all extensions, of which none is enabled in it.
+    """
+    import bpy
+
+    program = bpy.app.binary_path  # "" where Blender is a module of Python
+    options = ["--background", "--factory-startup", "--python", str(SCRIPT)] if program else ["-P", str(SCRIPT)]
+    own = {f"BLENDER_USER_{name}": str(folder / name) for name in USER_FILES}
+    hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # no console window on Windows
+    quiet = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(
+            [program or sys.executable, *options],
+            stdin=subprocess.PIPE,
+            stdout=quiet,
+            stderr=quiet,
+            text=True,
+            env=os.environ | own,
+            creationflags=hidden,
+        )
+    except OSError as error:
+        raise FlexMapsError(f"Blender cannot be started a second time, which the quad remesh needs: {error}") from None

@@ -1,0 +1,40 @@
+"""The numerics are imported when the sidebar is first seen, beside Blender, so that the first button answers at once."""
+
+from __future__ import annotations
+
+import importlib
+import threading
+
+import bpy
+
+# what the first buttons need, with scipy behind it; names below the package
+MODULES = (
+    "engine.surface.check",
+    "engine.patches.flatten",
+    "engine.spirals.design",
+    "engine.surface.regularise",
+    "engine.patches.merge",
+    "bridge.store.mesh",
+    "bridge.view.beside",
+)
+_begun: list[threading.Thread] = []
+
+
+def warm_up() -> None:
+    """Begin, unless it was begun or Blender has no window. Not a daemon: Blender waits for it rather than end in an import."""
+    if _begun or bpy.app.background:
+        return
+    _begun.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
+    _begun[0].start()
+
+
+def wait() -> None:
+    """Until what was begun is done: two threads that import the same libraries at once can disturb each other."""
+    for thread in _begun:
+        thread.join()
+
+
+def _import() -> None:
+    package = __package__.removesuffix(".bridge.hosts")
+    for name in MODULES:
+        importlib.import_module(f"{package}.{name}")

@@ -1,0 +1,249 @@
+"""Reading and writing named values on a Blender mesh, in object mode and in edit mode alike.
+
+In edit mode Blender keeps the mesh in a BMesh of its own: reading goes through a temporary copy of it, writing goes into
+it, so that edit mode is never left and its undo holds every change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+
+PREFIX = "flexmaps_"
+LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
+
+# attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
+# BOOLEAN, whose layers no script reaches in edit mode before Blender 4.5
+KINDS: dict[str, tuple[str, int, type, str]] = {
+    "FLOAT": ("value", 1, np.float32, "float"),
+    "INT": ("value", 1, np.int32, "int"),
+    "BOOLEAN": ("value", 1, np.bool_, "bool"),
+    "FLOAT2": ("vector", 2, np.float32, "uv"),
+    "FLOAT_VECTOR": ("vector", 3, np.float32, "float_vector"),
+    "FLOAT_COLOR": ("color", 4, np.float32, "float_color"),
+}
+
+
+# what we write: name without prefix -> domain, kind, least and largest value; numbers of patches and seams also lie below the
+# number of quads or edges
+OURS: dict[str, tuple[str, str, float, float]] = {
+    "cut": ("EDGE", "BOOLEAN", 0, 1),
+    "seam": ("EDGE", "INT", -1, np.inf),
+    "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
+    "patch": ("FACE", "INT", 0, np.inf),
+    "energy": ("FACE", "FLOAT", 0, LARGEST),
+    "square": ("FACE", "FLOAT", 0, LARGEST),
+    "width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "twist": ("FACE", "FLOAT", 0, 1e3),
+    "last_width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "last_twist": ("FACE", "FLOAT", 0, 1e3),
+    "distance": ("FACE", "FLOAT", 0, LARGEST),
+    "strain_energy": ("FACE", "FLOAT", -LARGEST, LARGEST),
+    "strain": ("FACE", "FLOAT", 0, LARGEST),
+    "reach": ("FACE", "INT", 0, 6),
+    "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
+}
+
+
+@contextmanager
+def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """The object's mesh with the state that the user edits, edit mode included; of shape keys, the basis."""
+    if not obj.data.is_editmode:
+        yield obj.data
+        return
+    copy = bpy.data.meshes.new(".flexmaps")
+    try:
+        bm = bmesh.from_edit_mesh(obj.data)
+        bm.to_mesh(copy)
+        if obj.active_shape_key_index > 0:  # another key than the basis is being edited
+            layer = bm.verts.layers.shape[obj.data.shape_keys.reference_key.name]
+            copy.vertices.foreach_set("co", np.array([v[layer] for v in bm.verts], np.float32).ravel())
+        yield copy
+    finally:
+        bpy.data.meshes.remove(copy)
+
+
+def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """The values of an attribute, (N,) or (N, 2 to 4); ``None`` where there is none of a kind we write.
+
+    ``None`` too where one of our names holds what we never write: any program or script can write there.
+    """
+    values = _raw(mesh, name)
+    return None if values is None or (_is_ours(name) and not fits(name, values)) else values
+
+
+def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """The values as they stand there; ``None`` where the attribute is missing, or of another place or kind than we write."""
+    attribute = mesh.attributes.get(name)
+    if attribute is None or attribute.data_type not in KINDS:
+        return None
+    if _is_ours(name) and (attribute.domain, attribute.data_type) != OURS[name.removeprefix(PREFIX)][:2]:
+        return None
+    prop, width, dtype, _ = KINDS[attribute.data_type]
+    values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
+    attribute.data.foreach_get(prop, values)
+    return values.reshape(-1, width) if width > 1 else values
+
+
+def _is_ours(name: str) -> bool:
+    return name.startswith(PREFIX) and name.removeprefix(PREFIX) in OURS
+
+
+def fits(name: str, values: np.ndarray) -> bool:
+    """Whether the values of an attribute of ours are within what we write; not a number is not."""
+    return bool(_within(name, values).all())
+
+
+def _within(name: str, values: np.ndarray) -> np.ndarray:
+    _, _, low, high = OURS[name.removeprefix(PREFIX)]
+    if high == np.inf:
+        high = len(values) - 1
+    return np.asarray((values >= low) & (values <= high))
+
+
+def misfits(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """(k,) int: the elements at which an attribute of ours, one number each, holds what we never write."""
+    values = _raw(mesh, name)
+    return np.zeros(0, dtype=np.int64) if values is None else np.flatnonzero(~_within(name, values))
+
+
+def unsound(mesh: bpy.types.Mesh) -> list[str]:
+    """Names of attributes of ours that hold what we never write; nobody reads them."""
+    found = (PREFIX + name for name in OURS)
+    return [name for name in found if name in mesh.attributes and get(mesh, name) is None]
+
+
+def has(obj: bpy.types.Object, name: str) -> bool:
+    """Whether there is an attribute of that name, edit mode included."""
+    return name in obj.data.attributes
+
+
+def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+    """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
+    if KINDS[kind][2] is np.float32:  # what is larger would be infinite there, and the mesh not valid
+        values = np.clip(values, -LARGEST, LARGEST)
+    if obj.data.is_editmode:
+        _put_bmesh(obj.data, name, domain, kind, values)
+        return
+    mesh = obj.data
+    attribute = mesh.attributes.get(name)
+    if attribute is not None and (attribute.domain != domain or attribute.data_type != kind):
+        mesh.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        if kind == "FLOAT2":
+            if mesh.uv_layers.new(name=name, do_init=False) is None:
+                raise FlexMapsError(
+                    f"The mesh has no room for another UV map; remove one, so that '{name}' can be made"
+                )
+        else:
+            mesh.attributes.new(name, kind, domain)
+        attribute = mesh.attributes[name]
+    prop, _, dtype, _ = KINDS[kind]
+    attribute.data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
+    mesh.update()
+
+
+def _sequence(bm: bmesh.types.BMesh, domain: str) -> Any:
+    return {"POINT": bm.verts, "EDGE": bm.edges, "FACE": bm.faces, "CORNER": bm.loops}[domain]
+
+
+def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+    bm = bmesh.from_edit_mesh(mesh)
+    layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
+    layer = layers.get(name)
+    if layer is None:
+        if name in mesh.attributes:  # of another kind or domain
+            mesh.attributes.remove(mesh.attributes[name])
+        layer = layers.new(name)
+    rows = np.asarray(values, dtype=KINDS[kind][2]).tolist()
+    if domain == "CORNER":
+        loops = (loop for face in bm.faces for loop in face.loops)
+        if kind == "FLOAT2":
+            for loop, row in zip(loops, rows, strict=True):
+                loop[layer].uv = row
+        else:
+            for loop, row in zip(loops, rows, strict=True):
+                loop[layer] = row
+    else:
+        for element, row in zip(_sequence(bm, domain), rows, strict=True):
+            element[layer] = row
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+
+
+def remove(obj: bpy.types.Object, name: str) -> None:
+    """Remove an attribute where there is one, edit mode included."""
+    if name in obj.data.attributes:
+        obj.data.attributes.remove(obj.data.attributes[name])
+        if obj.data.is_editmode:
+            bmesh.update_edit_mesh(obj.data)
+
+
+def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:
+    """Mark the UV seams, (E,) bool in the order of Blender's edges."""
+    if obj.data.is_editmode:
+        bm = bmesh.from_edit_mesh(obj.data)
+        for edge, seam in zip(bm.edges, seams.tolist(), strict=True):
+            edge.seam = seam
+        bmesh.update_edit_mesh(obj.data, loop_triangles=False, destructive=False)
+    else:
+        obj.data.edges.foreach_set("use_seam", np.ascontiguousarray(seams, dtype=bool))
+        obj.data.update()
+
+
+def put_positions(obj: bpy.types.Object, positions: np.ndarray) -> None:
+    """Move the vertices, (V, 3) in the object's own frame."""
+    if obj.data.is_editmode:
+        bm = bmesh.from_edit_mesh(obj.data)
+        for vertex, position in zip(bm.verts, positions.tolist(), strict=True):
+            vertex.co = position
+        bm.normal_update()
+        bmesh.update_edit_mesh(obj.data, destructive=False)
+    else:
+        obj.data.vertices.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+        obj.data.update()
+
+
+def select(obj: bpy.types.Object, faces: np.ndarray, edges: np.ndarray) -> None:
+    """Select these faces and edges of Blender's mesh and nothing else."""
+    mesh = obj.data
+    if mesh.is_editmode:
+        bm = bmesh.from_edit_mesh(mesh)
+        for sequence in (bm.verts, bm.edges, bm.faces):
+            sequence.ensure_lookup_table()
+            for element in sequence:
+                element.select = False
+        for sequence, wanted in ((bm.edges, edges), (bm.faces, faces)):
+            for index in wanted:
+                sequence[index].hide = False
+                sequence[index].select_set(True)
+        bm.select_flush_mode()
+        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+        return
+    faces_on, edges_on, points_on = (np.zeros(len(s), bool) for s in (mesh.polygons, mesh.edges, mesh.vertices))
+    faces_on[faces], edges_on[edges] = True, True
+    corners, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.edges.foreach_get("vertices", pairs)
+    starts, loop_edges = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.loops), np.int32)
+    mesh.polygons.foreach_get("loop_start", starts)
+    mesh.loops.foreach_get("edge_index", loop_edges)
+    face_of = np.searchsorted(starts, np.arange(len(corners)), side="right") - 1
+    chosen = faces_on[face_of]
+    edges_on[loop_edges[chosen]] = True
+    points_on[corners[chosen]] = True
+    points_on[pairs.reshape(-1, 2)[edges_on]] = True
+    mesh.polygons.foreach_set("select", faces_on)
+    mesh.edges.foreach_set("select", edges_on)
+    mesh.vertices.foreach_set("select", points_on)
+    mesh.update()

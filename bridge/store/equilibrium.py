@@ -1,0 +1,195 @@
+"""The simulated shape on a Blender mesh: a shape key to slide to and face attributes, and whether they are still true.
+
+What is written:
+
+    FlexMaps equilibrium     shape key   where the assembled piece comes to rest; the basis stays the target
+    FlexMaps other shape 1   shape key   where it can rest as well, if that was looked for; the next one is 2, ...
+    flexmaps_distance        face        how far the hub is from the target, millimetres
+    flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
+    flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
+    flexmaps_reach           face        what limits the match with the target, a number into ``engine/optimisation/reach.py``'s kinds
+    flexmaps_hub             face        where the hubs are, see ``pose``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from . import attributes, notes, pose, states
+from .words import told
+
+if TYPE_CHECKING:
+    from ...engine.mechanics.assembly import Pose
+    from ...engine.mechanics.simulate import Simulation
+    from ...engine.optimisation.reach import Reach
+    from .surface import Surface
+
+KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
+NAMES, REACH = ("distance", "strain_energy", "strain"), "reach"
+
+
+# -- the shape key -----------------------------------------------------------------------------------------------------
+
+
+def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
+    """The shape key of the equilibrium, if it is there."""
+    keys = mesh.shape_keys
+    return None if keys is None else keys.key_blocks.get(KEY)
+
+
+def keys_of(mesh: bpy.types.Mesh) -> list[bpy.types.ShapeKey]:
+    """The shape keys that a simulation wrote: the equilibrium, then other shapes."""
+    keys = mesh.shape_keys
+    return [] if keys is None else [k for k in keys.key_blocks if k.name == KEY or k.name.startswith(OTHER)]
+
+
+def foreign_keys(mesh: bpy.types.Mesh) -> bool:
+    """Whether the user has shape keys beside the basis and ours."""
+    keys = mesh.shape_keys
+    return keys is not None and len(keys.key_blocks) - len(keys_of(mesh)) > 1
+
+
+def forget(obj: bpy.types.Object) -> None:
+    """Remove everything that a simulation wrote: an earlier stage made it out of date."""
+    for name in (*NAMES, REACH):
+        attributes.remove(obj, attributes.PREFIX + name)
+    pose.forget(obj)
+    _remove(obj, keys_of(obj.data))
+
+
+def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
+    """Remove shape keys, and a basis that they leave by itself."""
+    mesh = obj.data
+    if not keys:
+        return
+    if mesh.is_editmode:  # the BMesh would bring the keys back; a basis by itself does no harm there
+        import bmesh
+
+        shapes = bmesh.from_edit_mesh(mesh).verts.layers.shape
+        for name in [key.name for key in keys]:
+            if name in shapes:
+                shapes.remove(shapes[name])
+            obj.shape_key_remove(mesh.shape_keys.key_blocks[name])
+        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+        return
+    for name in [key.name for key in keys]:
+        obj.shape_key_remove(mesh.shape_keys.key_blocks[name])
+    if len(mesh.shape_keys.key_blocks) == 1:
+        obj.shape_key_clear()
+
+
+def write(
+    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach | None
+) -> None:
+    """Shape keys, face attributes and notes of a simulation, and what limits its match with the target, where that is known.
+
+    Edit mode is left: shape keys are seen outside it.
+    """
+    from ...engine.mechanics.simulate import carried
+
+    if obj.mode == "EDIT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    if obj.data.shape_keys is None:
+        obj.shape_key_add(name="Basis", from_mix=False)
+    others = [carried(simulation.design, other.pose, simulation.target) for other in simulation.others]
+    names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
+    for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
+        _put_key(obj, surface, name, vertices).value = float(name == KEY)
+    for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
+        obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
+    obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
+    found = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
+    for name, values in zip(NAMES, found, strict=True):
+        if values is None:
+            attributes.remove(obj, attributes.PREFIX + name)
+        else:
+            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+    attributes.remove(obj, attributes.PREFIX + REACH)
+    if limits is not None:
+        attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
+    pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
+    obj.data.update()
+    notes.write(obj.data, "equilibrium", simulation.report())
+    if limits is not None:
+        notes.write(obj.data, "reach", limits.report())
+
+
+def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
+    """The shape key of that name at the engine's vertices (V, 3), metres in world axes; those of no quad stay."""
+    inverse = np.linalg.inv(surface.to_metres)
+    positions = surface.positions.astype(float).copy()
+    used = np.unique(surface.polygons.corners)  # the engine knows no others
+    positions[used] = vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
+    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
+    key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
+    return key
+
+
+def shown_positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(V, 3) float32: the vertices as far as our shape keys have moved them, in the object's own frame."""
+    basis = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", basis)
+    positions, moved = basis.copy(), np.empty_like(basis)
+    for key in keys_of(mesh):
+        if not key.mute and key.value and len(key.data) == len(mesh.vertices):
+            key.data.foreach_get("co", moved)
+            positions += np.float32(key.value) * (moved - basis)
+    return positions.reshape(-1, 3)
+
+
+@contextmanager
+def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
+    """The object for a while at the target, 0, or at its equilibrium, 1."""
+    before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
+    for key in keys_of(obj.data):
+        key.value, key.mute = (share if key.name == KEY else 0.0), False
+    try:
+        yield
+    finally:
+        for name, value, mute in before:
+            key = obj.data.shape_keys.key_blocks[name]
+            key.value, key.mute = value, mute
+
+
+# -- whether it is good, and still true ------------------------------------------------------------------------------------------
+
+
+def sound(block: dict[str, Any]) -> bool:
+    """Whether a simulation found a shape to believe in; what is wrong else stands in its ``status``."""
+    return bool(block.get("converged")) and not block.get("locked")
+
+
+def sentences(block: dict[str, Any]) -> tuple[str, bool]:
+    """What a simulation found, for people, and whether that is a warning."""
+    away = told("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
+    text = f"{block['status']} {away}"
+    strain = block.get("strain_share_max", 0.0)
+    if strain > 1.0:
+        broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
+        text += f" {told(broken, 100 * strain)}"
+    said = remarks(block)
+    return " ".join([text, *said]), strain > 1.0 or bool(said) or not sound(block)
+
+
+def remarks(block: dict[str, Any]) -> list[str]:
+    """What else a simulation warns of; that it found no equilibrium stands in its ``status``."""
+    return [finding["message"] for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
+
+
+def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:
+    """The pose that a simulation found, where it is one to believe in and nothing has changed since; else ``None``."""
+    block = notes.read(obj.data).get("equilibrium")
+    if block is None or not sound(block) or out_of_date(obj, scene):
+        return None
+    return pose.read(obj, surface.to_metres)
+
+
+def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
+    """Whether there is a simulation that the mesh or the settings have left behind."""
+    return states.is_old(obj, scene, stage)

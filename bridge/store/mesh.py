@@ -1,0 +1,263 @@
+"""Between a Blender mesh and the engine's types: the only conversions there are.
+
+Blender's mesh is the store between two buttons: UV seams are the cuts of the layout, a UV map holds the flat patches, face
+attributes hold what belongs to a quad:
+
+    seams             edge    where the surface is cut, to be edited by hand
+    flexmaps_seam     edge    the number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
+    flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
+    flexmaps_patch    face    number of the patch
+    flexmaps_energy   face    distortion E
+    flexmaps_square   face    distance from a square, Esq
+    flexmaps_width    face    width of the spiral's arms, millimetres
+    flexmaps_twist    face    twist of the spiral, degrees
+    flexmaps_last_width, flexmaps_last_twist    the same of spirals whose patches were cut anew: a start for the next ones
+    flexmaps_colour   corner  colours of the overlay, for renders
+
+What a simulation adds is told in ``equilibrium``.
+
+Engine coordinates are world coordinates in metres. Nothing here computes more than
+a change of frame.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.params import SpiralParams
+from ...engine.patches.flatten import FlatPatches, measured
+from ...engine.patches.layout import PatchLayout
+from ...engine.spirals.design import SpiralDesign, fitted, outside
+from ...engine.surface.mesh import PolygonMesh, QuadMesh
+from . import attributes, equilibrium, notes
+from .objects import changed_by_modifiers, unusable
+from .surface import Surface
+
+FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
+DESIGN_NAMES = ("width", "twist")
+LAST_NAMES = ("last_width", "last_twist")
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES
+UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
+UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
+
+
+# -- surface ---------------------------------------------------------------------------------------------------------
+
+
+def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
+    """Everything the engine needs from an object; raises ``FlexMapsError`` where the object cannot be used."""
+    problem = unusable(obj) or changed_by_modifiers(obj)
+    if problem:
+        raise FlexMapsError(problem)
+    with attributes.readable(obj) as mesh:
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene))
+
+
+def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> PolygonMesh:
+    """The polygons that are seen, modifiers applied, but no simulated shape, metres and world axes."""
+    with equilibrium.shown_at(obj, 0.0):
+        depsgraph.update()
+        evaluated = obj.evaluated_get(depsgraph)
+        mesh = evaluated.to_mesh()
+        try:
+            return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
+        finally:
+            evaluated.to_mesh_clear()
+
+
+def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> np.ndarray:
+    """(4, 4): from the object's frame to world axes in metres."""
+    matrix = np.array(obj.matrix_world, dtype=float)
+    matrix[:3] *= scene.unit_settings.scale_length
+    return matrix
+
+
+def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
+    if not len(mesh.polygons):
+        raise FlexMapsError("The mesh has no faces; add some, or select another object")
+    positions = np.empty(3 * len(mesh.vertices), np.float32)
+    pairs = np.empty(2 * len(mesh.edges), np.int32)
+    seams = np.empty(len(mesh.edges), bool)
+    corners = np.empty(len(mesh.loops), np.int32)
+    sizes = np.empty(len(mesh.polygons), np.int32)
+    mesh.vertices.foreach_get("co", positions)
+    mesh.edges.foreach_get("vertices", pairs)
+    mesh.edges.foreach_get("use_seam", seams)
+    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    positions = positions.reshape(-1, 3)
+    loops = np.arange(len(corners))
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object is seen from the other side
+        starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
+        count = np.repeat(sizes, sizes)
+        loops = starts + (count - (loops - starts)) % count
+    vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    left = tuple(UNSOUND.format(name) for name in attributes.unsound(mesh))
+    left += (UNSOUND_NOTES,) if notes.unsound(mesh) else ()
+    polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
+    values = {}
+    for name in NAMES:
+        found = attributes.get(mesh, attributes.PREFIX + name)
+        if found is not None:
+            values[name] = found
+    spoilt = np.unique(np.concatenate([attributes.misfits(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]))
+    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt)
+
+
+def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:
+    """Move the object's vertices to those of the engine's mesh; vertices of no quad stay."""
+    if equilibrium.foreign_keys(obj.data):
+        raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
+    equilibrium.forget(obj)
+    if obj.data.shape_keys is not None and not obj.data.is_editmode:
+        obj.shape_key_clear()  # a basis by itself would hold the vertices where they are
+    inverse = np.linalg.inv(surface.to_metres)
+    positions = surface.positions.astype(float).copy()
+    positions[surface.polygons.corners] = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
+    attributes.put_positions(obj, positions)
+
+
+# -- layout, flat patches, design ------------------------------------------------------------------------------------
+
+
+def layout_of(surface: Surface, mesh: QuadMesh) -> PatchLayout:
+    """The layout that the seams tell."""
+    return PatchLayout(mesh, surface.seams[surface.edge_of] & ~mesh.border)
+
+
+def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
+    """The flat patches as they were last written, with the cuts of that time; ``None`` where there are none.
+
+    Raises ``FlexMapsError`` where the UV map or the surface was changed since.
+    """
+    if any(name not in surface.values for name in FLAT_NAMES):
+        return None
+    layout = PatchLayout(mesh, (surface.values["seam"][surface.edge_of] >= 0) & ~mesh.border)
+    corners = surface.values["flat"].astype(float)[surface.loops].reshape(-1, 4, 2) * 1e-3
+    points = np.zeros((int(layout.flat_corners.max()) + 1, 2))
+    points[layout.flat_corners] = corners
+    away = np.abs(points[layout.flat_corners] - corners).max(axis=(1, 2))
+    torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
+    if len(torn):
+        raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
+    with np.errstate(all="ignore"):  # on a map without size nothing can be measured, which is no energy that was stored
+        points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
+        flat = measured(layout, points)
+    stored = surface.values["energy"].astype(float)
+    moved = np.flatnonzero(~(np.abs(flat.energy - stored) <= 1e-4 + 0.02 * stored))
+    if len(moved):
+        raise FlexMapsError("The surface was changed after it was flattened; press Flatten to do it anew", faces=moved)
+    return flat
+
+
+def patch_centres(layout: PatchLayout, points: np.ndarray) -> np.ndarray:
+    """(N, 2) metres: the centre of every patch as ``flatten.in_frame`` has it; points (P, 2) as in ``FlatPatches``."""
+    p = points[layout.flat_corners]
+    a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
+    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    middle = p.mean(axis=1)
+    weight = np.bincount(layout.patch_of, area)
+    return np.stack([np.bincount(layout.patch_of, area * middle[:, k]) / weight for k in range(2)], axis=1)
+
+
+def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
+    """The flat patches, which must belong to the seams of now; raises ``FlexMapsError`` where they do not."""
+    flat = flat_of(surface, mesh)
+    if flat is None:
+        raise FlexMapsError("There are no flat patches yet; press Merge or Flatten first")
+    changed = np.flatnonzero(flat.layout.cut != layout_of(surface, mesh).cut)
+    if len(changed):
+        raise FlexMapsError("The seams were edited; press Update from seams first", edges=changed)
+    return flat
+
+
+def design_of(
+    surface: Surface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
+) -> SpiralDesign | None:
+    """The spirals as they were last written; ``None`` where there are none. ``LAST_NAMES``: those of earlier patches."""
+    if any(name not in surface.values for name in names):
+        return None
+    width, twist = (surface.values[name].astype(float) for name in names)
+    return SpiralDesign(flat, params, width * 1e-3, np.radians(twist))
+
+
+def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
+    """The spirals to go on from, fitted to settings and patches that were changed since they were made.
+
+    made : the note of the stage that wrote them. Raises ``FlexMapsError`` where there are no spirals, or where somebody
+    else wrote some that cannot be cut.
+    """
+    if len(surface.spoilt):
+        raise cannot_be_cut(surface.spoilt)
+    design = design_of(surface, flat, params)
+    ours = made is not None and design is not None and _as_noted(design, made)
+    if design is None:
+        design = design_of(surface, flat, params, LAST_NAMES)
+        ours = design is not None and bool(np.isfinite(design.width + design.twist).all())
+    if design is None:
+        raise FlexMapsError("There are no spirals yet; press Spirals first")
+    wrong = outside(design)
+    if not len(wrong):
+        return design
+    if not ours:
+        raise cannot_be_cut(wrong)
+    return fitted(flat, params, design.width, design.twist, prove=False)
+
+
+def cannot_be_cut(faces: np.ndarray) -> FlexMapsError:
+    """What is said of spirals that somebody else wrote, on these faces (k,) int."""
+    text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
+    return FlexMapsError(text, faces=faces)
+
+
+def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
+    """Whether widths and twists are still those of which the note was taken."""
+    found = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
+    return all(
+        np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
+        for name, values in found.items()
+    )
+
+
+def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: np.ndarray) -> None:
+    """Seams, UV map and face attributes of the flat patches; centres (N, 2) metres say where the patches lie."""
+    cut = np.zeros(len(surface.pairs), bool)
+    cut[surface.edge_of] = flat.layout.cut
+    uv = np.empty((len(surface.loops), 2))
+    uv[surface.loops] = ((flat.corners + centres[flat.layout.patch_of][:, None]) * 1e3).reshape(-1, 2)
+    attributes.put(obj, "flexmaps_flat", "CORNER", "FLOAT2", uv)
+    seam = np.full(len(cut), -1)
+    seam[surface.edge_of] = flat.layout.seam_of
+    attributes.put(obj, "flexmaps_seam", "EDGE", "INT", seam)
+    attributes.put(obj, "flexmaps_patch", "FACE", "INT", flat.layout.patch_of)
+    attributes.put(obj, "flexmaps_energy", "FACE", "FLOAT", flat.energy)
+    attributes.put(obj, "flexmaps_square", "FACE", "FLOAT", flat.square)
+    attributes.put_seams(obj, cut)
+
+
+def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
+    """Face attributes of the spirals; a simulation of others is dropped."""
+    forget(obj, LAST_NAMES)
+    attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
+    attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.maximum(np.degrees(design.twist), 0.0))
+
+
+def shelve_design(obj: bpy.types.Object) -> None:
+    """The patches were cut anew: the spirals are none of theirs, but a start for the next ones."""
+    with attributes.readable(obj) as mesh:
+        kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
+    for name, values in zip(LAST_NAMES, kept, strict=True):
+        if values is not None:
+            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+    forget(obj, DESIGN_NAMES)
+
+
+def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
+    """Remove attributes that an earlier stage made out of date, and what a simulation made of them."""
+    for name in names:
+        attributes.remove(obj, attributes.PREFIX + name)
+    equilibrium.forget(obj)

@@ -1,0 +1,118 @@
+"""What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
+
+The blocks are those of report.json, see ``engine/runs/stages.py``, and "checks"; a stage that has not run is absent.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ...engine.runs import stages
+
+if TYPE_CHECKING:
+    from ...engine.surface.check import Finding
+
+NAME = "flexmaps_report"
+MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage was made from, see ``states``
+SUM = "_sum"  # behind the name of a text: where its own checksum stands
+TRACED = "traced"  # in the layout's block: there are patches that nobody has tried to join yet
+FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
+
+
+# -- texts on the mesh: whatever a file holds, only what this program wrote is taken ------------------------------------
+
+
+def _checksum(text: str) -> str:
+    return f"{zlib.crc32(text.encode('utf-8', 'surrogatepass')):08x}"
+
+
+@lru_cache(maxsize=32)
+def _parsed(text: str, checksum: str) -> dict[str, Any] | None:
+    return json.loads(text) if _checksum(text) == checksum else None
+
+
+def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
+    """What ``_put`` wrote; empty where there is nothing, None where it is something else."""
+    text, checksum = mesh.get(name), mesh.get(name + SUM)
+    if text is None:
+        return {}
+    return _parsed(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
+
+
+def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
+    mesh[name] = json.dumps(value)
+    mesh[name + SUM] = _checksum(mesh[name])
+
+
+def unsound(mesh: bpy.types.Mesh) -> bool:
+    """Whether what is kept is damaged, or written by something else; then it counts as nothing."""
+    return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None
+
+
+def _begin(mesh: bpy.types.Mesh) -> None:
+    """Before something is written: what is unsound goes."""
+    if unsound(mesh):
+        for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
+            if name in mesh:
+                del mesh[name]
+
+
+# -- what stages found out -----------------------------------------------------------------------------------------------
+
+
+def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
+    """The blocks that are there; do not change the returned dict."""
+    found = _get(mesh, NAME)
+    return {} if not found or _get(mesh, MADE_FROM) is None else found
+
+
+def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
+    """Of every stage and part the checksum of what it was made from; do not change the returned dict."""
+    return {} if unsound(mesh) else _get(mesh, MADE_FROM) or {}
+
+
+def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
+    """Note what some stages were made from; of the others the notes stay."""
+    _begin(mesh)
+    _put(mesh, MADE_FROM, made_from(mesh) | made)
+
+
+def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
+    """Put the block of a stage, and drop those of the stages after it, which it made out of date."""
+    _begin(mesh)
+    gone = stages.blocks_after(stage)
+    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
+    _note_fresh(mesh, stage)
+
+
+def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
+    """Drop the block of a stage and those after it."""
+    _begin(mesh)
+    gone = stages.blocks_after(stage) | {stage}
+    _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
+
+
+def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
+    """Put the findings of the check, with their edges; they make nothing out of date."""
+    blocks = [finding.as_dict() | {"edges": list(finding.edges)} for finding in findings]
+    _begin(mesh)
+    _put(mesh, NAME, read(mesh) | {"checks": blocks})
+    _note_fresh(mesh, "checks")
+
+
+def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
+    mesh[FRESH] = " ".join({*str(mesh.get(FRESH, "")).split(), stage})
+
+
+def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
+    """The stages whose blocks were written since this was last asked, those dropped since left out."""
+    fresh = set(str(mesh.get(FRESH, "")).split())
+    if FRESH in mesh:
+        del mesh[FRESH]
+    return fresh & set(read(mesh))

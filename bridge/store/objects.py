@@ -1,0 +1,58 @@
+"""Which objects FlexMaps can work on; cheap enough to be asked at every redraw, and without numerics."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...engine.errors import FlexMapsError
+from .words import told
+
+# modifiers that leave the surface where it is
+HARMLESS = {
+    "DATA_TRANSFER",
+    "NORMAL_EDIT",
+    "UV_PROJECT",
+    "UV_WARP",
+    "VERTEX_WEIGHT_EDIT",
+    "VERTEX_WEIGHT_MIX",
+    "VERTEX_WEIGHT_PROXIMITY",
+    "WEIGHTED_NORMAL",
+}
+
+
+def unusable(obj: bpy.types.Object | None) -> str | None:
+    """Why FlexMaps cannot work on this object, as a sentence; ``None`` if it can. Cheap enough for a panel."""
+    if obj is None:
+        return "Select a mesh object"
+    if obj.type != "MESH":
+        return told("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
+    if obj.library is not None or obj.data.library is not None:
+        return told("'{}' is linked from another file; make it local first", obj.name)
+    if obj.mode not in {"OBJECT", "EDIT"}:
+        return "Go to Object Mode or Edit Mode"
+    return None
+
+
+def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
+    """Why the mesh is not what is seen, as a sentence; ``None`` where no modifier changes the surface."""
+    for modifier in obj.modifiers:
+        if modifier.show_viewport and modifier.type not in HARMLESS:
+            text = "Apply or remove the modifier '{}' first: the layout lives in the mesh itself"
+            return told(text, modifier.name)
+    return None
+
+
+def shared(obj: bpy.types.Object) -> str:
+    """The names of the other objects that use the same mesh, as a short text; "" where there are none."""
+    if obj.data.users < 2:
+        return ""
+    others = [f"'{o.name}'" for o in bpy.data.objects if o.data == obj.data and o != obj]
+    return ", ".join(others[:2]) + (f" (+{len(others) - 2})" if len(others) > 2 else "")
+
+
+def find(uid: int) -> bpy.types.Object:
+    """The object read earlier, whatever its name is now; raises ``FlexMapsError`` where it was deleted."""
+    for obj in bpy.data.objects:
+        if obj.session_uid == uid and obj.users:
+            return obj
+    raise FlexMapsError("The object was deleted meanwhile; nothing was changed")

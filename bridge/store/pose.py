@@ -1,0 +1,55 @@
+"""Where a simulation has left the hubs, on the mesh: what the assembled preview is built from.
+
+    flexmaps_hub                     face   the hub's centre, in the object's own frame
+    flexmaps_hub_x, flexmaps_hub_y   face   the axes of its flat patch there, as ways in the object's own frame
+
+So the pose moves and turns with the object.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from . import attributes
+
+if TYPE_CHECKING:
+    from ...engine.mechanics.assembly import Pose
+
+NAMES = ("hub", "hub_x", "hub_y")
+
+
+def write(obj: bpy.types.Object, to_metres: np.ndarray, pose: Pose) -> None:
+    """Keep a pose; to_metres (4, 4) leads from the object's frame to the pose's."""
+    inverse = np.linalg.inv(to_metres)
+    linear = inverse[:3, :3].T
+    ways = (pose.centres @ linear + inverse[:3, 3], pose.rotations[:, :, 0] @ linear, pose.rotations[:, :, 1] @ linear)
+    for name, values in zip(NAMES, ways, strict=True):
+        attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT_VECTOR", values)
+
+
+def read(obj: bpy.types.Object, to_metres: np.ndarray) -> Pose | None:
+    """The pose that was kept, where the object stands now; ``None`` where there is none."""
+    from ...engine.mechanics.assembly import Pose
+
+    with attributes.readable(obj) as mesh:
+        found = [attributes.get(mesh, attributes.PREFIX + name) for name in NAMES]
+        count = len(mesh.polygons)
+    if any(values is None or values.shape != (count, 3) for values in found):
+        return None
+    centre, x, y = (np.asarray(values, dtype=float) @ to_metres[:3, :3].T for values in found)
+    normal = np.cross(x, y)
+    squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
+    if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):
+        return None  # whoever wrote that, it is no pose
+    # stored in single precision: square again, with either axis as much changed as the other
+    u, _, vt = np.linalg.svd(np.stack([x, y, normal / np.linalg.norm(normal, axis=1, keepdims=True)], axis=2))
+    return Pose(centre + to_metres[:3, 3], u @ vt)
+
+
+def forget(obj: bpy.types.Object) -> None:
+    """Remove the pose: an earlier stage made it out of date."""
+    for name in NAMES:
+        attributes.remove(obj, attributes.PREFIX + name)

@@ -1,0 +1,117 @@
+"""Settings of the engine as Blender properties, generated from the dataclasses in ``engine/params.py``, and back.
+
+They belong to the object: two pieces in one file differ in size and sheet, and appending or copying an object takes its
+settings along. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units,
+because these are dimensions of a cut piece and Blender's own length properties clamp wrongly under a scene scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import Field, fields, is_dataclass
+from typing import Any, TypeVar, get_type_hints
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+
+from ...engine.params import SHOWN, ObjectSettings
+
+T = TypeVar("T")
+
+_groups: dict[type, type[bpy.types.PropertyGroup]] = {}
+
+
+def _property(f: Field) -> Any:
+    """The Blender property of one setting."""
+    meta = f.metadata
+    unit = SHOWN[meta["unit"]][1]
+    label = f"{meta['label']} ({unit})" if unit else meta["label"]
+    common = {"name": label, "description": meta["help"]}
+    default: Any = f.default
+    if meta["choices"]:
+        return EnumProperty(items=[tuple(choice) for choice in meta["choices"]], default=default, **common)
+    if isinstance(default, bool):
+        return BoolProperty(default=default, **common)
+    if isinstance(default, str):
+        if meta["folder"]:
+            # from 4.5 on a path that may begin with // has to say so
+            options = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
+            return StringProperty(default=default, subtype="DIR_PATH", options=options, **common)
+        return StringProperty(default=default, **common)
+    factor = SHOWN[meta["unit"]][0]
+    bounds = {name: meta[key] * factor for name, key in (("min", "low"), ("max", "high")) if meta[key] is not None}
+    if isinstance(default, int):
+        return IntProperty(default=default, **{k: int(v) for k, v in bounds.items()}, **common)
+    step = {"mm": 10, "\N{DEGREE SIGN}": 500}.get(unit, 1)
+    return FloatProperty(default=default * factor, precision=3, step=step, **bounds, **common)
+
+
+def group(cls: type) -> type[bpy.types.PropertyGroup]:
+    """The PropertyGroup class of a dataclass of settings; dataclasses inside it become groups inside the group."""
+    if cls not in _groups:
+        hints = get_type_hints(cls)
+        annotations: dict[str, Any] = {}
+        for f in fields(cls):
+            inner: type = hints[f.name]
+            annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
+        made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
+        bpy.utils.register_class(made)
+        _groups[cls] = made
+    return _groups[cls]
+
+
+def _exact(value: float) -> float:
+    """The decimal number a float32 stands for: 0.3 mm reads back as 0.30000001192..."""
+    return float(f"{value:.7g}")
+
+
+def read(properties: Any, cls: type[T]) -> T:
+    """The engine's settings from a property group made by ``group(cls)``; raises ``FlexMapsError`` out of bounds."""
+    hints = get_type_hints(cls)
+    values: dict[str, Any] = {}
+    for f in fields(cls):  # type: ignore[arg-type]
+        value = getattr(properties, f.name)
+        if is_dataclass(hints[f.name]):
+            values[f.name] = read(value, hints[f.name])
+        elif hints[f.name] is float:
+            values[f.name] = _exact(value) / SHOWN[f.metadata["unit"]][0]
+        else:
+            values[f.name] = value
+    return cls(**values)
+
+
+def write(properties: Any, settings: Any) -> None:
+    """Put the engine's settings into a property group made by ``group(type(settings))``."""
+    for f in fields(settings):
+        value = getattr(settings, f.name)
+        if is_dataclass(value):
+            write(getattr(properties, f.name), value)
+        elif isinstance(value, float):
+            setattr(properties, f.name, value * SHOWN[f.metadata["unit"]][0])
+        else:
+            setattr(properties, f.name, value)
+
+
+def changed(properties: Any, but: str = "") -> str:
+    """The settings of a group that are not at their defaults, as a text to compare with; cheap enough for a panel.
+
+    but : the name of one that is left out
+    """
+    found = []
+    for name, prop in properties.bl_rna.properties.items():
+        if name in {"rna_type", "name", but} or prop.type == "POINTER":
+            continue
+        value = getattr(properties, name)
+        if value != prop.default:
+            found.append(f"{name}={value:.6g}" if prop.type == "FLOAT" else f"{name}={value}")
+    return " ".join(found)
+
+
+def register() -> None:
+    bpy.types.Object.flexmaps = PointerProperty(type=group(ObjectSettings), name="FlexMaps")
+
+
+def unregister() -> None:
+    del bpy.types.Object.flexmaps
+    for made in reversed(list(_groups.values())):
+        bpy.utils.unregister_class(made)
+    _groups.clear()

@@ -1,0 +1,110 @@
+"""What an object in Blender holds of a job, as the engine's result; ``scene.put`` is the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings
+from ...engine.runs import job
+from ...engine.runs.result import Result
+from ...engine.surface.mesh import PolygonMesh
+from . import mesh, notes, objects, settings, supports
+from .surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """What the stages need of an object, read on Blender's main thread: plain arrays and texts, safe in another thread.
+
+    name : of the object; note : of the stage that made its spirals, if there is one
+    held : (k,) int, quads that are held; force : (F, 3) newtons on the quads; None without
+    """
+
+    name: str
+    surface: Surface
+    settings: ObjectSettings
+    held: np.ndarray | None = None
+    force: np.ndarray | None = None
+    note: dict[str, Any] | None = None
+
+    def result(self) -> Result:
+        """How far the stages have come; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made.
+
+        What was there and cannot be used any more is among ``Result.lost``.
+        """
+        made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force)
+        try:
+            flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
+        except FlexMapsError as error:
+            return replace(made, lost={"flat": error, "design": error})
+        design = None if flat is None else mesh.design_of(self.surface, flat, self.settings.spiral)
+        spoilt = self.surface.spoilt
+        lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
+        return replace(made, flat=flat, design=design, lost=lost)
+
+    @property
+    def has_flat(self) -> bool:
+        """Whether flat patches were ever written."""
+        return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
+
+    def seams(self, made: Result) -> np.ndarray:
+        """(E,) bool, in the engine's numbers: where the object has seams."""
+        return mesh.layout_of(self.surface, made.mesh).cut
+
+    def start(self, made: Result) -> Result:
+        """The result with spirals to go on from: fitted to settings and patches that were changed since they were made."""
+        if made.flat is None:
+            return made
+        return replace(made, design=mesh.start_of(self.surface, made.flat, self.settings.spiral, self.note))
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Of an object: its surface, its settings, and how far the stages have come.
+
+    uid : Blender's id of the object; None where what is seen is not its own mesh, but what modifiers made of it
+    result : None where the check finds errors
+    seams : (E,) bool, the edges, in the engine's numbers, where the object has seams
+    """
+
+    source: PolygonMesh
+    settings: ObjectSettings
+    uid: int | None = None
+    result: Result | None = None
+    seams: np.ndarray | None = None
+
+
+def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Taken:
+    """Read what the stages need of an object, with what holds it and pulls at it if ``loaded``; milliseconds.
+
+    Raises ``FlexMapsError`` where those are no groups of the object, or hold no quad.
+    """
+    taken = Taken(obj.name, surface, used, note=notes.read(obj.data).get("spirals"))
+    if not loaded:
+        return taken
+    held, force = supports.loads(obj, surface, used.loads)
+    return replace(taken, held=held, force=force)
+
+
+def read(obj: bpy.types.Object) -> Stored:
+    """What an object holds; raises ``FlexMapsError`` where it is no mesh that FlexMaps can work on."""
+    scene = bpy.context.scene
+    used = settings.read(obj.flexmaps, ObjectSettings) if hasattr(obj, "flexmaps") else ObjectSettings()
+    problem = objects.unusable(obj)
+    if problem:
+        raise FlexMapsError(problem)
+    if objects.changed_by_modifiers(obj):
+        return Stored(mesh.read_evaluated(obj, scene, bpy.context.evaluated_depsgraph_get()), used)
+    surface = mesh.read_surface(obj, scene)
+    taken = take(obj, surface, used, loaded=False)
+    try:
+        result = taken.result()
+    except FlexMapsError:
+        return Stored(surface.polygons, used, surface.uid)
+    held, force = supports.loads(obj, surface, used.loads)
+    return Stored(surface.polygons, used, surface.uid, replace(result, supports=held, force=force), taken.seams(result))

@@ -1,0 +1,105 @@
+"""What holds a piece and what pulls at it, from the vertex groups that the user chose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.params import LoadParams
+
+if TYPE_CHECKING:
+    from .surface import Surface
+
+CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
+GROUP = "FlexMaps supports"
+
+
+def loads(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """What holds an object and what pulls at it, as ``supported`` and ``force`` tell; raises as these do."""
+    return supported(obj, surface, params), force(obj, surface, params)
+
+
+def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
+    """(k,) int: the quads that are held; ``None`` where the user holds nothing.
+
+    Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
+    """
+    return _quads(obj, surface, params.supports, "Supports") if params.supports else None
+
+
+def write(obj: bpy.types.Object, surface: Surface, quads: np.ndarray | None) -> bool:
+    """Put held quads (k,) int into a vertex group of the object, and choose it; of None, choose none.
+
+    False where no group says exactly the same, such as of a single quad amid others; then none is chosen.
+    """
+    chosen = obj.flexmaps.loads
+    chosen.supports = ""
+    if quads is None:
+        return True
+    sizes, corners = surface.polygons.sizes, surface.polygons.corners
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    held = np.isin(face, quads)
+    # the vertices that no quad but held ones has: those at the ground, where the lowest quads are held
+    inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
+    inside[corners[~held]] = False
+    found = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
+    if not np.array_equal(np.flatnonzero(found), np.sort(quads)):
+        return False
+    group = obj.vertex_groups.get(GROUP) or obj.vertex_groups.new(name=GROUP)
+    group.remove(range(len(surface.positions)))
+    group.add(np.flatnonzero(inside).tolist(), 1.0, "REPLACE")
+    chosen.supports = GROUP
+    return True
+
+
+def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
+    """(F, 3) newtons in world axes on every quad, the force shared evenly by its group; ``None`` without a force.
+
+    Raises ``FlexMapsError`` where the group is missing, not on the object, or holds no quad.
+    """
+    total = np.array(params.force)
+    if not total.any():
+        return None
+    if not params.pulled:
+        raise FlexMapsError("There is a force, but nothing that it pulls at; choose a vertex group under Pulled")
+    quads = _quads(obj, surface, params.pulled, "Pulled")
+    shared = np.zeros((len(surface.polygons.sizes), 3))
+    shared[quads] = total / len(quads)
+    return shared
+
+
+def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> np.ndarray:
+    """(k,) int: the quads with enough corners in a vertex group; ``place`` is where the user chose it."""
+    group = obj.vertex_groups.get(name)
+    if group is None:
+        raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
+    inside = _members(obj, group.index)
+    if not inside.any():
+        raise FlexMapsError(
+            f"The vertex group '{name}' under {place} is empty; select vertices in edit mode and press Assign"
+        )
+    sizes = surface.polygons.sizes
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    found = np.flatnonzero(np.bincount(face, weights=inside[surface.polygons.corners], minlength=len(sizes)) >= CORNERS)
+    if not len(found):
+        raise FlexMapsError(
+            f"No quad has {CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
+        )
+    return found
+
+
+def _members(obj: bpy.types.Object, index: int) -> np.ndarray:
+    """(V,) bool: the vertices with any weight in a vertex group, edit mode included."""
+    if obj.data.is_editmode:
+        import bmesh
+
+        bm = bmesh.from_edit_mesh(obj.data)
+        layer = bm.verts.layers.deform.active
+        if layer is None:
+            return np.zeros(len(bm.verts), bool)
+        return np.array([v[layer].get(index, 0.0) > 0.0 for v in bm.verts])
+    vertices = obj.data.vertices
+    return np.array([any(g.group == index and g.weight > 0.0 for g in v.groups) for v in vertices])

@@ -1,0 +1,58 @@
+"""What a stage reads of an object before it leaves Blender's main thread: plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...engine.surface.mesh import PolygonMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A copy of what an object's mesh held when it was read; plain arrays, safe in another thread.
+
+    uid : Blender's id of the object for this session, which survives renaming
+    polygons : the polygons, metres, world axes, counter-clockwise seen from outside
+    positions : (V, 3) float32, vertices in the object's own frame
+    pairs : (E, 2) int, the vertices of Blender's edges
+    seams : (E,) bool, UV seams in the order of Blender's edges
+    loops : (C,) int, Blender's corner of every corner of ``polygons``
+    to_metres : (4, 4), from the object's frame to metres in world axes
+    values : attributes of ours by name, without the prefix, in Blender's order
+    spoilt : (k,) int, faces whose width or twist is none that we write
+    """
+
+    uid: int
+    polygons: PolygonMesh
+    positions: np.ndarray
+    pairs: np.ndarray
+    seams: np.ndarray
+    loops: np.ndarray
+    to_metres: np.ndarray
+    values: dict[str, np.ndarray]
+    spoilt: np.ndarray
+
+    @cached_property
+    def edge_of(self) -> np.ndarray:
+        """(E,) int: Blender's edge of every edge of the engine, which numbers them by ascending vertex pair."""
+        corners, sizes = self.polygons.corners, self.polygons.sizes
+        following = np.arange(1, len(corners) + 1)
+        ends = np.cumsum(sizes)
+        following[ends - 1] = ends - sizes
+        engine = _keys(np.stack([corners, corners[following]], axis=1), len(self.positions))
+        blender = _keys(self.pairs, len(self.positions))
+        order = np.argsort(blender)
+        return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
+
+    def same_as(self, other: Surface) -> bool:
+        """Whether nothing that a stage reads has changed."""
+        a, b = self.polygons, other.polygons
+        pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]
+        return all(x.shape == y.shape and bool((x == y).all()) for x, y in pairs)
+
+
+def _keys(pairs: np.ndarray, n: int) -> np.ndarray:
+    return pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1)

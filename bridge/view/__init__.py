@@ -1,0 +1,1 @@
+"""What there is to see: overlays, previews, pictures, animations, and the objects beside the model."""

@@ -1,0 +1,187 @@
+"""The assembly as an animation: one object a panel, which flies by its keyframes and bends by its shape keys.
+
+The shape keys are absolute: one curve, the evaluation time, runs through them. All objects hang on an empty, which can be
+moved or scaled; with it they are removed and made anew.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ...engine.display import arrange
+from ..store import attributes
+from . import beside, looks, preview
+
+if TYPE_CHECKING:
+    from ...engine.assembling.film import Film, Track
+    from ...engine.mechanics.assembly import Pose
+    from ...engine.spirals.design import SpiralDesign
+
+KIND, ROOT = "film", "Assembly"
+LAST = "flexmaps_last_frame"  # on the empty
+TABLE = 1.3  # how wide the panels lie, as a share of the piece
+LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived
+
+
+def on_table(design: SpiralDesign, pose: Pose) -> np.ndarray:
+    """(N, 3) metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
+    flat = design.flat
+    spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
+    tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
+    low, high = tips.min(axis=(0, 1)), tips.max(axis=(0, 1))
+    places = arrange.side_by_side(flat, TABLE * float(np.linalg.norm((high - low)[:2])))
+    (corner, top), gap = arrange.patch_boxes(flat), 2.0 * flat.layout.mesh.median_edge
+    corner, top = (corner + places).min(axis=0), (top + places).max(axis=0)
+    shift = np.array([0.5 * (low + high)[0] - 0.5 * (corner + top)[0], low[1] - gap - top[1]])
+    return np.c_[places + shift, np.full(len(places), low[2])]
+
+
+def show(
+    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, seconds: float, rgb: np.ndarray | None, place: np.ndarray
+) -> tuple[bpy.types.Object, int]:
+    """Put the film beside its model, in the place of an earlier one; returns its empty and its last frame.
+
+    seconds : how long it is; rgb : (F, 3) linear, or None for the sheet's material; place : (3,) metres, added to the pose's
+    """
+    clear(obj)
+    root = bpy.data.objects.new(f"{obj.name} {ROOT}", None)
+    root["flexmaps_kind"] = KIND
+    root.empty_display_size = 0.05
+    unit = scene.unit_settings.scale_length
+    root.location, root.scale = place / unit, (1.0 / unit,) * 3
+    beside.collection_of(obj, scene).objects.link(root)
+    rate = scene.render.fps / scene.render.fps_base
+    first = scene.frame_start
+    pace = max(seconds - LEAD - TAIL, 0.5) / film.length
+
+    def frame(time: float) -> float:
+        return first + rate * (LEAD + pace * time)
+
+    whole = preview.piece_mesh("FlexMaps film", film.panels, film.panels.flat(np.zeros((len(film.tracks), 2))), rgb)
+    quad_of, patch_of = film.panels.quad_of, film.panels.design.flat.layout.patch_of
+    try:
+        for track in film.tracks:
+            made = _panel(obj, scene, film, track, whole)
+            if rgb is None:
+                made.data.materials.append(looks.of_material(obj.flexmaps.material.material))
+            else:
+                beside.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
+            made.parent = root
+            _bends(made, track, frame)
+            _moves(made, track, frame)
+    finally:
+        bpy.data.meshes.remove(whole)
+    last = int(np.ceil(frame(film.length) + rate * TAIL))
+    root[LAST] = last
+    return root, last
+
+
+def clear(obj: bpy.types.Object) -> None:
+    """Remove the film of a model."""
+    found = beside.existing(obj)
+    for other in [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else ():
+        # an object and its shape keys may share an action
+        actions = {holder.animation_data.action.name for holder in _animated(other)}
+        data = other.data
+        bpy.data.objects.remove(other)
+        if data is not None:
+            bpy.data.meshes.remove(data)
+        for action in map(bpy.data.actions.get, actions):
+            if action is not None and action.users == 0:
+                bpy.data.actions.remove(action)
+
+
+def _animated(obj: bpy.types.Object) -> list[Any]:
+    keys = obj.data.shape_keys if obj.data is not None else None
+    held = [holder for holder in (obj, keys) if holder is not None and holder.animation_data is not None]
+    return [holder for holder in held if holder.animation_data.action is not None]
+
+
+def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The objects of a model's film, the empty first; none where there is no film."""
+    found = beside.existing(obj)
+    of_film = [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else []
+    return sorted(of_film, key=lambda o: o.type != "EMPTY")
+
+
+def last_frame(obj: bpy.types.Object) -> int:
+    """The frame in which the film of a model ends."""
+    return int(existing(obj)[0][LAST])
+
+
+# -- one panel ---------------------------------------------------------------------------------------------------------
+
+
+def _panel(
+    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: Track, whole: bpy.types.Mesh
+) -> bpy.types.Object:
+    """The object of a panel: its part of the whole mesh."""
+    panels = film.panels
+    index = np.full(len(panels.vertex_quad), -1)
+    index[track.vertices] = np.arange(len(track.vertices))
+    patch_of = panels.design.flat.layout.patch_of
+    faces = patch_of[panels.quad_of] == track.patch
+    corners = np.repeat(faces, panels.sizes)
+    name = f"{obj.name} {ROOT} {track.patch + 1:02d}"
+    mesh = beside.polygons(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
+    uv = np.empty(2 * len(whole.loops), np.float32)
+    whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
+    preview.put(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
+    colour = attributes.get(whole, "flexmaps_colour")
+    if colour is not None:
+        preview.put(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
+        mesh.attributes.active_color_name = "flexmaps_colour"
+    preview.smooth(mesh, panels.section[track.vertices])
+    made = bpy.data.objects.new(name, mesh)
+    made["flexmaps_kind"] = KIND
+    beside.collection_of(obj, scene).objects.link(made)
+    return made
+
+
+def _bends(made: bpy.types.Object, track: Track, frame: Any) -> None:
+    """Shape keys one after the other, and the evaluation time that runs through them."""
+    for k, points in enumerate(track.shapes):
+        key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
+        key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
+        key.interpolation = "KEY_LINEAR"
+    keys = made.data.shape_keys
+    keys.use_relative = False
+    for which, time in zip(track.which.tolist(), track.shape_times.tolist(), strict=True):
+        keys.eval_time = keys.key_blocks[which].frame
+        keys.keyframe_insert("eval_time", frame=frame(time))
+    _straight(keys)
+
+
+def _moves(made: bpy.types.Object, track: Track, frame: Any) -> None:
+    from mathutils import Matrix
+
+    made.rotation_mode = "QUATERNION"
+    before = None
+    for time, turn, place in zip(track.times, track.turns, track.places, strict=True):
+        made.location = place
+        turned = Matrix(turn.tolist()).to_quaternion()
+        if before is not None:
+            turned.make_compatible(before)
+        made.rotation_quaternion = before = turned
+        made.keyframe_insert("location", frame=frame(time))
+        made.keyframe_insert("rotation_quaternion", frame=frame(time))
+    _straight(made)
+
+
+def _straight(holder: Any) -> None:
+    """Keyframes joined by straight lines: the points between are many enough."""
+    for curve in _curves(holder.animation_data):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+
+
+def _curves(data: Any) -> list[Any]:
+    """The animation's curves; from 4.4 on they lie in slots and layers."""
+    action = data.action
+    if hasattr(action, "layers") and len(action.layers):
+        bag = action.layers[0].strips[0].channelbag(data.action_slot)
+        return list(bag.fcurves)
+    return list(action.fcurves)

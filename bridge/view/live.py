@@ -1,0 +1,122 @@
+"""The shape that a running simulation has reached, drawn over the 3D view: nothing of the file is touched for it.
+
+It is drawn on top of everything, so that the target, which it almost coincides with, does not hide it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..hosts import job
+
+FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB
+LIFT = 0.01  # how far lines float above the faces, in edges
+_LIGHT = np.array([0.27, -0.45, 0.85])
+
+
+def shown() -> Moving | None:
+    """The shape that is to be drawn now, if any."""
+    running = job.current()
+    shape = None if running is None else running.shown
+    return shape if isinstance(shape, Moving) else None
+
+
+def draw() -> None:
+    """Draw handler, after the view's own drawing."""
+    shape = shown()
+    if shape is None:
+        return
+    import gpu
+
+    faces, bands, lines = shape.batches(bpy.context.scene.unit_settings.scale_length)
+    gpu.state.active_framebuffer_get().clear(depth=1.0)
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    gpu.state.blend_set("ALPHA")
+    faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+    if bands is not None:
+        ink = gpu.shader.from_builtin("UNIFORM_COLOR")
+        ink.bind()
+        ink.uniform_float("color", (*map(float, LINE), 1.0))
+        bands.draw(ink)
+    pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+    pen.bind()
+    pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+    pen.uniform_float("lineWidth", 1.0)
+    pen.uniform_float("color", (*map(float, LINE), 0.6 if bands is None else 0.2))
+    lines.draw(pen)
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+class Moving:
+    """A shape on its way: vertices (V, 3) metres in world axes, quads (F, 4)."""
+
+    legend: Any = None  # overlay.Legend of its colours
+
+    def __init__(self, vertices: np.ndarray, quads: np.ndarray):
+        self._vertices, self._quads = vertices, quads
+        self._arrays: tuple[Any, ...] | None = None
+        self._batches: tuple[Any, Any, Any] | None = None
+
+    @property
+    def colours(self) -> np.ndarray:
+        """(F, 3) or (3,) sRGB of the quads before light falls on them."""
+        return FILL
+
+    def bands(self, unit: float) -> tuple[Any, Any] | None:
+        """What is drawn in dark on the quads: points (N, 3) in the scene's units and triangles (T, 3)."""
+        return None
+
+    def prepared(self, unit: float) -> Moving:
+        """The same, with all that is computed for drawing done: to be called beside the window's thread."""
+        self._arrays = (*self.drawn(unit), self.bands(unit))
+        return self
+
+    def batches(self, unit: float) -> tuple[Any, Any, Any]:
+        """What the graphics card draws: faces, bands or ``None``, lines; made once."""
+        if self._batches is None:
+            import gpu
+            from gpu_extras.batch import batch_for_shader
+
+            if self._arrays is None:
+                self.prepared(unit)
+            assert self._arrays is not None
+            points, rgba, ends, found = self._arrays
+            faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
+            lines = batch_for_shader(gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR"), "LINES", {"pos": ends})
+            bands = None
+            if found is not None:
+                ink = gpu.shader.from_builtin("UNIFORM_COLOR")
+                bands = batch_for_shader(ink, "TRIS", {"pos": found[0]}, indices=found[1])
+            self._batches = faces, bands, lines
+        return self._batches
+
+    def frame(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (F, 4, 3) in the scene's units and unit normals (F, 3) of the quads."""
+        corners = self._vertices[self._quads] / unit
+        normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+
+    def drawn(self, unit: float) -> tuple[Any, Any, Any]:
+        """Triangles (12 F, 3) in the scene's units, their colours (12 F, 4), and the ends of lines (8 F, 3).
+
+        Four triangles a quad, about its middle, so that neither diagonal of a warped one stands out.
+        """
+        corners, normal = self.frame(unit)
+        rgb = self.colours * (0.74 + 0.26 * normal @ _LIGHT)[:, None]
+        rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 12, axis=0).astype(np.float32)
+        lifted = corners + LIFT * middle_edge(corners) * normal[:, None]
+        ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2).reshape(-1, 3)
+        middle = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+        fan = np.stack([corners, np.roll(corners, -1, axis=1), middle], axis=2).reshape(-1, 3)
+        return fan.astype(np.float32), rgba, ends.astype(np.float32)
+
+
+def middle_edge(corners: np.ndarray) -> float:
+    """Median length of the quads' first sides."""
+    return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))

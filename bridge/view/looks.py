@@ -1,0 +1,116 @@
+"""How sheet materials look in renders: one Blender material each, made once per file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine import colours
+
+UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colour (sRGB), roughness, and what else the surface does.
+
+    grain : darker sRGB colour of the grain, where there is one; glass : share of light that goes through
+    lines : millimetres between the printed strands, 0 where there are none
+    """
+
+    label: str
+    colour: tuple[float, float, float]
+    roughness: float
+    coat: float = 0.0
+    sheen: float = 0.0
+    glass: float = 0.0
+    grain: tuple[float, float, float] | None = None
+    lines: float = 0.0
+
+
+LOOKS: dict[str, Look] = {
+    "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
+    "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),
+    "acrylic": Look("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, glass=0.25),
+    "pla": Look("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
+    "petg": Look("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
+    "birch": Look("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
+    "mdf": Look("MDF", (0.62, 0.47, 0.32), 0.8, sheen=0.2),
+    "custom": Look("plain", (0.80, 0.80, 0.78), 0.5),
+}
+
+
+def of_material(key: str) -> bpy.types.Material:
+    """The material of a sheet, by its key in the settings."""
+    look = LOOKS[key]
+    name = f"FlexMaps {look.label}"
+    found = bpy.data.materials.get(name)
+    if found is not None:
+        return found
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    rgba = _rgba(look.colour)
+    made.diffuse_color, made.roughness = rgba, look.roughness
+    shader = made.node_tree.nodes["Principled BSDF"]
+    given = {
+        "Base Color": rgba,
+        "Roughness": look.roughness,
+        "Coat Weight": look.coat,
+        "Coat Roughness": 0.4,
+        "Sheen Weight": look.sheen,
+        "Transmission Weight": look.glass,
+        "IOR": 1.49,
+    }
+    for socket, value in given.items():
+        shader.inputs[socket].default_value = value
+    if look.grain is not None:
+        _grain(made.node_tree, shader, look)
+    if look.lines:
+        _strands(made.node_tree, shader, look.lines)
+    return made
+
+
+def _rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
+    return (*map(float, colours.linear(np.array(srgb))), 1.0)
+
+
+def _node(tree: Any, kind: str, place: tuple[float, float], **inputs: Any) -> Any:
+    node = tree.nodes.new(kind)
+    node.location = place
+    for name, value in inputs.items():
+        node.inputs[name.replace("_", " ")].default_value = value
+    return node
+
+
+def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[float, float]) -> Any:
+    """The flat panel's coordinates, stretched."""
+    source = _node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
+    source.uv_map = UV
+    mapping = _node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
+    tree.links.new(source.outputs["UV"], mapping.inputs["Vector"])
+    return mapping.outputs["Vector"]
+
+
+def _grain(tree: Any, shader: Any, look: Look) -> None:
+    """Long fibres along x, in uneven bands."""
+    assert look.grain is not None
+    fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
+    tree.links.new(_millimetres(tree, (0.02, 0.55, 1.0), (-900, 200)), fibres.inputs["Vector"])
+    ramp = _node(tree, "ShaderNodeValToRGB", (-450, 200))
+    ramp.color_ramp.elements[0].color, ramp.color_ramp.elements[1].color = _rgba(look.grain), _rgba(look.colour)
+    ramp.color_ramp.elements[0].position, ramp.color_ramp.elements[1].position = 0.25, 0.65
+    tree.links.new(fibres.outputs["Fac"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
+
+
+def _strands(tree: Any, shader: Any, apart: float) -> None:
+    """Fine ridges, as a printer lays its strands."""
+    wave = _node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
+    wave.bands_direction = "DIAGONAL"
+    tree.links.new(_millimetres(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])
+    bump = _node(tree, "ShaderNodeBump", (-350, -200), Strength=0.25, Distance=0.0001)
+    tree.links.new(wave.outputs["Fac"], bump.inputs["Height"])
+    tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])

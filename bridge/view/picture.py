@@ -1,0 +1,351 @@
+"""Pictures of a piece: its layout, its panels, the shape that it takes, and all of them beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ...engine import colours
+from ...engine.display import arrange
+from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings, RenderParams
+from ..store import attributes, equilibrium, mesh, pose, settings, stored
+from . import animation, beside, looks, overlay, preview
+from .studio import Studio, points_of, studio
+
+if TYPE_CHECKING:
+    from ...engine.fabrication.connectors.tips import Tip
+    from ...engine.spirals.design import SpiralDesign
+
+SIZE = (1280, 720)
+SAMPLES = 8  # a pixel; the denoiser does the rest
+Size = tuple[int, int] | None
+ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
+CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
+GAP = 0.12  # between what stands beside each other, as a share of its width
+PAGE = 1.05  # how wide the panels before it may lie, as a share of its width
+MANY = 1200  # spirals, from which on fewer pieces are enough
+
+
+def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+    """The target in the colours of its patches, quads as thin and seams as dark lines."""
+    with studio(size or SIZE, samples or SAMPLES) as place:
+        _target(place, obj, "PATCH")
+        place.set_up(ASIDE)
+        place.take(path)
+
+
+def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+    """The flat panels, or the flat patches before there are spirals, straight from above.
+
+    Raises ``FlexMapsError`` where there are none yet.
+    """
+    with studio(size or SIZE, samples or SAMPLES) as place:
+        design = stored_design(obj)
+        found = beside.existing(obj)
+        shown = [o for o in found.objects if not o.hide_render] if found is not None else []
+        solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
+        if design is not None and solid is not None:
+            place.put(solid.data.copy())  # with the connectors, as they are cut
+        elif design is not None:
+            _panels(place, obj, design, "PATCH")
+        else:
+            if not shown:
+                raise FlexMapsError("There are no flat patches yet; merge or flatten first")
+            for other in shown:
+                place.show(other)
+        place.set_up(ABOVE)
+        place.take(path)
+
+
+def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
+    """The assembled piece as the simulation found it, its spirals coloured by their distance to the target, with a scale.
+
+    Raises ``FlexMapsError`` where nothing was simulated yet.
+    """
+    design = stored_design(obj)
+    if equilibrium.key_of(obj.data) is None or design is None:
+        raise FlexMapsError("There is no simulated shape yet; press Simulate first")
+    with studio(size or SIZE, samples or SAMPLES) as place:
+        _assembled(place, obj, design, "DISTANCE")
+        place.set_up(ASIDE)
+        _legend(place, overlay.legend_of(obj, "DISTANCE"))
+        place.take(path)
+
+
+def overview(obj: bpy.types.Object, path: str | Path) -> None:
+    """``together`` in the colours of the patches. Raises as that does."""
+    together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
+
+
+def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> None:
+    """Target, assembled piece and flat panels on one ground, as far as they are asked for.
+
+    With connectors if the preview has them. Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is
+    asked for.
+    """
+    design = stored_design(obj)
+    if design is None:
+        raise FlexMapsError("There are no spirals yet; press Spirals first")
+    if not (params.target or params.assembled or params.panels):
+        raise FlexMapsError("Nothing is to be shown; switch Target, Assembled or Panels on")
+    finish = obj.flexmaps.material.material if params.finish == "SHEET" else params.finish
+    size = (params.pixels_x, max(params.pixels_y, 16))
+    tips = (
+        preview.tips_of(design, settings.read(obj.flexmaps, ObjectSettings))
+        if params.assembled or params.panels
+        else ()
+    )
+    with studio(size, params.samples, "GREY" if finish in looks.LOOKS else "WHITE") as place:
+        standing = []
+        if params.target:
+            standing.append(_target(place, obj, finish))
+        if params.assembled:
+            standing.append(_assembled(place, obj, design, finish, tips))
+        wide, depth = _line_up(standing, params.azimuth)
+        if params.panels:
+            flat = _panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
+            _before(flat, wide, depth, params.azimuth)
+        place.set_up(_direction(params), tight=not params.pixels_y)
+        if finish in overlay.KINDS and finish != "PATCH":
+            _legend(place, overlay.legend_of(obj, finish))
+        place.take(path)
+
+
+def film(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> int:
+    """The frames of the assembly's animation, as PNG files or as a film; returns how many.
+
+    Raises ``FlexMapsError`` where there is no animation.
+    """
+    shown, scene = animation.existing(obj), bpy.context.scene
+    if not shown:
+        raise FlexMapsError("There is no animation yet; press Animate assembly first")
+    frames = (scene.frame_start, animation.last_frame(obj))
+    with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples) as place:
+        for other in shown:
+            place.show(other)
+        seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())
+        place.set_up(_direction(params), seen)
+        place.film(path, frames, (scene.render.fps, scene.render.fps_base))
+    return frames[1] - frames[0] + 1
+
+
+def _direction(params: RenderParams) -> tuple[float, float, float]:
+    """From what is looked at to the camera."""
+    c, s = np.cos(params.elevation), np.sin(params.elevation)
+    return c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s
+
+
+def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
+    """The spirals that an object holds, ``None`` where there are none that can be used."""
+    result = stored.read(obj).result
+    return None if result is None else result.design
+
+
+# -- what is shown -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Group:
+    """Objects of a studio that belong together; the first one is as large as all of them."""
+
+    objects: tuple[bpy.types.Object, ...]
+
+    def seen(self, azimuth: float) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest (3,) to the right, backwards and up, as a camera sees them."""
+        there = points_of(self.objects[0]) @ _axes(azimuth).T
+        return there.min(axis=0), there.max(axis=0)
+
+    def move(self, shift: np.ndarray, azimuth: float) -> None:
+        """Shift by (3,) metres to the right, backwards and up."""
+        for obj in self.objects:
+            obj.location = np.array(obj.location) + shift @ _axes(azimuth)
+
+
+def _axes(azimuth: float) -> np.ndarray:
+    """(3, 3) rows: to the right, backwards and up, for a camera at an azimuth."""
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
+    """Beside each other on one ground, with gaps that belong to their sizes; returns how wide and how deep they are."""
+    boxes = [group.seen(azimuth) for group in groups]
+    gap = GAP * max((float((high - low)[0]) for low, high in boxes), default=0.0)
+    at = depth = 0.0
+    for group, (low, high) in zip(groups, boxes, strict=True):
+        group.move(np.array([at - low[0], -0.5 * (low + high)[1], -low[2]]), azimuth)
+        at += float((high - low)[0]) + gap
+        depth = max(depth, float((high - low)[1]))
+    return max(at - gap, 0.0), depth
+
+
+def _before(flat: Group, wide: float, depth: float, azimuth: float) -> None:
+    """The panels on the ground before what stands there."""
+    low, high = flat.seen(azimuth)
+    aside = 0.5 * wide - 0.5 * (low + high)[0]
+    flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
+
+
+def _finished(data: bpy.types.ID, finish: str) -> None:
+    """Give data the material of a finish: that of a sheet, or that of its own colours."""
+    found = looks.of_material(finish) if finish in looks.LOOKS else beside.material("FlexMaps panel", None)
+    data.materials.append(found)
+
+
+def _colours(obj: bpy.types.Object, finish: str) -> np.ndarray | None:
+    """(F, 3) linear, of every quad, or ``None`` where a material has the say."""
+    return None if finish in looks.LOOKS else preview.quad_colours(obj, finish)
+
+
+def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
+    """The target, in its patches' colours or plain, with its quads and seams as lines."""
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    polygons = surface.polygons
+    data = beside.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
+    with attributes.readable(obj) as own:
+        known = attributes.get(own, overlay.KINDS["PATCH"][0]) is not None
+    if known and finish == "PATCH":
+        beside.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
+        data.materials.append(beside.material("FlexMaps panel", None))
+    else:
+        data.materials.append(beside.material("FlexMaps clay", colours.linear(np.array(CLAY))))
+    made = place.put(data)
+    pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
+    sides, used = np.unique(_sides(polygons.corners, polygons.sizes) @ count, return_counts=True)
+    border = np.isin(pairs @ count, sides[used == 1])
+    return Group((made, *_lines(place, polygons.vertices, pairs, border | surface.seams)))
+
+
+def _sides(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """(C, 2) ascending vertex pairs of the sides of polygons."""
+    following = np.arange(1, len(corners) + 1)
+    ends = np.cumsum(sizes)
+    following[ends - 1] = ends - sizes
+    return np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
+
+
+def _assembled(
+    place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
+) -> Group:
+    """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
+    from ...engine.mechanics.assembly import target_pose
+
+    rgb = _colours(obj, finish)
+    stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
+    if stand is None:
+        stand = target_pose(design.flat.layout.mesh, design.flat.corners)
+    built = preview.build(design, stand, _detail(design), tips)
+    assert built.panels is not None
+    data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
+    _finished(data, finish)
+    return Group((place.put(data),))
+
+
+def _panels(
+    place: Studio,
+    obj: bpy.types.Object,
+    design: SpiralDesign,
+    finish: str,
+    tips: Sequence[Tip] = (),
+    width: float | None = None,
+    azimuth: float = 0.0,
+) -> Group:
+    """The panels, flat beside each other, as wide as asked for and turned towards a camera."""
+    from ...engine.display.panel_mesh import DETAILS, panel_mesh
+
+    rgb = _colours(obj, finish)
+    made = panel_mesh(design, DETAILS[_detail(design)], tips)
+    flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
+    data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
+    _finished(data, finish)
+    return Group((place.put(data),))
+
+
+def _detail(design: SpiralDesign) -> str:
+    return "FINE" if len(design.width) < MANY else "MEDIUM"
+
+
+def _lines(place: Studio, points: np.ndarray, pairs: np.ndarray, bold: np.ndarray) -> Iterable[bpy.types.Object]:
+    """Edges (E, 2) between points (V, 3) as thin round lines, the bold ones (E,) thicker and darker."""
+    edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
+    thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
+    for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
+        curve = beside.lines(f"FlexMaps {name} lines", [points[p] for p in _chains(pairs[chosen])], radius)
+        colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
+        curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
+        yield place.put(curve, framed=False)
+
+
+def _legend(studio: Studio, legend: overlay.Legend) -> None:
+    """A colour bar with its numbers in the picture's upper left corner, close before the camera; lit by nothing."""
+    scene = studio.scene
+    camera = scene.camera
+    near = 2.0 * camera.data.clip_start
+    percent = near * camera.data.sensor_width / camera.data.lens / 100  # of the picture's width
+    left, top = -47.0, 50.0 * scene.render.resolution_y / scene.render.resolution_x - 4.0
+
+    def place(data: bpy.types.ID, x: float, y: float) -> None:
+        item = bpy.data.objects.new("FlexMaps legend", data)
+        item.parent, item.location, item.scale = camera, (x * percent, y * percent, -near), (percent,) * 3
+        item.visible_shadow = item.visible_diffuse = item.visible_glossy = False
+        studio.keep(item, data)
+
+    for text, x, y, align in (
+        (legend.title, left, top, "LEFT"),
+        (legend.low, left, top - 4.6, "LEFT"),
+        (legend.high, left + 20.0, top - 4.6, "RIGHT"),
+    ):
+        letters = bpy.data.curves.new("FlexMaps legend", "FONT")
+        letters.body, letters.size, letters.align_x = text, 1.9, align
+        letters.materials.append(beside.glowing("FlexMaps ink", colours.linear(colours.SEAM)))
+        place(letters, x, y)
+    if legend.scale is not None:
+        steps = np.linspace(0.0, 1.0, 41)
+        low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
+        index = np.arange(40)
+        bar = beside.quads(
+            "FlexMaps legend",
+            np.concatenate([low, high]),
+            np.stack([index, index + 1, index + 42, index + 41], axis=1),
+        )
+        beside.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
+        bar.materials.append(beside.glowing("FlexMaps scale", None))
+        place(bar, left, top - 2.4)
+
+
+def _chains(pairs: np.ndarray) -> list[list[int]]:
+    """Edges (n, 2) put together into chains of vertices that end where more or less than two edges meet."""
+    at: dict[int, list[int]] = {}
+    for k, (a, b) in enumerate(pairs.tolist()):
+        at.setdefault(a, []).append(k)
+        at.setdefault(b, []).append(k)
+    used = [False] * len(pairs)
+    chains = []
+
+    def walk(start: int, k: int) -> None:
+        chain = [start]
+        while not used[k]:
+            used[k] = True
+            a, b = pairs[k].tolist()
+            chain.append(b if chain[-1] == a else a)
+            onward = [e for e in at[chain[-1]] if not used[e]]
+            if len(at[chain[-1]]) != 2 or not onward:
+                break
+            k = onward[0]
+        chains.append(chain)
+
+    for vertex, edges in at.items():
+        if len(edges) != 2:
+            for k in edges:
+                if not used[k]:
+                    walk(vertex, k)
+    for k in range(len(pairs)):
+        if not used[k]:
+            walk(int(pairs[k, 0]), k)
+    return chains

@@ -1,0 +1,230 @@
+"""The assembled piece as an object beside its model: every spiral with its true arms, bent as the last simulation says.
+
+It is a picture: made anew by its operator, never read back by a stage. Engine coordinates, metres, as in ``beside``.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ...engine.display import arrange
+from ...engine.errors import FlexMapsError
+from ...engine.progress import SILENT, Progress
+from ..store import attributes
+from . import beside, looks, overlay
+
+if TYPE_CHECKING:
+    from ...engine.display.panel_mesh import PanelMesh
+    from ...engine.fabrication.connectors.tips import Tip
+    from ...engine.mechanics.assembly import Pose
+    from ...engine.mechanics.bent_arms import BentArms
+    from ...engine.params import ObjectSettings, PreviewParams
+    from ...engine.spirals.design import SpiralDesign
+
+KIND, NAME = "assembled", "Assembled"
+NOTE = "flexmaps_preview"  # on the object, JSON: its figures
+WIRE = 9  # points along an arm that is drawn as a wire
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """An assembled piece, ready to be shown.
+
+    design, pose, arms : what it is
+    panels : its mesh, None where it is drawn as wires; vertices : (V, 3) metres, of the mesh, or (A, WIRE, 3) of the wires
+    seconds : that it took so far
+    """
+
+    design: SpiralDesign
+    pose: Pose
+    arms: BentArms
+    panels: PanelMesh | None
+    vertices: np.ndarray
+    seconds: float
+
+
+def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
+    """The ends of arms that have a connector, if the preview, the animation and pictures are to show them.
+
+    Raises ``FlexMapsError`` where the settings allow no connectors.
+    """
+    if not settings.preview.joined:
+        return ()
+    from ...engine.display.solids import DRAWN
+    from ...engine.fabrication.connectors.connect import connect
+
+    return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
+
+
+def build(
+    design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = (), progress: Progress = SILENT
+) -> Built:
+    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
+    from ...engine.display.panel_mesh import DETAILS, panel_mesh
+    from ...engine.mechanics.bent_arms import bent
+
+    began = time.perf_counter()
+    arms = bent(design, pose, progress=progress.part(0.0, 0.4))
+    if detail == "LINES":
+        return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began)
+    panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
+    progress(0.8, "Drawing the arms")
+    vertices = panels.placed(arms, pose)
+    return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)
+
+
+def wires(design: SpiralDesign, arms: BentArms) -> np.ndarray:
+    """(A, WIRE, 3) metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
+    from ...engine.mechanics.bent_arms import flat_centre
+
+    arm = np.repeat(np.arange(len(arms.hub)), WIRE)
+    t = np.tile(np.linspace(0.0, 1.0, WIRE), len(arms.hub))
+    flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]
+    return arms.at(arm, t, flat)[0].reshape(-1, WIRE, 3)
+
+
+# -- the object --------------------------------------------------------------------------------------------------------
+
+
+def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """The assembled piece of a model, if it is there."""
+    found = beside.existing(obj)
+    return next((o for o in found.objects if o.get("flexmaps_kind") == KIND), None) if found is not None else None
+
+
+def note_of(obj: bpy.types.Object) -> dict[str, Any]:
+    """The figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty if none."""
+    found = existing(obj)
+    return json.loads(found.get(NOTE, "{}")) if found is not None else {}
+
+
+def show(
+    obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, params: PreviewParams, simulated: bool
+) -> bpy.types.Object:
+    """Put the assembled piece beside its model, in the place of an earlier one. Raises ``FlexMapsError`` without its colours."""
+    began = time.perf_counter()
+    rgb = None if params.colour == "MATERIAL" else quad_colours(obj, params.colour)
+    points = built.vertices.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    anchor = 0.5 * (low + high)
+    name = f"{obj.name} {NAME}"
+    moved = replace(built, vertices=built.vertices - anchor)
+    if built.panels is None:
+        data = _curve(name, moved)
+    else:
+        data = piece_mesh(name, built.panels, moved.vertices, rgb)
+        for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
+            put(data, kind, "FACE", domain_values)
+    if rgb is None:
+        data.materials.append(looks.of_material(obj.flexmaps.material.material))
+    else:
+        beside.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
+    place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
+    made = _put_object(obj, scene, data, place)
+    triangles = 0 if built.panels is None else built.panels.triangles
+    figures = {
+        "spirals": len(built.design.width),
+        "triangles": triangles,
+        "seconds": round(built.seconds + time.perf_counter() - began, 3),
+        "simulated": simulated,
+    }
+    made[NOTE] = json.dumps(figures)
+    return made
+
+
+def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(3,) metres: what brings a piece between these corners (3,) to the left of its model, onto the same ground."""
+    box = np.array([obj.matrix_world @ v for v in map(beside.vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    gap = 0.15 * float(np.linalg.norm(high - low))
+    middle = 0.5 * (box.min(axis=0) + box.max(axis=0) - low - high)
+    return np.array([box[:, 0].min() - gap - high[0], middle[1], box[:, 2].min() - low[2]])
+
+
+def _put_object(
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: np.ndarray
+) -> bpy.types.Object:
+    """The object with this data; one of an earlier time keeps what else it had."""
+    made = existing(obj)
+    if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
+        beside.clear(obj, (KIND,))
+        made = None
+    if made is None:
+        return beside.add(obj, scene, KIND, NAME, data, place)
+    before, made.data = made.data, data
+    if before.users == 0:
+        bpy.data.batch_remove([before])
+    unit = scene.unit_settings.scale_length
+    made.name, made.location, made.rotation_euler, made.scale = data.name, place / unit, (0, 0, 0), (1.0 / unit,) * 3
+    return made
+
+
+def quad_colours(obj: bpy.types.Object, kind: str) -> np.ndarray:
+    """(F, 3) linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
+    with attributes.readable(obj) as mesh:
+        values = attributes.get(mesh, overlay.KINDS[kind][0])
+    if values is None:
+        raise FlexMapsError(f"There is no {overlay.KINDS[kind][1].lower()} to show yet; press Simulate first")
+    return overlay.painted(obj, kind, values)[0]
+
+
+def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.ndarray]:
+    """What is known of the quads, for every face of the piece, by the names of the model's attributes."""
+    found = {"flexmaps_quad": quad_of}
+    with attributes.readable(obj) as mesh:
+        for name in ("patch", "strain_energy", "strain", "distance"):
+            values = attributes.get(mesh, attributes.PREFIX + name)
+            if values is not None:
+                found[attributes.PREFIX + name] = values[quad_of]
+    return found
+
+
+# -- its data ----------------------------------------------------------------------------------------------------------
+
+
+def piece_mesh(name: str, panels: PanelMesh, vertices: np.ndarray, rgb: np.ndarray | None) -> bpy.types.Mesh:
+    """The panels with their vertices (V, 3) metres as a mesh with UV map, colours (F, 3) and smooth arms between sharp edges."""
+    mesh = beside.polygons(name, vertices, panels.corners, panels.sizes)
+    centres = arrange.side_by_side(panels.design.flat)
+    uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
+    put(mesh, "flexmaps_flat", "CORNER", uv)
+    if rgb is not None:
+        rgba = np.ones((len(panels.vertex_quad), 4), np.float32)
+        rgba[:, :3] = rgb[panels.vertex_quad]
+        put(mesh, "flexmaps_colour", "POINT", rgba)
+        mesh.attributes.active_color_name = "flexmaps_colour"
+    smooth(mesh, panels.section)
+    return mesh
+
+
+def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
+    """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
+    pairs = np.empty(2 * len(mesh.edges), np.int32)
+    mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
+    ends = section[pairs.reshape(-1, 2)]
+    put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
+    mesh.shade_smooth()
+
+
+def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
+    """A new attribute of a kind that its values tell; pairs at corners are a UV map."""
+    kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
+    if values.ndim == 2:
+        kind = {2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[values.shape[1]]
+    prop, _, dtype, _ = attributes.KINDS[kind]
+    if kind == "FLOAT2":
+        mesh.uv_layers.new(name=name, do_init=False)
+    elif name not in mesh.attributes:
+        mesh.attributes.new(name, kind, domain)
+    mesh.attributes[name].data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
+
+
+def _curve(name: str, built: Built) -> bpy.types.Curve:
+    """The arms as wires as thick as they are wide in the mean, from hub to joint; of four sides, for there are thousands."""
+    return beside.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

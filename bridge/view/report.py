@@ -1,0 +1,139 @@
+"""The report page and the plots of a piece: from a job's result, or from what an object in Blender holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...engine.display import arrange, drawing
+from ...engine.display.drawing import Drawing
+from ...engine.fabrication.writers.export import NewFile
+from ...engine.params import ObjectSettings, Settings
+from ...engine.progress import SILENT, Progress
+from ...engine.runs import report, report_page, report_plots, stages
+from ...engine.runs.report_plots import Measured
+from ...engine.runs.result import Result
+from . import overlay
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ..store.stored import Taken
+
+SIMULATED = ("equilibrium", "reach", "optimise")
+PAGE, PLOTS = "report.html", "plots"
+
+
+def drawings(result: Result, described: dict[str, Any], settings: Settings) -> dict[str, Drawing]:
+    """The plots of a job, by name."""
+    centres = None if result.flat is None else arrange.side_by_side(result.flat)
+    measured = Measured.of(result, centres)
+    return report_plots.drawings(measured, described, overlay.LIMITS, settings.layout.distortion_limit)
+
+
+def write(
+    described: dict[str, Any],
+    drawn: dict[str, Drawing],
+    out: Path,
+    new: NewFile,
+    pictures: Sequence[tuple[str, Path]] = (),
+    progress: Progress = SILENT,
+) -> list[Path]:
+    """Write the page, and every plot as an SVG file of its own beside it; returns the files, the page first.
+
+    pictures : what they show, and PNG files
+    """
+    made = datetime.now().strftime("%Y-%m-%d %H:%M")
+    for plot in progress.each([*drawn.values()], "Writing the page"):
+        drawing.svg(plot)  # kept for the page and for the file
+    text = report_page.page(described, drawn, [(says, file.read_bytes()) for says, file in pictures], made)
+    new(out / PAGE).write_text(text, encoding="utf-8")
+    written = [out / PAGE]
+    for name, plot in drawn.items():
+        written.append(out / PLOTS / f"{name}.svg")
+        new(written[-1]).write_text(drawing.svg(plot), encoding="utf-8")
+    return written
+
+
+def stale(out: Path) -> list[Path]:
+    """The files that ``write`` may have written before."""
+    return [out / PAGE, *(out / PLOTS / f"{name}.svg" for name in report_plots.NAMES)]
+
+
+@dataclass(frozen=True, eq=False)
+class Reported:
+    """What a report needs of an object, read from Blender: plain arrays and texts, safe in another thread.
+
+    blocks : the notes of the stages that are not out of date
+    shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
+    values : (F,) arrays of that simulation, or None, by the names of ``Measured``
+    """
+
+    taken: Taken
+    blocks: dict[str, Any]
+    shape: np.ndarray | None = None
+    values: dict[str, Any] = field(default_factory=dict)
+
+
+def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
+    """The report and the plots of what an object holds; what its mesh has left behind is left out.
+
+    Raises ``FlexMapsError`` where the object cannot be used, where the check finds errors, or where nothing was laid out yet.
+    """
+    import bpy
+
+    from ..store import mesh, stored
+    from ..store import settings as properties
+
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    taken = stored.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
+    return drawn(taken.result(), read(obj, taken))
+
+
+def read(obj: bpy.types.Object, taken: Taken) -> Reported:
+    """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
+    import bpy
+
+    from ..store import attributes, equilibrium, notes, states
+
+    if obj.data.is_editmode:
+        obj.update_from_editmode()
+    now = states.of(obj, bpy.context.scene)
+    blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
+    found = Reported(taken, blocks)
+    if "equilibrium" not in blocks:
+        return found
+    key = equilibrium.key_of(obj.data)
+    shape = taken.surface.positions
+    if key is not None:
+        shape = np.empty_like(shape)
+        key.data.foreach_get("co", shape.ravel())
+    if not np.isfinite(shape).all():
+        return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
+    names = {"distance": "distance", "strain": "strain", "kind": "reach"}
+    values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
+    return replace(found, shape=shape, values=values)
+
+
+def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
+    """The report and the plots of a result that was taken from an object; touches no Blender data.
+
+    Raises ``FlexMapsError`` where nothing was laid out yet.
+    """
+    taken = found.taken
+    flat = stages.needed(result, "flat")
+    described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
+    measured = Measured.of(result, arrange.side_by_side(flat))
+    if found.shape is not None:
+        to_metres = taken.surface.to_metres
+        world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
+        used = np.unique(taken.surface.polygons.corners)  # the engine knows no others
+        measured = replace(measured, shape=world[used], **found.values)
+    described |= {name: block for name, block in found.blocks.items() if name != "checks"}
+    described["checks"] = found.blocks.get("checks", described["checks"])
+    return described, report_plots.drawings(measured, described, overlay.LIMITS, taken.settings.layout.distortion_limit)

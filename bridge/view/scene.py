@@ -1,0 +1,211 @@
+"""Finished results as a Blender scene: for the main job and for scripts, with the same functions as the operators."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine.display import arrange, solids
+from ...engine.errors import FlexMapsError
+from ...engine.fabrication.estimates import estimates_report
+from ...engine.fabrication.sheets import sheets_report
+from ...engine.params import Settings
+from ...engine.patches.flatten import layout_report
+from ...engine.progress import SILENT, Progress
+from ...engine.runs.result import Result
+from ...engine.spirals.design import design_report
+from ...engine.surface.mesh import PolygonMesh, QuadMesh
+from ..store import equilibrium, mesh, notes, settings, states, supports
+from ..store.surface import Surface
+from . import beside, overlay
+
+
+def read_blend(path: str | Path) -> PolygonMesh:
+    """The object of ``open_blend`` as it is seen there: metres, world axes. Raises as that does."""
+    obj, context = open_blend(path), bpy.context
+    return mesh.read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+
+
+def open_blend(path: str | Path) -> bpy.types.Object:
+    """The active mesh object of a .blend file, or else its first one, out of edit mode. The file that is open is left.
+
+    Raises ``FlexMapsError`` where the file cannot be read or holds no mesh.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FlexMapsError(f"There is no file {path}; give the path of a .blend file")
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1].removeprefix("Error: ")
+        raise FlexMapsError(f"{path.name} cannot be opened ({reason}); save it again in Blender") from error
+    context = bpy.context
+    active = context.view_layer.objects.active
+    found = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
+    obj = next((o for o in found if o.type == "MESH" and len(o.data.polygons)), None)
+    if obj is None:
+        raise FlexMapsError(f"{path.name} holds no mesh object with faces; add one, or give another file")
+    if obj.mode != "OBJECT":
+        obj.update_from_editmode()
+    return obj
+
+
+def show(
+    result: Result, name: str = "FlexMaps", used: Settings | None = None, progress: Progress = SILENT
+) -> bpy.types.Object:
+    """Empty the file and put a finished job into it: the model with seams, UV map, attributes and colours, and what is flat.
+
+    name : of the model; used : the settings of the job, which the object then carries with it
+    """
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
+    return _filled(bpy.context.scene, result, name, used, progress)
+
+
+def _filled(
+    scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
+) -> bpy.types.Object:
+    """Put a finished job into an empty scene; returns the model."""
+    scene.unit_settings.length_unit = "MILLIMETERS"
+    obj = add_model(scene, result.mesh, name)
+    put(result, obj, scene, used, progress)
+    if equilibrium.key_of(obj.data) is not None:
+        equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
+    return obj
+
+
+def put(
+    result: Result,
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    used: Settings | None = None,
+    progress: Progress = SILENT,
+) -> None:
+    """Write what the stages of a job have made into the object that it is about, as the operators do one by one.
+
+    The object has the quads of the job's mesh, in their order; its vertices come to lie where they are there.
+    """
+    surface = mesh.read_surface(obj, scene)
+    quads, corners = result.mesh, surface.polygons.corners
+    if not np.array_equal(np.unique(corners, return_inverse=True)[1].ravel(), quads.quads.ravel()):
+        raise FlexMapsError(f"'{obj.name}' has other faces than when it was read; read it again")
+    if used is not None and hasattr(obj, "flexmaps"):
+        settings.write(obj.flexmaps, used)
+        if not obj.flexmaps.loads.supports:
+            supports.write(obj, surface, result.supports)
+    moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
+    if np.abs(moved).max() > 1e-5 * quads.median_edge:
+        mesh.write_vertices(obj, surface, quads)
+        surface = mesh.read_surface(obj, scene)
+    notes.write_checks(obj.data, result.findings)
+    if result.flat is not None:
+        _put_flat(result, obj, scene, surface, progress.part(0.1, 0.9))
+    progress(0.9, "notes in the Blender file")
+    if result.simulation is not None and result.limits is not None:
+        equilibrium.write(obj, scene, surface, result.simulation, result.limits)
+        if result.optimisation is not None:
+            notes.write(obj.data, "optimise", result.optimisation.report())
+    if result.sheets is not None:
+        figures = {} if result.estimates is None else estimates_report(result.estimates)
+        notes.write(obj.data, "sheets", sheets_report(result.sheets) | figures)
+    states.stamp(obj, scene)
+
+
+def _put_flat(
+    result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, progress: Progress
+) -> None:
+    """Seams, flat patches and spirals, and what lies beside the model."""
+    assert result.flat is not None
+    progress(0.0, "panels side by side")
+    centres = arrange.side_by_side(result.flat)
+    progress(0.1, "flat patches in the Blender file")
+    mesh.write_flat(obj, surface, result.flat, centres)
+    notes.write(obj.data, "layout", layout_report(result.flat))
+    overlay.store(obj, "PATCH")
+    if result.design is None:
+        mesh.shelve_design(obj)
+        beside.show_flat(obj, scene, result.flat, centres)
+        return
+    mesh.write_design(obj, result.design)
+    notes.write(obj.data, "spirals", design_report(result.design))
+    progress(0.2, "solids of the panels")
+    shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
+    for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
+        progress(0.6, "panels in the Blender file")
+
+
+def _outlines(result: Result) -> list[tuple[Any, ...]]:
+    if result.sheets is not None:
+        return [(panel.outline, *panel.holes) for panel in result.sheets.panels if panel.patch >= 0]
+    assert result.design is not None
+    return [(o.outer, *o.holes) for o in result.design.outlines(solids.DRAWN)]
+
+
+def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
+    """The surface as a mesh object, selected and active, in the scene's units."""
+    data = beside.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
+    data.materials.append(beside.material("FlexMaps panel", None))
+    obj = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(obj)
+    layer = scene.view_layers[0]
+    layer.objects.active = obj
+    obj.select_set(True, view_layer=layer)
+    layer.update()
+    return obj
+
+
+def save(path: str | Path) -> None:
+    """Save the file, compressed, with the 3D views framed on what is there. Raises ``FlexMapsError`` where it cannot be."""
+    _frame_views()
+    path = Path(path).absolute()  # Blender has a working folder of its own
+    path.unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
+    except RuntimeError as error:
+        raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
+
+
+def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
+    """Save a file that holds a finished job and nothing of the open one, which stays as it is.
+
+    Raises ``FlexMapsError`` where it cannot be written.
+    """
+    path = Path(path).absolute()
+    there = _everything()
+    scene = bpy.data.scenes.new(name)
+    try:
+        _filled(scene, result, name, used)
+        path.unlink(missing_ok=True)
+        try:
+            bpy.data.libraries.write(str(path), {scene}, compress=True)
+        except RuntimeError as error:
+            raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
+    finally:
+        bpy.data.batch_remove(_everything() - there)
+
+
+def _everything() -> set[bpy.types.ID]:
+    """All that the open file holds."""
+    groups = (getattr(bpy.data, prop.identifier) for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION")
+    return {one for group in groups for one in group if isinstance(one, bpy.types.ID)}
+
+
+def _frame_views() -> None:
+    """Whoever opens the file sees everything at once, small pieces included."""
+    objects = bpy.context.scene.objects
+    boxes = [np.array([o.matrix_world @ beside.vector(c) for c in o.bound_box]) for o in objects]
+    if not boxes:
+        return
+    points = np.concatenate(boxes)
+    low, high = points.min(axis=0), points.max(axis=0)
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if space.type != "VIEW_3D" or space.region_3d is None:
+                    continue
+                space.clip_start = 0.001 * float(np.linalg.norm(high - low))
+                space.shading.color_type = "VERTEX"
+                space.region_3d.view_location = 0.5 * (low + high)
+                space.region_3d.view_distance = 1.2 * float(np.linalg.norm(high - low))

@@ -1,0 +1,310 @@
+"""Where pictures are taken: a scene of its own with soft light, a ground and a camera that fits.
+
+Nothing of the user's scene is touched, and nothing is left of it. Cycles on the CPU needs no screen; where Blender has a
+window, EEVEE draws the same scene on the graphics card.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine import colours
+from ...engine.errors import FlexMapsError
+from . import beside
+
+MARGIN = 1.06
+UNDENOISED = 4  # times as many samples where there is no denoiser
+LENS = 85.0  # millimetres, long enough that shapes are not drawn out of true
+GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
+
+
+@contextmanager
+def studio(size: tuple[int, int], samples: int, ground: str = "WHITE", engine: str = "AUTO") -> Iterator[Studio]:
+    """A studio for one picture, or for the frames of one film, of ``size`` pixels; everything in it is removed in the end."""
+    scene = bpy.data.scenes.new("FlexMaps picture")
+    made = Studio(scene, ground)
+    try:
+        _settings(scene, size, samples, engine)
+        yield made
+    finally:
+        made.clear()
+
+
+class Studio:
+    """Put objects in with ``put``, then ``set_up`` light and camera, then ``take`` pictures."""
+
+    def __init__(self, scene: bpy.types.Scene, ground: str):
+        self.scene = scene
+        self._ground = ground
+        self._made: list[bpy.types.ID] = []
+        self._shown: list[bpy.types.Object] = []
+        self._theirs: list[bpy.types.Object] = []
+
+    def put(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
+        """Data that was made for the picture, in metres; it is removed with the studio. The camera sees all that is framed."""
+        made = bpy.data.objects.new(data.name, data)
+        self.keep(made, data)
+        if framed:
+            self._shown.append(made)
+        return made
+
+    def show(self, obj: bpy.types.Object) -> None:
+        """An object of the user's file, as it stands, and moves."""
+        self.scene.collection.objects.link(obj)
+        self._theirs.append(obj)
+
+    def keep(self, *items: bpy.types.ID) -> None:
+        """Things that are to go with the studio but are not framed."""
+        self._made += items
+        for item in items:
+            if isinstance(item, bpy.types.Object):
+                self.scene.collection.objects.link(item)
+
+    def points(self) -> np.ndarray:
+        """(N, 3): points that enclose all that was put in tightly enough to frame it."""
+        boxes = [np.array([o.matrix_world @ beside.vector(v) for v in o.bound_box]) for o in self._theirs]
+        return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
+
+    def points_in(self, frames: Iterable[int]) -> np.ndarray:
+        """(N, 3): vertices of the user's meshes, some of them, as they are seen in some frames."""
+        found, graph = [], self.scene.view_layers[0].depsgraph
+        for frame in frames:
+            self.scene.frame_set(frame)
+            for obj in self._theirs:
+                if obj.type == "MESH":
+                    there = obj.evaluated_get(graph)
+                    points, matrix = vertices_of(there.data)[::5], np.array(there.matrix_world)
+                    found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
+        return np.concatenate(found)
+
+    def set_up(
+        self, direction: np.ndarray | tuple[float, ...], points: np.ndarray | None = None, tight: bool = False
+    ) -> None:
+        """Light, ground and a camera that looks against ``direction`` (3,) at points (N, 3), or at all that was put in.
+
+        ``tight`` makes the picture as high as they need.
+        """
+        shown = self.points() if points is None else points
+        self._light(shown)
+        self._camera(shown, np.asarray(direction, dtype=float), tight)
+
+    def take(self, path: str | Path) -> None:
+        """Render to a PNG file. Raises ``FlexMapsError`` where it cannot be written."""
+        self.scene.render.filepath = str(Path(path).absolute())
+        try:
+            bpy.ops.render.render(write_still=True, scene=self.scene.name)
+        except RuntimeError as error:
+            raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
+
+    def film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
+        """Render frames to numbered PNG files, or to one film if the path ends in .mp4; rate: fps and its base.
+
+        Raises ``FlexMapsError`` where they cannot be written.
+        """
+        path, render = Path(path).absolute(), self.scene.render
+        self.scene.frame_start, self.scene.frame_end = frames
+        render.fps, render.fps_base = rate
+        render.filepath = str(path.with_suffix("")) + "-"
+        if path.suffix.lower() == ".mp4":
+            _as_film(render)
+            render.filepath, render.use_file_extension = str(path), False
+        try:
+            bpy.ops.render.render(animation=True, scene=self.scene.name)
+        except RuntimeError as error:
+            raise FlexMapsError(f"The film {path} could not be made: {error}") from error
+
+    def clear(self) -> None:
+        world = self.scene.world
+        bpy.data.scenes.remove(self.scene)
+        for item in self._made:
+            bpy.data.batch_remove([item])
+        if world is not None:
+            bpy.data.worlds.remove(world)
+
+    # -- light ---------------------------------------------------------------------------------------------------------
+
+    def _light(self, points: np.ndarray) -> None:
+        """A bright sky, a large soft lamp from the upper left, a weak one from behind, and the ground under the lowest point."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        radius = float(np.linalg.norm(high - low)) / 2
+        middle = (low + high) / 2
+        self.scene.world = _sky()
+        for name, strength, angle, turn in (
+            ("FlexMaps lamp", 2.2, 0.45, (0.62, -0.48, 0.0)),
+            ("FlexMaps back lamp", 0.4, 1.0, (-0.9, 0.55, 0.0)),
+        ):
+            lamp = bpy.data.lights.new(name, "SUN")
+            lamp.energy, lamp.angle = strength, angle
+            sun = bpy.data.objects.new(name, lamp)
+            sun.rotation_euler = turn
+            self.keep(sun, lamp)
+        reach = 60 * radius
+        square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
+        ground = beside.quads("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
+        paper = bpy.data.materials.new("FlexMaps ground")
+        paper.use_nodes = True
+        shader = paper.node_tree.nodes["Principled BSDF"]
+        shader.inputs["Base Color"].default_value = (*colours.linear(np.array(GROUNDS[self._ground])).tolist(), 1.0)
+        shader.inputs["Roughness"].default_value = 1.0
+        shader.inputs["Specular IOR Level"].default_value = 0.1
+        ground.materials.append(paper)
+        floor = bpy.data.objects.new("FlexMaps ground", ground)
+        floor.location = (middle[0], middle[1], low[2] - 0.001 * radius)
+        self.keep(floor, ground, paper)
+
+    # -- camera --------------------------------------------------------------------------------------------------------
+
+    def _camera(self, points: np.ndarray, direction: np.ndarray, tight: bool) -> None:
+        """It sees all points with a little room; straight from above without perspective."""
+        from mathutils import Vector
+
+        data = bpy.data.cameras.new("FlexMaps camera")
+        camera = bpy.data.objects.new("FlexMaps camera", data)
+        self.keep(camera, data)
+        scene = self.scene
+        scene.camera = camera
+        low, high = points.min(axis=0), points.max(axis=0)
+        radius = float(np.linalg.norm(high - low)) / 2
+        data.clip_start, data.clip_end = 0.01 * radius, 200 * radius
+        camera.rotation_euler = Vector(direction).to_track_quat("Z", "Y").to_euler()
+        width = scene.render.resolution_x
+        if abs(direction[2]) > 0.999 * np.linalg.norm(direction):
+            spread = MARGIN * np.ptp(points, axis=0)[:2]
+            if tight:
+                scene.render.resolution_y = _pixels(width, spread[1] / spread[0])
+            height = scene.render.resolution_y
+            data.type = "ORTHO"  # its scale is the extent along the picture's longer side
+            data.ortho_scale = float((spread / np.array([width, height])).max()) * max(width, height)
+            middle = (low + high) / 2
+            camera.location = (middle[0], middle[1], high[2] + 5 * radius)
+            camera.rotation_euler = (0.0, 0.0, 0.0)
+            return
+        data.lens, data.sensor_fit = LENS, "HORIZONTAL"
+        axes = np.array(camera.rotation_euler.to_matrix())
+        seen, half = points @ axes, 0.5 * data.sensor_width / data.lens
+        if tight:
+            scene.render.resolution_y = _pixels(width, _needed(seen, half) / half)
+        camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
+
+
+def _fit(points: np.ndarray, across: float, up: float) -> np.ndarray:
+    """(3,): the nearest place for a camera along -z from which all points (N, 3) are seen; tangents of half its angles."""
+    x, y, z = points.T
+    ends = []
+    for side, half in ((x, across / MARGIN), (y, up / MARGIN)):
+        one, two = float((side + half * z).max()), float((-side + half * z).max())
+        ends.append((0.5 * (one - two), 0.5 * (one + two) / half))
+    return np.array([ends[0][0], ends[1][0], max(ends[0][1], ends[1][1])])
+
+
+def _needed(points: np.ndarray, across: float) -> float:
+    """The smallest tangent upwards that does not move the camera farther away than its tangent ``across`` asks for."""
+    far = _fit(points, across, 1e3)[2]
+    low, high = 1e-3 * across, 1e3 * across
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if _fit(points, across, middle)[2] <= far * (1 + 1e-9) else (middle, high)
+    return high
+
+
+def _pixels(width: int, aspect: float) -> int:
+    return int(np.clip(np.ceil(width * aspect), 0.15 * width, 2.0 * width))
+
+
+def points_of(obj: bpy.types.Object) -> np.ndarray:
+    """(N, 3): the vertices of a mesh, or the corners of another object's box, in the world."""
+    points = vertices_of(obj.data) if obj.type == "MESH" else np.array(obj.bound_box, dtype=float)
+    return points + np.array(obj.location)
+
+
+def vertices_of(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(V, 3) in the mesh's own frame."""
+    found = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", found)
+    return found.reshape(-1, 3).astype(float)
+
+
+def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:
+    render = scene.render
+    render.resolution_x, render.resolution_y = size
+    render.resolution_percentage = 100
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode = "RGB"
+    render.image_settings.compression = 60
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+    if engine == "EEVEE" or (engine == "AUTO" and not bpy.app.background):
+        _eevee(scene, samples)
+        return
+    render.engine = "CYCLES"
+    cycles = scene.cycles
+    cycles.device = "CPU"
+    denoise = _denoises()
+    cycles.samples = samples if denoise else UNDENOISED * samples
+    cycles.use_adaptive_sampling = False
+    cycles.use_denoising = denoise
+    cycles.denoising_prefilter = "FAST"
+    if hasattr(cycles, "denoising_quality"):
+        cycles.denoising_quality = "BALANCED"
+    cycles.max_bounces, cycles.diffuse_bounces, cycles.transmission_bounces = 4, 2, 4
+    cycles.sample_clamp_indirect = 3.0  # no lone bright pixels
+    cycles.blur_glossy = 1.0
+    cycles.caustics_reflective = cycles.caustics_refractive = False
+    cycles.use_auto_tile, cycles.tile_size = True, 512  # less memory than one large tile
+    cycles.seed = 0
+
+
+def _as_film(render: bpy.types.RenderSettings) -> None:
+    """H.264 in an MP4 file; sizes must be even. Raises ``FlexMapsError`` where this Blender writes no films."""
+    try:
+        if hasattr(render.image_settings, "media_type"):  # from 5.0 on
+            render.image_settings.media_type = "VIDEO"
+        render.image_settings.file_format = "FFMPEG"
+        render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
+        render.ffmpeg.constant_rate_factor = "HIGH"
+    except TypeError as error:
+        raise FlexMapsError("This Blender writes no films; give a file that ends in .png") from error
+    render.resolution_x += render.resolution_x % 2
+    render.resolution_y += render.resolution_y % 2
+
+
+def _denoises() -> bool:
+    """Whether this Blender was built with a denoiser; some distributions' are not, and fail when asked to."""
+    import _cycles
+
+    return bool(_cycles.with_openimagedenoise)
+
+
+def _eevee(scene: bpy.types.Scene, samples: int) -> None:
+    """EEVEE under the name that this Blender knows it by."""
+    known = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items_static_ui}
+    scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
+    eevee: Any = scene.eevee
+    eevee.taa_render_samples = max(samples, 32)
+    eevee.use_shadows = True
+    eevee.use_raytracing = True
+
+
+def _sky() -> bpy.types.World:
+    """White above, a little darker towards the horizon, so that smooth surfaces have something to reflect."""
+    world = bpy.data.worlds.new("FlexMaps picture")
+    world.use_nodes = True
+    tree = world.node_tree
+    sky = tree.nodes["Background"]
+    sky.inputs["Strength"].default_value = 0.5
+    world.cycles.sampling_method = "NONE"  # it is even enough; a third of the time
+    where = tree.nodes.new("ShaderNodeTexCoord")
+    parts = tree.nodes.new("ShaderNodeSeparateXYZ")
+    ramp = tree.nodes.new("ShaderNodeMapRange")
+    for name, value in (("From Min", -0.2), ("From Max", 0.9), ("To Min", 0.55), ("To Max", 1.1)):
+        ramp.inputs[name].default_value = value
+    tree.links.new(where.outputs["Generated"], parts.inputs["Vector"])
+    tree.links.new(parts.outputs["Z"], ramp.inputs["Value"])
+    tree.links.new(ramp.outputs["Result"], sky.inputs["Color"])
+    return world

@@ -1,0 +1,1 @@
+"""FlexMaps on Blender's command line: its words, what each does with the api, and what is printed."""

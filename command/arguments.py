@@ -1,0 +1,243 @@
+"""The words of the command line: commands, their arguments, and what each does with the api."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections import Counter
+from dataclasses import Field, fields
+from typing import Any, NoReturn, get_type_hints
+
+from ..engine.errors import FlexMapsError
+from ..engine.fabrication.writers import export
+from ..engine.params import SHOWN, ObjectSettings, RemeshParams, Settings, shown
+from ..engine.progress import Progress
+from ..engine.runs import job
+from ..engine.surface import shapes
+from . import summary
+
+SHAPE = "shape:"
+
+
+class Parser(argparse.ArgumentParser):
+    """Mistakes in one line, as all others."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"flexmaps: {message}; {self.prog} --help tells more\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    made = Parser(prog="flexmaps", description="From a surface to flat, flexible panels, step by step or in one go.")
+    commands = made.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    whole = _command(commands, "run", _run, summary.whole, "the whole way: sheets, a .blend, pictures and a report")
+    whole.epilog = (
+        "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
+        "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
+    )
+    whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
+    whole.add_argument("--stop-after", choices=job.NAMES, default=job.NAMES[-1], metavar="STAGE",
+                       help=f"last stage to run: {', '.join(job.NAMES)}")  # fmt: skip
+    whole.add_argument(
+        "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
+    )
+    whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
+    _formats(whole)
+    _flags(whole)
+
+    _command(commands, "check", _check, summary.whole, "say what is wrong with a mesh; 2 where it cannot be made")
+    flat = _command(commands, "layout", _layout, summary.whole, "cut it into patches and flatten them")
+    flat.add_argument(
+        "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
+    )
+    _command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
+    _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
+    for name in ("layout", "simulate", "optimise"):
+        commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
+    sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
+    sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
+    _formats(sheets)
+    page = _command(
+        commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
+    )
+    page.add_argument(
+        "--out", required=True, metavar="FOLDER", help="folder for report.html, report.json and the plots"
+    )
+    listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
+    listed.add_argument("--json", action="store_true", help="as JSON")
+    listed.set_defaults(run=lambda args, tell: _listed(), tell=summary.settings)
+    return made
+
+
+def number(text: str) -> float:
+    """A finite number in the digits that all take for numbers; ``ValueError`` tells argparse of others."""
+    found = float(text)
+    if not text.isascii() or "_" in text or not math.isfinite(found):
+        raise ValueError
+    return found
+
+
+def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
+    """A command that reads a mesh, with the arguments that all of them have."""
+    made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+    made.set_defaults(run=run, tell=tell)
+    made.add_argument(
+        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
+    )
+    size = made.add_mutually_exclusive_group()
+    size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
+    size.add_argument("--height", type=number, metavar="MM", help="scale the mesh to this extent along z")
+    made.add_argument(
+        "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
+    )
+    made.add_argument("--remesh", type=number, metavar="QUADS",
+                      help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
+    made.add_argument("--supports", metavar="QUADS",
+                      help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
+    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
+                      help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
+    made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
+    return made
+
+
+def _formats(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.FLAT), metavar="NAME",
+                      help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.FLAT)})")  # fmt: skip
+
+
+# -- a flag for every setting, and --set -------------------------------------------------------------------------------
+
+
+def _flags(made: argparse.ArgumentParser) -> None:
+    names = Counter(f.name for block in fields(Settings) for f in fields(block.default_factory))  # type: ignore[arg-type, misc]
+    for block in fields(Settings):
+        group = made.add_argument_group(f"{block.name} settings")
+        for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
+            # a name that several blocks have would be taken for any of them
+            name = f"{block.name}_{f.name}" if names[f.name] > 1 else f.name
+            _flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
+
+
+def _flag(group: argparse._ArgumentGroup, name: str, dest: str, f: Field, kind: type) -> None:
+    flag, meta = "--" + name.replace("_", "-"), f.metadata
+    help = f"{meta['help']} (default {shown(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
+    if kind is bool:
+        group.add_argument(flag, dest=dest, action=argparse.BooleanOptionalAction, help=help)
+    elif meta["choices"]:
+        group.add_argument(flag, dest=dest, choices=[c[0] for c in meta["choices"]], help=help)
+    else:
+        metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(SHOWN[meta["unit"]][1], "N")
+        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` makes it a number
+
+
+def _settings(args: argparse.Namespace) -> dict[str, Any]:
+    """What the flags and --set ask for, as the api takes it."""
+    given = {name: value for name, value in vars(args).items() if "." in name and value is not None}
+    for text in args.settings:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise FlexMapsError(f"--set {text}: give it as section.name=value")
+        given[name.strip()] = value.strip()
+    return given
+
+
+# -- what the commands do ----------------------------------------------------------------------------------------------
+
+
+def _source(args: argparse.Namespace) -> dict[str, Any]:
+    edge = args.edge
+    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
+        edge = 1e3 * RemeshParams.edge
+    return {
+        "edge": edge,
+        "height": args.height,
+        "up": args.up,
+        "quads": args.remesh,
+        "settings": _settings(args),
+        "supports": args.supports,
+    }
+
+
+def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    return api.run(args.mesh, args.out, **_source(args), optimised=args.optimise, stop_after=args.stop_after,
+                   formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
+
+
+def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    piece = api.load(args.mesh, **_source(args))
+    if piece.made is not None:
+        return api.report(piece)
+    return {"checks": [finding.as_dict() for finding in api.check(piece)]}
+
+
+def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    piece = api.load(args.mesh, **_source(args))
+    return _saved(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
+
+
+def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    return _saved(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    return _saved(args, api.optimise(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
+    from .. import api
+
+    if args.out:
+        api.save(piece, args.out)
+    return api.report(piece)
+
+
+def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    from .. import api
+
+    piece = api.sheets(api.load(args.mesh, **_source(args)), progress=Progress(tell).part(0.0, 0.9))
+    written = api.export(piece, args.out, formats=args.formats)
+    described = api.report(piece)
+    described["sheets"]["files"] = [path.name for path in written]
+    return described
+
+
+def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    """Of an object that was simulated in Blender what it holds; of anything else, of a simulation made now."""
+    import bpy
+
+    from .. import api
+    from ..bridge.store import notes, objects, states
+
+    piece = api.load(args.mesh, **_source(args))
+    if piece.uid is not None and not args.settings and not args.supports:
+        obj = objects.find(piece.uid)
+        if "equilibrium" in notes.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
+            return api.report(obj, args.out)
+    return api.report(api.simulate(piece, progress=tell), args.out)
+
+
+def _listed() -> dict[str, Any]:
+    rows = {}
+    for block in fields(ObjectSettings):
+        for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
+            factor, unit = SHOWN[f.metadata["unit"]]
+            bounds = [None if f.metadata[k] is None else round(f.metadata[k] * factor, 9) for k in ("low", "high")]
+            default = f.default * factor if isinstance(f.default, float) else f.default
+            rows[f"{block.name}.{f.name}"] = {
+                "default": round(default, 9) if isinstance(default, float) else default,
+                "unit": unit,
+                "bounds": bounds,
+                "choices": [c[0] for c in f.metadata["choices"]],
+                "help": f.metadata["help"],
+            }
+    return {"settings": rows}

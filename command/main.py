@@ -1,0 +1,116 @@
+"""``blender --command flexmaps ...``: the stages on the command line; ``tools/dev.py run`` is its ``run``.
+
+Everything is done by ``api``, which is imported when a command runs: registering the command costs nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+NAME = "flexmaps"
+UNDONE = 3  # exit status
+_registered: list[Any] = []
+
+
+def register() -> None:
+    import bpy
+
+    _registered.append(bpy.utils.register_cli_command(NAME, main))
+
+
+def unregister() -> None:
+    import bpy
+
+    while _registered:
+        bpy.utils.unregister_cli_command(_registered.pop())
+
+
+def main(argv: list[str]) -> int:
+    """Run one command. Returns the exit status:
+
+    0 where everything was done; 1 for a fault of the program; 2 for a mistake of the user's, told in one line on standard
+    error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
+    the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
+    """
+    from ..bridge.hosts.main_job import quiet_blender
+    from ..engine.errors import Cancelled, FlexMapsError
+    from . import arguments
+
+    try:
+        args = arguments.parser().parse_args(argv)
+    except SystemExit as end:
+        return int(end.code or 0)
+    console = Console()
+    try:
+        with stoppable(), quiet_blender():
+            described = args.run(args, console)
+        status = _status(args.command, described)
+    except FlexMapsError as error:
+        console.end_line()
+        print(f"flexmaps: {error}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, Cancelled):
+        console.end_line()
+        print("flexmaps: stopped; earlier files are as they were", file=sys.stderr)
+        return 130
+    except Exception:
+        console.end_line()
+        traceback.print_exc()
+        print("flexmaps: this is a fault of the program, not of yours; please report the lines above", file=sys.stderr)
+        return 1
+    console.end_line()
+    if args.json:
+        print(json.dumps(described, indent=2))
+    else:
+        args.tell(described, args)
+    sys.stdout.flush()
+    return status
+
+
+def _status(command: str, described: dict[str, Any]) -> int:
+    """The exit status that goes with what a command has found."""
+    if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
+        return 2
+    return UNDONE if described.get("undone") else 0
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Ctrl-C stops the work as in any Python program; Blender by itself would only take note of it, and end at the second."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    except ValueError:  # another thread than the main one
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
+
+
+class Console:
+    """Progress to standard error: a line that rewrites itself in a terminal, elsewhere a line every other second."""
+
+    EVERY = 2.0  # seconds between lines that stay
+
+    def __init__(self) -> None:
+        self._live = sys.stderr.isatty()
+        self._last = 0.0
+
+    def __call__(self, fraction: float, text: str) -> None:
+        if self._live:
+            print(f"\r\033[K{fraction:4.0%}  {text}", end="", file=sys.stderr, flush=True)
+        elif time.monotonic() - self._last > self.EVERY or fraction >= 1.0:
+            print(f"{fraction:4.0%}  {text}", file=sys.stderr, flush=True)
+            self._last = time.monotonic()
+
+    def end_line(self) -> None:
+        if self._live:
+            print(file=sys.stderr)

@@ -1,0 +1,50 @@
+"""A run in a few lines, for the person at the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+
+def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
+    """What every stage that ran has made, and where it is."""
+    if "input" in described:
+        given = described["input"]
+        print(f"{given['file']}: {given['quads']} quads, edge {given['edge_mm']:.1f} mm, "
+              f"{' x '.join(f'{x:.0f}' for x in given['size_mm'])} mm")  # fmt: skip
+    for finding in described["checks"]:
+        print(f"  {finding['severity']}: {finding['message']}")
+    if "layout" in described:
+        layout = described["layout"]
+        print(f"  {layout['patches']} patches, worst distortion {layout['energy_max']:.4f}")
+        for text in layout.get("remarks", ()):
+            print(f"  warning: {text}")
+    if "spirals" in described:
+        spirals = described["spirals"]
+        print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")
+    if "optimise" in described:
+        better = described["optimise"]
+        print(f"  optimised in {better['iterations']} steps: RMSE {better['laplacian_rmse_mm_before']:.3g} "
+              f"to {better['laplacian_rmse_mm']:.3g} mm. {better['end']}")  # fmt: skip
+    if "equilibrium" in described:
+        from ..bridge.store import equilibrium
+
+        text, warning = equilibrium.sentences(described["equilibrium"])
+        print(f"  {'warning: ' if warning else ''}{text}")
+    if "sheets" in described:
+        sheets = described["sheets"]
+        print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
+        for warning in sheets["warnings"]:
+            print(f"  warning: {warning}")
+    out = getattr(args, "out", None)
+    seconds = sum(described.get("seconds", {}).values())
+    print(f"  computed in {seconds:.1f} s" + (f", files and pictures aside; everything is in {out}" if out else ""))
+
+
+def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
+    """One line a setting: name, default, bounds or choices, and what it is."""
+    for name, row in described["settings"].items():
+        low, high = row["bounds"]
+        span = "|".join(row["choices"]) or ("" if low is None and high is None else f"{low:g} to {high:g}")
+        value = f"{row['default']:g}" if isinstance(row["default"], float) else str(row["default"])
+        print(f"{name:28} {value + (' ' + row['unit'] if row['unit'] else ''):14} {span:24} {row['help']}")

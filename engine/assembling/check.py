@@ -1,0 +1,194 @@
+"""Looking ahead to the assembly: seam by seam, how well both sides fit, what their joints have to bear, what will be hard.
+
+Both sides of a seam were flattened with lengths that differ a little; whoever joins them has to stretch the one and to
+press the other together. At rest every joint carries a force and a moment of the equilibrium. Its narrowest place is the
+neck of its connector, a bar of the neck's width n and the sheet's thickness t: of a force F and the moments M in and out
+of the sheet's plane it feels at most the strain (F / n t + 6 M_in / t n^2 + 6 M_out / n t^2) / E by beam theory. Torsion
+counts as bending out of the plane: in a bar as flat as a sheet it strains the material a little less.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..fabrication.connectors.connect import Connections
+from ..fabrication.panels.labels import panel_name, seam_name
+from ..mechanics.arm_model import ArmModel
+from ..mechanics.simulate import Simulation
+from ..patches.layout import PatchLayout
+from ..spirals.design import SpiralDesign
+
+# share of an edge by which its two sides may differ: with more, two joints 20 mm apart are off by a whole thin arm
+STRETCH = 0.05
+HAND = 20.0  # newtons: a third of what finger and thumb of an adult can pinch, which can be kept up joint after joint
+BEARS = 1.0  # of the strain that the material bears
+
+
+@dataclass(frozen=True)
+class SeamCheck:
+    """One seam, before anybody has cut it.
+
+    name : its letters; panels : indices of the patches on its sides, the same twice for a cut within a patch
+    joints : how many arms meet; lengths : metres of both flat sides, from corner to corner
+    stretch : largest difference of the two sides of one edge, as a share of their mean
+    force, moment : N and N m, the largest of its joints at rest; load : largest strain of a neck, as a share of what the
+        material bears; all three ``None`` without an equilibrium to be trusted
+    hard : what makes it hard to join: "stretch", "force", "load"
+    """
+
+    name: str
+    panels: tuple[int, int]
+    joints: int
+    lengths: tuple[float, float]
+    stretch: float
+    force: float | None
+    moment: float | None
+    load: float | None
+    hard: tuple[str, ...]
+
+    @property
+    def mismatch(self) -> float:
+        """Difference of both sides' whole lengths as a share of their mean."""
+        return 2.0 * abs(self.lengths[0] - self.lengths[1]) / sum(self.lengths)
+
+
+@dataclass(frozen=True)
+class AssemblyCheck:
+    """All seams, in the order of ``layout.seams``."""
+
+    seams: tuple[SeamCheck, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences for the user: which seams are hard to join, why, and what helps."""
+        told = (
+            ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
+             "a lower distortion limit or smaller patches help"),
+            ("force", f"a joint pulls with more than {HAND:g} N", "a thinner sheet or thinner arms help"),
+            ("load", "a connector would be strained beyond what the material bears",
+             "a thinner sheet, a larger object or another material help"),
+        )  # fmt: skip
+        found = []
+        for kind, what, helps in told:
+            names = [s.name for s in self.seams if kind in s.hard]
+            if names:
+                some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+                found.append(f"Hard to assemble, {len(names)} of {len(self.seams)} seams ({some}): {what}; {helps}")
+        return tuple(found)
+
+    def report(self) -> dict[str, Any]:
+        """The ``assembly`` block of report.json."""
+        loads = [s for s in self.seams if s.force is not None]
+        block: dict[str, Any] = {
+            "mismatch_max": round(max((s.mismatch for s in self.seams), default=0.0), 5),
+            "stretch_max": round(max((s.stretch for s in self.seams), default=0.0), 5),
+        }
+        if loads:
+            block |= {f"{key}_max": max(_loads(s)[key] for s in loads) for key in _loads(loads[0])}
+        hard = {"hard": sum(bool(s.hard) for s in self.seams), "warnings": list(self.warnings)}
+        return block | hard | {"seams": [_row(s) for s in self.seams]}
+
+
+def _row(seam: SeamCheck) -> dict[str, Any]:
+    return {
+        "seam": seam.name,
+        "panels": [panel_name(p) for p in seam.panels],
+        "joints": seam.joints,
+        "lengths_mm": [round(x * 1e3, 3) for x in seam.lengths],
+        "mismatch": round(seam.mismatch, 5),
+        "stretch": round(seam.stretch, 5),
+        **_loads(seam),
+        "hard": list(seam.hard),
+    }
+
+
+def _loads(seam: SeamCheck) -> dict[str, float]:
+    if seam.force is None or seam.moment is None or seam.load is None:
+        return {}
+    return {"force_n": round(seam.force, 4), "moment_n_mm": round(seam.moment * 1e3, 4), "load": round(seam.load, 4)}
+
+
+def check_assembly(
+    design: SpiralDesign, made: Connections | None = None, simulation: Simulation | None = None
+) -> AssemblyCheck:
+    """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if they are there.
+
+    Forces are told only of the arm model, and only of a state that can be believed: converged and not locked.
+    """
+    layout = design.flat.layout
+    lengths = _lengths(design)
+    forces = None if simulation is None else _forces(design, made, simulation)
+    found = []
+    for number, edges in enumerate(layout.seams):
+        sides, quads = lengths[number], layout.mesh.edge_quads[edges[0]]
+        stretch = float((2.0 * np.abs(sides[:, 0] - sides[:, 1]) / sides.sum(axis=1)).max())
+        force, moment, load = (None,) * 3 if forces is None else (float(x) for x in forces[edges].max(axis=0))
+        hard = {
+            "stretch": stretch > STRETCH,
+            "force": force is not None and force > HAND,
+            "load": load is not None and load > BEARS,
+        }
+        one, two = layout.patch_of[quads].tolist()
+        whole = float(sides[:, 0].sum()), float(sides[:, 1].sum())
+        reasons = tuple(kind for kind, is_so in hard.items() if is_so)
+        found.append(SeamCheck(seam_name(number), (one, two), len(edges), whole, stretch, force, moment, load, reasons))
+    return AssemblyCheck(tuple(found))
+
+
+def _lengths(design: SpiralDesign) -> list[np.ndarray]:
+    """For every seam (N, 2) metres: its edges' lengths on the side of the first edge's first quad, and on the other side."""
+    layout = design.flat.layout
+    mesh, corners = layout.mesh, design.flat.corners
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    found = []
+    for edges in layout.seams:
+        pair, side = mesh.edge_quads[edges], mesh.edge_sides[edges]
+        length = sides[pair, side]
+        found.append(np.where(_turned(layout, edges)[:, None], length[:, ::-1], length))
+    return found
+
+
+def _turned(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
+    """(N,) bool for the edges of a seam: whether its second quad lies where the first one of the first edge does.
+
+    The quads on one side of a path all run along it in the same direction.
+    """
+    mesh = layout.mesh
+    quad, side = mesh.edge_quads[edges, 0], mesh.edge_sides[edges, 0]
+    start, end = mesh.quads[quad, side].tolist(), mesh.quads[quad, (side + 1) % 4].tolist()
+    turned = [False]
+    for k in range(1, len(edges)):
+        # both run on where the end of the one is the start of the other
+        same = end[k - 1] == start[k] or start[k - 1] == end[k]
+        turned.append(turned[-1] if same else not turned[-1])
+    return np.array(turned)
+
+
+def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
+    """(E, 3) at every edge of the mesh: force in N, moment in N m, strain of the neck as a share of the material's limit."""
+    model, rest = simulation.model, simulation.equilibrium
+    if not isinstance(model, ArmModel) or not rest.converged or rest.locked:
+        return None
+    mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
+    wrench = np.zeros((len(mesh.edges), 6))
+    wrench[~mesh.border] = model.wrenches(model.start(rest.pose))
+    force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
+    neck = _necks(design, made)
+    inside, outside = np.abs(wrench[:, 5]), np.linalg.norm(wrench[:, 3:5], axis=1)
+    stress = force / (neck * thickness) + 6.0 * inside / (thickness * neck**2) + 6.0 * outside / (neck * thickness**2)
+    return np.column_stack([force, moment, stress / (material.youngs * material.strain_limit)])
+
+
+def _necks(design: SpiralDesign, made: Connections | None) -> np.ndarray:
+    """(E,) metres, width of the narrowest place of every joint: its connector's neck, else the arm."""
+    mesh = design.flat.layout.mesh
+    neck = design.arms.joint_width[mesh.edge_quads[:, 0], mesh.edge_sides[:, 0]]
+    for connector in () if made is None else made.connectors:
+        if connector.kind != "tab":
+            size = connector.made.size
+            # the gap is taken from both sides of the curve between head and socket
+            neck[mesh.quad_edges[connector.faces[0], connector.sides[0]]] = size.neck - size.clearance
+    return neck

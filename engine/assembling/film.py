@@ -1,0 +1,321 @@
+"""How the panels come together, as a film: from the table they fly to their places, and seam by seam they are joined.
+
+The order is that of ``assembly_order``. After some joints each, what is joined has the shape in which it rests
+(``stages``): every stage is an equilibrium of the panels that are there, afloat, without weight. Between two stages hubs
+turn evenly and joints that are closed in the first stay closed (``blend``); arms are bent anew in every shape as in
+``bent_arms``, and those of a seam that is being closed take up the wrench that they carry in the end, so that their tips
+meet as it closes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..display.panel_mesh import Detail, PanelMesh, panel_mesh
+from ..fabrication.connectors.tips import Tip
+from ..materials import Material
+from ..mechanics.assembly import Pose, nearest_rotation, rest_joints
+from ..mechanics.bent_arms import Bender
+from ..mechanics.joint_motion import rotation_vector, times
+from ..params import SimulateParams
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from .blend import Blend, means
+from .flight import flight, lowest
+from .order import steps
+from .stages import Stage, Stages, find_stages, lying
+
+FLIGHT, CLOSING = 0.6, 0.9
+"""How long a panel flies and is joined, in steps; the next panel flies meanwhile."""
+HOVER = 0.15
+"""How far outside its place a panel arrives, as a share of the piece's size."""
+SAME = 0.05
+"""Shapes are the same if no hub, seen from its panel or from over a seam, differs by so many quad edges or radians."""
+STRAIGHT, MOST = 0.05, 8
+"""From stage to stage a panel gets so many shapes, eight at most, that it strays by this share of an edge in between."""
+NEAR = 1e-3
+"""How near tips are brought between two stages before the rest is spread, in quad edges: less is not to be seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What becomes of one panel. Times are in steps.
+
+    vertices : (n,) int, its vertices in the film's mesh
+    shapes : (K, n, 3) metres, in the panel's own frame, one after the other; shape_times : (T,) and which : (T,) int, when it
+        has which of them
+    times : (M,), turns : (M, 3, 3) and places : (M, 3) metres, of the panel's own frame
+    """
+
+    patch: int
+    vertices: np.ndarray
+    shapes: np.ndarray
+    shape_times: np.ndarray
+    which: np.ndarray
+    times: np.ndarray
+    turns: np.ndarray
+    places: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """panels : the mesh of all panels; tracks : one a panel, in the order in which they are joined; length : in steps
+
+    stages : the shapes in which half-finished pieces rest; stage_times : (S,), when each is reached
+    """
+
+    panels: PanelMesh
+    tracks: tuple[Track, ...]
+    length: float
+    stages: Stages
+    stage_times: np.ndarray
+
+
+def film(
+    design: SpiralDesign,
+    pose: Pose,
+    table: np.ndarray,
+    detail: Detail,
+    material: Material,
+    params: SimulateParams,
+    progress: Progress = SILENT,
+    tips: Sequence[Tip] = (),
+) -> Film:
+    """The film of an assembly that ends in a pose, with the elastic model and the solver of a simulation.
+
+    table : (N, 3) metres, where the origin of every patch lies at first, parallel to the xy plane; tips : the ends of arms
+    with connectors. Raises FlexMapsError where a spiral is outside the elastic model's range.
+    """
+    found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
+    order = steps(design.flat.layout)
+    shot = _Shooting(
+        design, panel_mesh(design, detail, tips), table, float(np.linalg.norm(np.ptp(pose.centres, axis=0)))
+    )
+    for number, step in enumerate(order):
+        own = [stage for stage in found.all if stage.step == number]
+        shot.fly(number, step.panel, own[0])
+        part = progress.part(0.5 + 0.5 * number / len(order), 0.5 + 0.5 * (number + 1) / len(order))
+        shot.join(number + FLIGHT, own, part)
+    tracks = tuple(shot.reels[step.panel].track() for step in order)
+    return Film(shot.panels, tracks, len(order) - 1 + FLIGHT + CLOSING, found, np.array(shot.stage_times))
+
+
+Moment = tuple[float, np.ndarray, np.ndarray]
+"""A time, and the turns (N, 3, 3) and places (N, 3) metres of all panels then."""
+
+
+@dataclass(eq=False)
+class _Reel:
+    """A track that grows."""
+
+    patch: int
+    vertices: np.ndarray
+    shapes: list[np.ndarray] = field(default_factory=list)
+    shape_times: list[float] = field(default_factory=list)
+    which: list[int] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    turns: list[np.ndarray] = field(default_factory=list)
+    places: list[np.ndarray] = field(default_factory=list)
+
+    def bend(self, before: float, time: float, shape: np.ndarray) -> None:
+        """A new shape at a time; until ``before`` it kept the last one."""
+        if self.shapes and self.shape_times[-1] < before - 1e-9:
+            self.shape_times.append(before)
+            self.which.append(self.which[-1])
+        self.shape_times.append(time)
+        self.which.append(len(self.shapes))
+        self.shapes.append(shape)
+
+    def move(self, time: float, turn: np.ndarray, place: np.ndarray) -> None:
+        self.times.append(time)
+        self.turns.append(turn)
+        self.places.append(place)
+
+    def shape(self, time: float) -> np.ndarray:
+        """(n, 3) metres: the shape at a time, on the straight way between those before and after it."""
+        after = int(np.searchsorted(self.shape_times, time))
+        if after in (0, len(self.shape_times)):
+            return self.shapes[self.which[min(after, len(self.which) - 1)]]
+        begin, end = self.shape_times[after - 1 : after + 1]
+        first, last = (self.shapes[k] for k in self.which[after - 1 : after + 1])
+        return first if first is last else first + (time - begin) / (end - begin) * (last - first)
+
+    def track(self) -> Track:
+        arrays = (self.shapes, self.shape_times, self.which, self.times, self.turns, self.places)
+        return Track(self.patch, self.vertices, *(np.array(values) for values in arrays))
+
+
+class _Shooting:
+    """The film as it is made: where everything is, and what was last recorded of it."""
+
+    def __init__(self, design: SpiralDesign, panels: PanelMesh, table: np.ndarray, size: float):
+        self.design, self.panels, self.size = design, panels, size
+        mesh, self.patch = design.flat.layout.mesh, design.flat.layout.patch_of
+        count, inner = len(self.patch), ~mesh.border
+        self.bender, self.edge = Bender.of(design), mesh.median_edge
+        self.pairs, self.lever = mesh.edge_quads[inner], rest_joints(mesh, design.flat.corners)[0]
+        flat = np.c_[design.arms.centre, np.zeros(count)]
+        self.middle = means(flat, self.patch)
+        self.table, self.ground = table + self.middle, float(table[:, 2].min()) - 0.5 * design.params.thickness
+        self.pose = Pose(flat - self.middle[self.patch], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+        # the flat panels: inner joints are closed, and nothing is bent
+        self.inside = self.patch[self.pairs[:, 0]] == self.patch[self.pairs[:, 1]]
+        self.inside &= ~design.flat.layout.cut[inner]
+        self.closed = np.zeros(len(self.pairs), bool)
+        self.wrench = np.zeros((4 * count, 6))
+        flat_shape = panels.placed(self.bender.bent(self.pose, self.inside), self.pose)
+        owner = self.patch[panels.vertex_quad]
+        self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
+        self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
+        self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())  # from the panels, as last recorded
+        self.over = np.zeros((len(self.pairs), 2, 6))  # the joints, as when the panel on either side was recorded
+        self.stage_times: list[float] = []
+        self.lift = 0.0
+
+    def fly(self, number: int, panel: int, first: Stage) -> None:
+        """Bring a flat panel from the table to where it is joined in its first stage, a little outside."""
+        hubs = np.flatnonzero(self.patch == panel)
+        there = self._with(first)
+        dock = lying(self.design, hubs, there)
+        turn, place = dock.rotations[0], dock.centres.mean(axis=0)
+        alone = len(hubs) == len(first.hubs)
+        if alone:
+            self.lift = 0.0
+        wanted = place + (0.0 if alone else HOVER * self.size) * turn[:, 2]
+        wanted[2] += self.lift
+        reel = self.reels[panel]
+        shares, turns, places = flight(self.table[panel], wanted, turn, self.size, self.flat_shapes[panel], self.ground)
+        reel.bend(0.0, number, self.flat_shapes[panel])
+        for one in zip(number + FLIGHT * shares, turns, places, strict=True):
+            reel.move(*one)
+        off = places[-1] - place - [0.0, 0.0, self.lift]
+        self.pose.centres[hubs], self.pose.rotations[hubs] = dock.centres + off, dock.rotations
+        self.closed |= self.inside & (self.patch[self.pairs[:, 0]] == panel)
+        for p in np.unique(self.patch[first.hubs]).tolist():
+            if p != panel:  # what is there keeps still until now
+                held = self.reels[p]
+                held.move(number + FLIGHT, held.turns[-1], held.places[-1])
+
+    def join(self, start: float, stages: list[Stage], progress: Progress) -> None:
+        """Go through the stages of a step, evenly in time."""
+        long = CLOSING / len(stages)
+        for k, stage in enumerate(stages):
+            self._go(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
+            self.stage_times.append(start + (k + 1) * long)
+
+    def _go(self, begin: float, long: float, stage: Stage, progress: Progress) -> None:
+        """From the shape that is there to a stage's."""
+        end = self._with(stage)
+        blend = Blend.of(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
+        bending = self._bending(end, stage)
+        counts, ways = self._pieces(blend)
+        count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
+        arms = self.bender.bent(end, stage.closed, self.wrench, np.isin(self.patch, bending))
+        moments: list[Moment] = []
+        for k in range(1, count + 1):
+            progress((k - 1) / count, "Bending the panels")
+            share = k / count
+            here = end if k == count else blend.at(share)
+            moments.append((begin + share * long, *self._frames(here)))
+            some = bending[k * counts[bending] % count == 0]
+            if len(some):
+                quads, bent = np.isin(self.patch, some), arms
+                if k < count:
+                    load = (1.0 - share) * self.wrench + share * arms.wrench
+                    bent = self.bender.bent(here, self.closed, load, quads, NEAR)
+                points = self.panels.placed(bent, here, quads)
+                _, turns, places = moments[-1]
+                for reel in (self.reels[p] for p in some.tolist()):
+                    shape = (points[reel.vertices] - places[reel.patch]) @ turns[reel.patch]
+                    reel.bend(begin, begin + share * long, shape)
+        self._move(moments, np.unique(self.patch[stage.hubs]).tolist(), stage.whole)
+        self._remember(end, bending)
+        self.pose, self.closed, self.wrench = end, self.closed | stage.closed, arms.wrench
+
+    def _with(self, stage: Stage) -> Pose:
+        """The pose of all hubs, with those of a stage where it has them."""
+        out = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
+        out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
+        return out
+
+    def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) int each, powers of two: in how many pieces every panel's bending and its way as a whole go nearly straight.
+
+        The way of a point bends about evenly: in n pieces it strays by an n-th of an n-th of what it does half way.
+        """
+        poses = (blend.start, blend.at(0.5), blend.end)
+        bending = np.zeros(len(self.reels))
+        np.maximum.at(bending, self.patch, _stray(*(self._points(pose) for pose in poses)).max(axis=1))
+        places = _stray(*(self._frames(pose)[1] for pose in poses))
+        shapes, ways = (
+            2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (STRAIGHT * self.edge), 1.0))).astype(int)
+            for stray in (bending, places)
+        )
+        return np.minimum(shapes, MOST), np.minimum(ways, 2 * MOST)
+
+    def _points(self, pose: Pose) -> np.ndarray:
+        """(F, 2, 3) metres: two joints of every hub, as its panel sees them."""
+        seen = self._from_panels(pose)
+        return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
+
+    def _bending(self, end: Pose, stage: Stage) -> np.ndarray:
+        """The panels of a stage that have another shape than when they were last recorded."""
+        there = np.unique(self.patch[stage.hubs])
+        if stage.whole:
+            return there
+        seen = self._from_panels(end)
+        apart = np.linalg.norm(seen.centres - self.seen.centres, axis=1) / self.edge
+        turned = np.linalg.norm(rotation_vector(seen.rotations @ np.swapaxes(self.seen.rotations, 1, 2)), axis=1)
+        other = self.patch[np.maximum(apart, turned) > SAME]
+        moved = np.abs(self._over(end)[:, None] - self.over).max(axis=2) > SAME
+        moved[stage.closed & ~self.closed] = True
+        moved[~stage.closed] = False
+        return np.intersect1d(there, np.concatenate([other, self.patch[self.pairs][moved]]))
+
+    def _move(self, moments: list[Moment], panels: list[int], stands: bool) -> None:
+        """Where panels are from moment to moment: over the table, held as high as needs be, until in the end it stands there."""
+        for time, turns, places in moments:
+            low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
+            # a little higher, for ways are straight only nearly
+            self.lift = max(0.0, self.ground + STRAIGHT * self.edge - low)
+            if stands and time == moments[-1][0]:
+                self.lift = 0.0
+            for p in panels:
+                self.reels[p].move(time, turns[p], places[p] + [0.0, 0.0, self.lift])
+
+    def _remember(self, end: Pose, bending: np.ndarray) -> None:
+        """These panels were recorded in a pose."""
+        quads = np.isin(self.patch, bending)
+        seen, over = self._from_panels(end), self._over(end)
+        self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]
+        self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
+
+    def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+        """Turns (N, 3, 3) and places (N, 3) metres of the panels as wholes: such that what was last recorded of them fits.
+
+        Hubs are compared with their axes: a row of them has a direction, too.
+        """
+        places = means(pose.centres, self.patch)
+        spread = self.seen.centres[:, :, None] * (pose.centres - places[self.patch])[:, None]
+        spread += (0.5 * self.edge) ** 2 * self.seen.rotations @ np.swapaxes(pose.rotations, 1, 2)
+        return nearest_rotation(means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
+
+    def _from_panels(self, pose: Pose) -> Pose:
+        """The pose as the panels see it."""
+        turns, places = self._frames(pose)
+        back = np.swapaxes(turns, 1, 2)[self.patch]
+        return Pose(times(back, pose.centres - places[self.patch]), back @ pose.rotations)
+
+    def _over(self, pose: Pose) -> np.ndarray:
+        """(m, 6): way, in quad edges, and turn over every joint."""
+        first, second = pose.rotations[self.pairs[:, 0]], pose.rotations[self.pairs[:, 1]]
+        back, centres = np.swapaxes(first, 1, 2), pose.centres[self.pairs]
+        return np.hstack([times(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
+
+
+def _stray(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(...) metres: how far points (..., 3) are half way from the straight line's middle."""
+    return np.linalg.norm(half - 0.5 * (start + end), axis=-1)

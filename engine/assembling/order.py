@@ -1,0 +1,84 @@
+"""The order in which the panels are joined: breadth first, so that every step adds one panel to what is there."""
+
+from __future__ import annotations
+
+from bisect import insort
+from dataclasses import dataclass
+from heapq import heappop, heappush
+
+import numpy as np
+
+from ..fabrication.panels.labels import seam_name
+from ..patches.layout import PatchLayout
+
+
+@dataclass(frozen=True)
+class Join:
+    """One seam that is closed in a step.
+
+    seam : its index in ``layout.seams``; name : its letters; joints : how many arms meet along it
+    panel, other : the patches on its sides; ``panel`` is the one that the step adds
+    """
+
+    seam: int
+    name: str
+    joints: int
+    panel: int
+    other: int
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: a panel (index of its patch), the seams that are closed, and the panels that are there afterwards."""
+
+    panel: int
+    joins: tuple[Join, ...]
+    there: tuple[int, ...]
+
+
+def steps(layout: PatchLayout) -> list[Step]:
+    """All steps, one per patch, every body by itself from its largest patch on.
+
+    Of the panels that can come next those nearest to the first one come first, and of these the one with the most joints to
+    what is there. Cuts inside a patch, which join it to itself, are closed with it.
+    """
+    sides = [tuple(layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist()) for edges in layout.seams]
+    joints = [len(edges) for edges in layout.seams]
+    areas = np.bincount(layout.patch_of, weights=layout.mesh.areas)
+    seams_of: list[list[int]] = [[] for _ in layout.patches]
+    for seam, ends in enumerate(sides):
+        for patch in set(ends):
+            seams_of[patch].append(seam)
+    first = iter(sorted(range(len(areas)), key=lambda p: (-round(float(areas[p]), 12), p)))
+    depth: dict[int, int] = {}
+    there: list[int] = []
+    # what could come next: its nearest neighbour's depth, less its joints to what is there; the entry made last is the best
+    waiting: list[tuple[int, int, int]] = []
+    known: dict[int, tuple[int, int]] = {}
+    found: list[Step] = []
+    while len(depth) < len(layout.patches):
+        while waiting and waiting[0][2] in depth:
+            heappop(waiting)
+        if waiting:
+            nearest, _, here = heappop(waiting)
+            depth[here] = 1 + nearest
+        else:
+            here = next(p for p in first if p not in depth)
+            depth[here] = 0
+        insort(there, here)
+        closing = []
+        for seam in seams_of[here]:
+            one, two = sides[seam]
+            other = one + two - here
+            if other in depth:
+                closing.append(seam)
+            else:
+                nearest, fewer = known.get(other, (depth[here], 0))
+                known[other] = min(nearest, depth[here]), fewer - joints[seam]
+                heappush(waiting, (*known[other], other))
+        joins = tuple(
+            Join(s, seam_name(s), joints[s], here, sum(sides[s]) - here)
+            for s in sorted(closing, key=lambda s: (-joints[s], s))
+        )
+        found.append(Step(here, joins, tuple(there)))
+    return found

@@ -1,0 +1,293 @@
+"""A printable sheet that shows how to put the panels together: what there is, then a picture of every step (A4, PDF)."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from pathlib import Path
+
+import numpy as np
+
+from ..colours import hexadecimal, of_patches, of_seams
+from ..fabrication.estimates import Estimates
+from ..fabrication.panels.labels import panel_name, seam_name
+from ..fabrication.sheets import CutSheets
+from ..fabrication.writers.pdf import Page, document, text_width
+from ..files import NewFile, replacing
+from ..patches.flatten import FlatPatches
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from .check import AssemblyCheck
+from .order import Join, Step, steps
+from .pictures import INK, PALE, Box, Look, best_view, camera, line, middle, model, panel
+
+WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # metres
+ROWS = 3  # steps on a page
+GREY = "#7a7f87"
+BAY = 0.006  # metres; narrower gaps between the arms on an outline are left out of small pictures
+SMALL = 0.005  # metres on paper; of smaller panels a picture shows the hull, and no number
+# Quads that all pictures of steps together may show, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
+# steps are told in words.
+SHOWN = 250_000
+LINES = 58  # steps in words on a page, in each of two columns
+
+
+def write(
+    design: SpiralDesign,
+    sheets: CutSheets,
+    figures: Estimates,
+    target: str | os.PathLike[str],
+    title: str,
+    new: NewFile | None = None,
+    checked: AssemblyCheck | None = None,
+    progress: Progress = SILENT,
+) -> Path:
+    """Write the assembly sheet of a design; returns its path.
+
+    ``title`` names the object; ``checked`` tells how hard every seam is to join. ``new`` comes from ``files.replacing_many`` where it shall appear together with other files.
+    Raises ``FlexMapsError`` where it cannot be written.
+    """
+    data = document(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
+    if new is None:
+        with replacing(target) as place:
+            place.write_bytes(data)
+    else:
+        new(target).write_bytes(data)
+    return Path(target)
+
+
+def pages(
+    design: SpiralDesign,
+    sheets: CutSheets,
+    figures: Estimates,
+    title: str,
+    checked: AssemblyCheck | None = None,
+    progress: Progress = SILENT,
+) -> list[Page]:
+    """The pages: an overview, where every panel lies on its sheet, and the steps: with pictures, as far as these are not too many."""
+    flat = design.flat
+    look = Look(
+        hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
+    )
+    progress(0.0, "the order of the steps")
+    order = steps(flat.layout)
+    found = [_overview(flat, sheets, figures, title, look, checked, progress)]
+    drawn = min(len(order), max(SHOWN // len(flat.layout.mesh.quads), ROWS))
+    for first in range(0, drawn, ROWS):
+        page = Page(WIDTH, HEIGHT)
+        height = (HEIGHT - 2 * MARGIN) / ROWS
+        for row, step in enumerate(order[first : min(first + ROWS, drawn)]):
+            progress(0.2 + 0.7 * (first + row) / drawn, "drawing the steps of the assembly")
+            box = Box(MARGIN, HEIGHT - MARGIN - (row + 1) * height, WIDTH - 2 * MARGIN, height)
+            _step(page, box, flat, first + row + 1, len(order), step, look)
+        found.append(page)
+    found += _in_words(order, drawn, look, progress)
+    for number, page in enumerate(found, start=1):
+        page.text(f"{title}  -  {number} of {len(found)}", (0.5 * WIDTH, 0.007), 0.0028, GREY, middle=True)
+    return found
+
+
+# -- the pages -----------------------------------------------------------------------------------------------------
+
+
+def _overview(
+    flat: FlatPatches,
+    sheets: CutSheets,
+    figures: Estimates,
+    title: str,
+    look: Look,
+    checked: AssemblyCheck | None,
+    progress: Progress,
+) -> Page:
+    page, layout = Page(WIDTH, HEIGHT), flat.layout
+    page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
+    page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
+    progress(0.0, "drawing the whole piece")
+    everything = tuple(range(len(layout.patches)))
+    view = camera(np.array([0.6, -0.8, 0.0]))
+    model(page, Box(MARGIN, 0.155, 0.115, 0.105), flat, everything, everything, (), look, view)
+    progress(0.0, "the figures of the sheets")
+    y = HEIGHT - 0.045
+    for name, value in _figures(sheets, figures, len(layout.patches)):
+        page.text(name, (0.135, y), 0.0032, GREY)
+        page.text(value, (0.166, y), 0.0032, INK)
+        y -= 0.0056
+    y -= 0.004
+    for said in (
+        "Panels are numbered, seams have letters. Every arm at a",
+        "seam is engraved with the seam's letters and its number:",
+        "A1 goes to A1, A2 to A2. The engraved side is outside.",
+        "Work along a seam from one end to the other.",
+        *_without_head(sheets),
+    ):
+        page.text(said, (0.135, y), 0.0025, INK)
+        y -= 0.0042
+    _thumbnails(page, Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look, progress)
+    _seam_list(page, Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
+    return page
+
+
+def _without_head(sheets: CutSheets) -> list[str]:
+    """Lines that name the joints that do not hold by themselves, where others do."""
+    made = sheets.connections
+    glued = [c.name for c in made.connectors if c.kind == "tab"]
+    if len(glued) == len(made.connectors):  # tabs, or no connectors at all, were asked for
+        return []
+    found = []
+    for said, names in (("Glue these joints", glued), ("These have plain ends", [name for name, *_ in made.unsolved])):
+        if names:
+            text = f"{said}: {', '.join(names)}."
+            found += ["", *textwrap.wrap(text, 52, max_lines=8, placeholder=" ...")]
+    return found
+
+
+def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[str, str]]:
+    found = [
+        ("Panels", str(panels)),
+        ("Sheets", f"{sheets.count}, {sheets.thickness * 1e3:g} mm thick"),
+        ("Mass", f"{figures.mass * 1e3:.0f} g"),
+        ("Joints", str(figures.joints)),
+        ("Cut length", f"{sheets.cut_length:.1f} m"),
+    ]
+    if figures.cut_seconds is not None:
+        found.append(("Laser", f"about {_duration(figures.cut_seconds)}"))
+    if figures.joints:
+        found.append(("Assembly", f"about {_duration(figures.assembly_seconds)}"))
+    return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
+
+
+def _duration(seconds: float) -> str:
+    minutes = max(round(seconds / 60.0), 1)
+    return f"{minutes} min" if minutes < 90 else f"{minutes / 60.0:.1f} h"
+
+
+def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: Progress) -> None:
+    """All sheets with their panels, small."""
+    sizes = sheets.packing.sizes
+    scale, columns = max(
+        (min(0.95 * box.width / n / sizes[:, 0].max(), 0.92 * box.height / -(-len(sizes) // n) / sizes[:, 1].max()), n)
+        for n in range(1, len(sizes) + 1)
+    )
+    across = min(box.width / columns, 1.06 * scale * float(sizes[:, 0].max()))
+    rows = -(-len(sizes) // columns)
+    down = min(box.height / rows, 1.06 * scale * float(sizes[:, 1].max()))
+    page.text("Where the panels lie on the sheets", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
+    for index, size in enumerate(sizes):
+        row, column = divmod(index, columns)
+        corner = np.array([box.x + column * across, box.y + (rows - row - 1) * down])
+        frame = corner + scale * size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        page.fill(frame, "#ffffff", GREY, 1.5e-4)
+        for i in np.flatnonzero(sheets.packing.sheet == index).tolist():
+            progress(0.2 * i / len(sheets.panels), "drawing the sheets")
+            one = sheets.panels[i]
+            outline = one.outline.moved(float(sheets.packing.rotation[i]), sheets.packing.shift[i]).sampled(1e-4)
+            small = scale * float(np.ptp(outline, axis=0).min()) < SMALL
+            points = corner + scale * (_hull(outline) if small else _coarse(outline, 0.15e-3 / scale))
+            page.fill(points, look.patches[one.patch] if one.patch >= 0 else GREY)
+            if one.patch < 0 or small:  # a loose key has no number
+                continue
+            page.text(panel_name(one.patch), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
+        page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    from scipy.spatial import ConvexHull
+
+    return points[ConvexHull(points).vertices]
+
+
+def _coarse(points: np.ndarray, tolerance: float) -> np.ndarray:
+    import shapely
+
+    closed = shapely.Polygon(points).buffer(BAY, quad_segs=2).buffer(-BAY, quad_segs=2)
+    largest = max(getattr(closed, "geoms", [closed]), key=lambda g: g.area)
+    return np.asarray(largest.simplify(tolerance).exterior.coords)[:-1]
+
+
+def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: AssemblyCheck | None) -> None:
+    """Every seam with its panels and joints, and what the check found, in columns."""
+    layout, seams = flat.layout, () if checked is None else checked.seams
+    forces = any(s.force is not None for s in seams)
+    title = "Seams: panels, number of joints" + ", largest force" * forces
+    title += "; ! is hard to join" * any(s.hard for s in seams)
+    page.text(title, (box.x, box.y + box.height), 0.0032, GREY)
+    line, columns = 0.0042, 5 if forces else 6
+    most = columns * int(box.height / line - 1)
+    for number, edges in enumerate(layout.seams[: most if len(layout.seams) <= most else most - 1]):
+        row, column = number % (most // columns), number // (most // columns)
+        x, y = box.x + column * box.width / columns, box.y + box.height - (row + 1.2) * line
+        page.fill(np.array([[x, y], [x + 0.003, y], [x + 0.003, y + 0.002], [x, y + 0.002]]), look.seams[number])
+        one, two = (panel_name(p) for p in layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist())
+        text = (
+            f"{seam_name(number)}: {one} - {two}, {len(edges)}"
+            if one != two
+            else f"{seam_name(number)}: in {one}, {len(edges)}"
+        )
+        if seams:
+            seam = seams[number]
+            text += ("" if seam.force is None else f", {seam.force:.2g} N") + " !" * bool(seam.hard)
+        page.text(text, (x + 0.004, y), 0.0026, INK)
+    if len(layout.seams) > most:
+        page.text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
+
+
+def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step: Step, look: Look) -> None:
+    top = box.y + box.height
+    page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
+    page.text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
+    page.text(_done(step), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
+    x, y = box.x + 0.004 + text_width(str(number), 0.008), top - 0.0125
+    for join in step.joins:
+        text = _sentence(join)
+        if x + text_width(text, 0.0029) > box.x + box.width:
+            x, y = box.x + 0.012, y - 0.0045
+        page.text(text, (x, y), 0.0029, look.seams[join.seam])
+        x += text_width(text + "     ", 0.0029)
+    height = y - box.y - 0.006
+    half = 0.5 * box.width
+    view = best_view(flat, step)
+    model(
+        page,
+        Box(box.x, box.y + 0.003, half - 0.003, height),
+        flat,
+        step.there,
+        (step.panel,),
+        step.joins,
+        look,
+        view,
+    )
+    panel(page, Box(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
+
+
+def _in_words(order: list[Step], first: int, look: Look, progress: Progress) -> list[Page]:
+    """Pages with the steps from ``first`` on without pictures, in two columns."""
+    found = []
+    width = 0.5 * (WIDTH - 2 * MARGIN)
+    for start in range(first, len(order), 2 * LINES):
+        page = Page(WIDTH, HEIGHT)
+        for place, step in enumerate(order[start : start + 2 * LINES]):
+            progress(0.9, "writing the steps of the assembly")
+            column, row = divmod(place, LINES)
+            x, y = MARGIN + column * width, HEIGHT - MARGIN - (row + 1) * (HEIGHT - 2 * MARGIN) / (LINES + 1)
+            page.text(f"{start + place + 1}. {_done(step)}", (x, y), 0.0028, INK)
+            end, x = x + width - 0.004, x + 0.034
+            for join in step.joins:
+                text = f"{join.name} to {panel_name(join.other)}"
+                if x + text_width(text, 0.0025) > end:
+                    page.text("...", (x, y), 0.0025, GREY)
+                    break
+                page.text(text, (x, y), 0.0025, look.seams[join.seam])
+                x += text_width(text + "   ", 0.0025)
+        found.append(page)
+    return found
+
+
+def _done(step: Step) -> str:
+    joined = len(step.there) > 1 and any(join.other != step.panel for join in step.joins)
+    return f"{'Add' if joined else 'Take'} panel {panel_name(step.panel)}"
+
+
+def _sentence(join: Join) -> str:
+    joints = f"{join.joints} joint" + "s" * (join.joints > 1)
+    where = "within the panel" if join.other == join.panel else f"to panel {panel_name(join.other)}"
+    return f"{join.name}: {joints} {where}"

@@ -1,0 +1,221 @@
+"""Drawings of plots and maps: a list of shapes that becomes SVG here and pixels in Blender (``bridge/view/raster.py``)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+
+INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
+FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
+SHADES = 96  # so many shades of a scale, so that shapes of one colour become one path
+SEAM = 0.5  # pixels: filled shapes grow by half of this, or light would shine between neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """Convex filled shapes, points (N, n, 2) pixels with fills (N, 3) sRGB; drawn in their order."""
+
+    points: np.ndarray
+    fills: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A polyline, points (n, 2) pixels, ``width`` pixels wide; ``dash`` pixels long dashes, 0 for none."""
+
+    points: np.ndarray
+    colour: str = INK
+    width: float = 1.0
+    dash: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Strokes:
+    """Many straight lines of one kind: ends (N, 2, 2) pixels."""
+
+    ends: np.ndarray
+    colour: str = INK
+    width: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """Filled circles: centres (n, 2) and radius, pixels."""
+
+    points: np.ndarray
+    radius: float
+    colour: str = INK
+
+
+@dataclass(frozen=True)
+class Text:
+    """A line of text that begins, has its middle or ends at ``at``, on the baseline; ``turned`` reads upwards."""
+
+    at: tuple[float, float]
+    text: str
+    size: float = 12.0
+    colour: str = GREY
+    anchor: str = "start"
+    bold: bool = False
+    turned: bool = False
+
+
+Item = Shapes | Line | Strokes | Dots | Text
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A picture of ``width`` by ``height`` pixels, x to the right and y down."""
+
+    title: str
+    width: float
+    height: float
+    items: list[Item] = field(default_factory=list)
+
+    def add(self, *items: Item) -> None:
+        self.items.extend(items)
+        self.__dict__.pop("_svg", None)
+
+
+def rgb(colour: str) -> np.ndarray:
+    """(3,) sRGB of "#rrggbb"."""
+    return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+
+
+def svg(drawing: Drawing) -> str:
+    """The drawing as an SVG document of its own, or to stand within a page; it names no other file. Written once."""
+    if "_svg" in drawing.__dict__:
+        return str(drawing.__dict__["_svg"])
+    w, h = f"{drawing.width:g}", f"{drawing.height:g}"
+    title = escape(drawing.title)
+    lines = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {w} {h}" width="{w}" height="{h}" role="img"'
+        f' aria-label="{title}" font-family="{FONT}"><title>{title}</title>'
+    ]
+    for item in drawing.items:
+        lines += _svg(item)
+    drawing.__dict__["_svg"] = "\n".join([*lines, "</svg>"]) + "\n"
+    return str(drawing.__dict__["_svg"])
+
+
+def _svg(item: Item) -> list[str]:
+    if isinstance(item, Shapes):
+        return _shapes(item)
+    if isinstance(item, Strokes):
+        if not len(item.ends):
+            return []
+        path = "".join(_path(pair) for pair in item.ends)
+        width = f"{item.width:g}"
+        return [f'<path d="{path}" fill="none" stroke="{item.colour}" stroke-width="{width}" stroke-linecap="round"/>']
+    if isinstance(item, Line):
+        dash = f' stroke-dasharray="{item.dash:g}"' if item.dash else ""
+        return [
+            f'<path d="{_path(item.points)}" fill="none" stroke="{item.colour}" stroke-width="{item.width:g}"'
+            f' stroke-linejoin="round" stroke-linecap="round"{dash}/>'
+        ]
+    if isinstance(item, Dots):
+        return [f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{item.radius:g}" fill="{item.colour}"/>' for x, y in item.points]
+    x, y = item.at
+    turn = f' transform="rotate(-90 {x:.2f} {y:.2f})"' if item.turned else ""
+    weight = ' font-weight="600"' if item.bold else ""
+    return [
+        f'<text x="{x:.2f}" y="{y:.2f}" font-size="{item.size:g}" fill="{item.colour}" text-anchor="{item.anchor}"'
+        f"{weight}{turn}>{escape(item.text)}</text>"
+    ]
+
+
+def _shapes(item: Shapes) -> list[str]:
+    """Neighbours in the order that have one colour in one path."""
+    names = hexes(item.fills)
+    lines, k = [], 0
+    while k < len(names):
+        end = k + 1
+        while end < len(names) and names[end] == names[k]:
+            end += 1
+        path = "".join(_path(p) + "Z" for p in item.points[k:end])
+        lines.append(
+            f'<path d="{path}" fill="{names[k]}" stroke="{names[k]}" stroke-width="{SEAM:g}" stroke-linejoin="round"/>'
+        )
+        k = end
+    return lines
+
+
+def _path(points: np.ndarray) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in np.asarray(points).tolist())
+
+
+def hexes(srgb: np.ndarray) -> list[str]:
+    """Colours (N, 3) sRGB as "#rrggbb"."""
+    return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.round(255 * np.clip(srgb, 0, 1)).astype(int).tolist()]
+
+
+def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
+    """(N, 3) sRGB: values between low and high on a scale (n, 3) of sRGB anchors, in ``SHADES`` shades."""
+    span = high - low
+    share = np.clip((np.asarray(values, dtype=float) - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
+    share = np.round(share * (SHADES - 1)) / (SHADES - 1)
+    anchors = np.linspace(0.0, 1.0, len(scale))
+    return np.stack([np.interp(share, anchors, scale[:, k]) for k in range(3)], axis=-1)
+
+
+def ticks(low: float, high: float, count: int = 5) -> list[float]:
+    """Round numbers, one, two or five times a power of ten apart, between low and high; about ``count`` of them."""
+    span = high - low
+    if not np.isfinite(span) or span <= 0:
+        return [float(low)]
+    raw = span / count
+    power = 10.0 ** np.floor(np.log10(raw))
+    step = power * next((m for m in (1, 2, 5) if m * power >= raw * 0.999), 10)
+    first = np.ceil(low / step - 1e-9)
+    return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + 1e-9) + 1)]
+
+
+def decades(low: float, high: float) -> list[float]:
+    """Ticks of a logarithmic axis: powers of ten, with two and five times them where there are few."""
+    powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    for factors in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
+        found = sorted(f * p for p in powers.tolist() for f in factors if low * 0.999 <= f * p <= high * 1.001)
+        if len(found) >= 3:
+            return found
+    return ticks(low, high, 4)
+
+
+def number(value: float) -> str:
+    """A tick's number: no more digits than it needs."""
+    return f"{value:.6g}" if abs(value) < 1e5 else f"{value:.1e}"
+
+
+def legend_bar(
+    at: tuple[float, float], size: tuple[float, float], scale: np.ndarray, low: float, high: float, unit: str
+) -> list[Item]:
+    """An upright colour bar with ticks at its right and the unit above: at its upper left corner, ``size`` pixels."""
+    (x, y), (width, height) = at, size
+    share = np.linspace(1.0, 0.0, SHADES + 1)
+    edges = y + height * np.linspace(0.0, 1.0, SHADES + 1)
+    boxes = np.array([[[x, a], [x + width, a], [x + width, b], [x, b]] for a, b in pairwise(edges)])
+    items: list[Item] = [Shapes(boxes, on_scale(share[1:], 0.0, 1.0, scale))]
+    if unit:
+        items.append(Text((x - 4, y - 10), unit, 12))
+    if high <= low:
+        return [*items, Text((x + width + 8, y + height), number(low), 11.5)]
+    for value in ticks(low, high, 5):
+        place = y + height * (1.0 - (value - low) / (high - low))
+        items.append(Line(np.array([[x + width, place], [x + width + 4, place]]), GREY))
+        items.append(Text((x + width + 8, place + 4), number(value), 11.5))
+    return items
+
+
+def entries(
+    at: tuple[float, float], rows: Sequence[tuple[str, str]], columns: int = 2, wide: float = 240
+) -> list[Item]:
+    """A key of colours, "#rrggbb", with what they stand for, from ``at`` to the right and downwards."""
+    items: list[Item] = []
+    for k, (colour, text) in enumerate(rows):
+        x, y = at[0] + wide * (k % columns), at[1] + 20 * (k // columns)
+        box = np.array([[[x, y], [x + 12, y], [x + 12, y + 12], [x, y + 12]]])
+        items += [Shapes(box, rgb(colour)[None]), Text((x + 18, y + 10.5), text, 11.5)]
+    return items

@@ -1,0 +1,320 @@
+"""The panels as one mesh of bars and plates that can be bent: every arm with its true rectangular section, every hub a plate.
+
+The mesh is made once for a design; where its vertices are follows from the arms of any pose (``bent_arms``). Built from
+sections, for cutting a sheet with thousands of holes into triangles would take minutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fabrication.connectors.tips import Tip
+from ..fabrication.writers.solids import places
+from ..mechanics.assembly import Pose
+from ..mechanics.bent_arms import BentArms, hub_ends
+from ..mechanics.joint_motion import times
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, mates
+
+DRAWING = "Drawing the arms"  # what the progress says
+
+
+@dataclass(frozen=True)
+class Detail:
+    """How finely the panels are drawn.
+
+    least : pieces of a straight arm; degrees : of twist for each piece more; fillet : points within a hub's inner corner
+    """
+
+    least: int
+    degrees: float
+    fillet: int
+
+
+DETAILS = {"COARSE": Detail(4, 40.0, 0), "MEDIUM": Detail(6, 20.0, 0), "FINE": Detail(10, 9.0, 2)}
+
+
+@dataclass(frozen=True, eq=False)
+class PanelMesh:
+    """Sections of the arms and points of the hubs, and the faces between them.
+
+    arm, t : (R,) arm 4 f + k and parameter of every section; line : (R, 3) metres, flat, from the hub's centre to the section
+    sides : (R, 2, 3) metres, flat, from there to its left and right edge
+    rim_quad : (Q,) and rim : (Q, 3) metres, the points of the hubs between the arms, as ``line``
+    used : (V,) int, the vertices that are there, of 4 a section (left and right above, left and right below) and 2 a point of
+        a rim or a connector (above, below)
+    heads : the points of the connectors
+    corners : (C,) int, vertex of every face corner; sizes : (P,) int; quad_of : (P,) int, the quad of every face
+    vertex_quad : (V,) int, the quad of every vertex; section : (V,) int, vertices with the same number share a section
+    """
+
+    design: SpiralDesign
+    arm: np.ndarray
+    t: np.ndarray
+    line: np.ndarray
+    sides: np.ndarray
+    rim_quad: np.ndarray
+    rim: np.ndarray
+    heads: Heads
+    used: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+    quad_of: np.ndarray
+    vertex_quad: np.ndarray
+    section: np.ndarray
+
+    @property
+    def triangles(self) -> int:
+        return int((self.sizes - 2).sum())
+
+    def placed(self, arms: BentArms, pose: Pose, only: np.ndarray | None = None) -> np.ndarray:
+        """(V, 3) metres: the vertices in space; where only some quads, (F,) bool, are asked for, the others' are anywhere."""
+        wanted = np.ones(len(self.design.width), bool) if only is None else only
+        rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
+        place, turn = arms.at(self.arm[rows], self.t[rows], self.line[rows])
+        edges, up = np.zeros((len(self.arm), 2, 3)), np.zeros((len(self.arm), 3))
+        edges[rows], up[rows] = place[:, None] + self.sides[rows] @ np.swapaxes(turn, 1, 2), turn[:, :, 2]
+        alone, alone_up = np.zeros((2, len(self.rim_quad) + len(self.heads.arm), 3))
+        rim_quad, heads, later = self.rim_quad[rims], self.heads, len(self.rim_quad) + np.flatnonzero(points)
+        alone[: len(rims)][rims] = pose.centres[rim_quad] + times(pose.rotations[rim_quad], self.rim[rims])
+        alone_up[: len(rims)][rims] = pose.rotations[rim_quad, :, 2]
+        head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
+        alone[later], alone_up[later] = head + times(head_turn, heads.side[points]), head_turn[:, :, 2]
+        return self._thick(edges, up, alone, alone_up)
+
+    def flat(self, centres: np.ndarray) -> np.ndarray:
+        """(V, 3) metres: the vertices in the flat panels, every patch's origin at ``centres`` (N, 2), middle plane at z = 0."""
+        shape = np.zeros((len(self.design.width), 3))
+        shape[:, :2] = self.design.arms.centre + centres[self.design.flat.layout.patch_of]
+        up = np.array([0.0, 0.0, 1.0])
+        edges = (shape[self.arm // 4] + self.line)[:, None] + self.sides
+        heads = shape[self.heads.arm // 4] + self.heads.line + self.heads.side
+        return self._thick(edges, up, np.concatenate([shape[self.rim_quad] + self.rim, heads]), up)
+
+    def _thick(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
+        half = 0.5 * self.design.params.thickness
+        lift, rim_lift = half * np.broadcast_to(up, (len(edges), 3)), half * np.broadcast_to(rim_up, rim.shape)
+        sections = np.concatenate([edges + lift[:, None], edges - lift[:, None]], axis=1).reshape(-1, 3)
+        points = np.stack([rim + rim_lift, rim - rim_lift], axis=1).reshape(-1, 3)
+        return np.concatenate([sections, points])[self.used]
+
+
+def panel_mesh(
+    design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = (), progress: Progress = SILENT
+) -> PanelMesh:
+    """The panels of a design; every patch becomes a closed body.
+
+    ``tips`` are the ends of arms that have a connector, in their true outlines; the others end plainly at the cuts.
+    """
+    progress(0.0, DRAWING)
+    count = len(design.width)
+    turn = np.degrees(design.twist) / detail.degrees
+    pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
+    # the slots on both sides of an arm end at different places, and the arm's hub lies between them
+    behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
+    rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
+    first = np.cumsum(rows) - rows
+    arm = np.repeat(np.arange(4 * count), rows)
+    begin, headed = np.zeros(4 * count), np.zeros(4 * count, dtype=bool)
+    ends = [tip.arm for tip in tips]
+    begin[ends], headed[ends] = [tip.over for tip in tips], True
+    t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], pieces, rows, begin)
+    rim_quad, rim = _rims(design, detail.fillet)
+    first, last = first.reshape(count, 4), (first + rows - 1).reshape(count, 4)
+    faces, quad_of = _faces(design, arm, first, last, rim.shape[2], headed)
+    heads = Heads.of_tips(design, tips, progress.part(0.3, 0.8))
+    progress(0.8, DRAWING)
+    more, more_of = heads.faces(first.ravel(), 4 * len(arm) + 2 * rim_quad.size)
+    faces, quad_of = [*faces, *more], np.concatenate([quad_of, more_of])
+    points = 4 * len(arm) + 2 * (rim_quad.size + len(heads.arm))
+    same = _joined(design, first, points)
+    used = np.flatnonzero(same == np.arange(points))
+    index = np.empty(points, dtype=np.int64)
+    index[used] = np.arange(len(used))
+    index = index[same]
+    corners = np.concatenate([f.ravel() for f in faces])
+    sizes = np.concatenate([np.full(len(f), f.shape[1]) for f in faces])
+    alone = rim_quad.size + len(heads.arm)
+    section = np.concatenate([np.repeat(np.arange(len(arm)), 4), len(arm) + np.repeat(np.arange(alone), 2)])
+    vertex_quad = np.concatenate(
+        [np.repeat(arm // 4, 4), np.repeat(np.concatenate([rim_quad.ravel(), heads.arm // 4]), 2)]
+    )
+    return PanelMesh(
+        design, arm, t, line, sides, rim_quad.ravel(), rim.reshape(-1, 3), heads,
+        used, index[corners], sizes, quad_of, vertex_quad[used], section[used],
+    )  # fmt: skip
+
+
+def _sections(
+    design: SpiralDesign, arm: np.ndarray, row: np.ndarray, pieces: np.ndarray, rows: np.ndarray, begin: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameter (R,), centre line (R, 3) and edges from there (R, 2, 3) of all sections, from the tips to the roots.
+
+    The tips are at ``begin`` (A,). Of the ``rows`` (A,) of an arm, the first ``pieces`` (A,) and one more are at right angles to it; the others are rigid.
+    """
+    quad, side = np.divmod(arm, 4)
+    hub, root = hub_ends(design).ravel()[arm], design.roots
+    share = np.minimum(row / pieces[arm], 1.0)
+    # closer together towards the tip, where arms are blended
+    t = begin[arm] + (hub - begin[arm]) * share * (2.0 + share) / 3.0
+    shape = design.arms.one_by_one(quad, side)
+    beyond = np.maximum(row - pieces[arm], 0) / (rows - 1 - pieces)[arm]
+    centre = centre_line(shape, t[:, None, None])[0][:, 0, 0]
+    line, sides = np.zeros((len(t), 3)), np.zeros((len(t), 2, 3))
+    line[:, :2] = centre - shape.centre
+    for k, (way, end) in enumerate(((LEFT, root.left), (RIGHT, np.roll(root.right, 1, axis=1)))):
+        at = t + beyond * (end.ravel()[arm] - t)
+        sides[:, k, :2] = edge(shape, at[:, None, None], way)[0][:, 0, 0] - centre
+    return t, line, sides
+
+
+def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Quad (F, 4, points) and place (F, 4, points, 3), from the hub's centre, of points on the fillet after every arm."""
+    root, count = design.roots, len(design.width)
+    quad = np.broadcast_to(np.arange(count)[:, None, None], (count, 4, points))
+    place = np.zeros((count, 4, points, 3))
+    if not points:
+        return quad, place
+    left = edge(design.arms, root.left[..., None], LEFT)[0][:, :, 0] - root.centre
+    right = np.roll(edge(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
+    right -= root.centre
+    begin = np.arctan2(left[..., 1], left[..., 0])
+    # always a turn to the right
+    turn = -((begin - np.arctan2(right[..., 1], right[..., 0])) % (2.0 * np.pi))
+    turn = np.where(turn < -1.5 * np.pi, 0.0, turn)
+    angle = begin[..., None] + turn[..., None] * (np.arange(1, points + 1) / (points + 1))
+    place[..., 0], place[..., 1] = root.fillet * np.cos(angle), root.fillet * np.sin(angle)
+    place[..., :2] += (root.centre - design.arms.centre[:, None])[:, :, None]
+    return quad, place
+
+
+def _faces(
+    design: SpiralDesign, arm: np.ndarray, first: np.ndarray, last: np.ndarray, fillet: int, headed: np.ndarray
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Faces of equal size (n, size) each, and the quads of them all; first, last (F, 4) are the sections at the arms' ends.
+
+    headed : (A,) bool, the arms that end in a connector
+    """
+    layout, count = design.flat.layout, len(first)
+    outer = np.ones(len(arm), bool)
+    outer[last] = False
+    a = 4 * np.flatnonzero(outer)[:, None]
+    b, left, right, low = a + 4, 0, 1, 2
+    bars = [
+        np.hstack([a + left, b + left, b + right, a + right]),
+        np.hstack([a + right + low, b + right + low, b + left + low, a + left + low]),
+        np.hstack([b + left, a + left, a + left + low, b + left + low]),
+        np.hstack([a + right, b + right, b + right + low, a + right + low]),
+    ]
+    blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
+    blunt &= ~headed.reshape(blunt.shape)
+    ends = 4 * first[blunt][:, None]
+    caps = np.hstack([ends + left, ends + right, ends + right + low, ends + left + low])
+    rim = 4 * len(arm) + 2 * np.arange(4 * count * fillet).reshape(count, 4, fillet)
+    corner = np.concatenate([4 * last[..., None] + left, rim], axis=2)
+    below = np.concatenate([4 * last[..., None] + left + low, rim + 1], axis=2)
+    # round the hub: every arm's right root, its left root, and the fillet after it
+    top = np.concatenate([4 * last[..., None] + right, corner], axis=2).reshape(count, -1)
+    bottom = np.concatenate([4 * last[..., None] + right + low, below], axis=2).reshape(count, -1)
+    onward = np.concatenate([corner[..., 1:], np.roll(4 * last + right, -1, axis=1)[..., None]], axis=2)
+    onward_low = np.concatenate([below[..., 1:], np.roll(4 * last + right + low, -1, axis=1)[..., None]], axis=2)
+    walls = np.stack([below, onward_low, onward, corner], axis=-1).reshape(-1, 4)
+    quad = np.repeat(np.arange(count), 4 * (fillet + 1))
+    of_bars = np.tile(arm[outer] // 4, 4)
+    of_caps = np.nonzero(blunt)[0]
+    quad_of = np.concatenate([of_bars, of_caps, quad, np.arange(count), np.arange(count)])
+    return [*bars, caps, walls, top, bottom[:, ::-1]], quad_of
+
+
+@dataclass(frozen=True, eq=False)
+class Heads:
+    """The points of the connectors that do not belong to the arms, and the faces on them.
+
+    arm, t : (H,) of every point, as of a section; line, side : (H, 3) metres, flat, to the centre line and from there
+    ends : (n,) int, the arms that have one; starts : (n + 1,) int, where its points begin
+    triangles : (T, 3) int, counter-clockwise, numbers of points, and -1 and -2 for the arm's right and left edge
+    of : (T,) int, which of ``ends`` they belong to
+    """
+
+    arm: np.ndarray
+    t: np.ndarray
+    line: np.ndarray
+    side: np.ndarray
+    ends: np.ndarray
+    starts: np.ndarray
+    triangles: np.ndarray
+    of: np.ndarray
+
+    @classmethod
+    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip], progress: Progress = SILENT) -> Heads:
+        import shapely
+
+        rings = [shapely.get_coordinates(tip.polygon)[:-1] for tip in tips]
+        ends = np.array([tip.arm for tip in tips], dtype=int)
+        count = np.array([len(ring) - 2 for ring in rings], dtype=int)
+        starts = np.concatenate([[0], np.cumsum(count)])
+        triangles, of = [np.empty((0, 3), dtype=int)], [np.empty(0, dtype=int)]
+        for k, (ring, tip) in enumerate(progress.each(list(zip(rings, tips, strict=True)), DRAWING)):
+            parts = shapely.constrained_delaunay_triangles(tip.polygon)
+            number = np.concatenate([[-1], starts[k] + np.arange(count[k]), [-2]])
+            found = places(ring, shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
+            a, b, c = ring[found].transpose(1, 0, 2)
+            clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+            found[clockwise] = found[clockwise, ::-1]
+            triangles.append(number[found])
+            of.append(np.full(len(found), k))
+        arm = np.repeat(ends, count)
+        points = np.concatenate([np.empty((0, 2)), *(ring[1:-1] for ring in rings)])
+        return cls(
+            arm, *_along(design, arm, points, tips, count), ends, starts, np.concatenate(triangles), np.concatenate(of)
+        )
+
+    def faces(self, first: np.ndarray, base: int) -> tuple[list[np.ndarray], np.ndarray]:
+        """Triangles and walls, and their quads; first (A,) sections of the arms, ``base`` the number of the first vertex."""
+        known = np.stack([4 * first[self.ends] + 1, 4 * first[self.ends]], axis=1)  # right, left, above
+
+        def vertex(number: np.ndarray, of: np.ndarray, low: int) -> np.ndarray:
+            side = known[of[:, None], np.where(number == -1, 0, 1)] + 2 * low
+            return np.where(number < 0, side, base + 2 * number + low)
+
+        top, bottom = (vertex(self.triangles, self.of, low) for low in (0, 1))
+        runs = [
+            np.concatenate([[-1], np.arange(a, b), [-2]])
+            for a, b in zip(self.starts[:-1], self.starts[1:], strict=True)
+        ]
+        walls = np.concatenate([np.empty((0, 2), dtype=int), *(np.stack([r[:-1], r[1:]], axis=1) for r in runs)])
+        of = np.repeat(np.arange(len(runs)), [len(r) - 1 for r in runs])
+        sides = np.concatenate([vertex(walls, of, 1), vertex(walls, of, 0)[:, ::-1]], axis=1)
+        quad_of = np.concatenate([self.ends[self.of], self.ends[self.of], self.ends[of]]) // 4
+        return [top, bottom[:, ::-1], sides], quad_of
+
+
+def _along(
+    design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip], count: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parameter (H,), centre line (H, 3) and way from there (H, 3) of points (H, 2) about the tips; beyond them all is rigid."""
+    shape = design.arms.one_by_one(*np.divmod(arm, 4))
+    tip, speed, _ = (x[:, 0, 0] for x in centre_line(shape, np.zeros((len(arm), 1, 1))))
+    over = np.repeat([tip.over for tip in tips], count)
+    t = np.clip(((points - tip) * speed).sum(axis=1) / np.maximum((speed**2).sum(axis=1), 1e-30), 0.0, over)
+    line, side = np.zeros((len(arm), 3)), np.zeros((len(arm), 3))
+    centre = centre_line(shape, t[:, None, None])[0][:, 0, 0]
+    line[:, :2], side[:, :2] = centre - shape.centre, points - centre
+    return t, line, side
+
+
+def _joined(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
+    """(points,) int: for every vertex the one that it is the same as, for two arms of a patch share the section at their joint."""
+    layout, same = design.flat.layout, np.arange(points)
+    quad, side = mates(layout.mesh)
+    blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
+    second = ~blunt & (np.arange(len(first))[:, None] > quad)
+    mine, theirs = 4 * first[second], 4 * first[quad, side][second]
+    # what is left of one arm, seen outwards, is right of the other
+    for own, other in ((0, 1), (1, 0), (2, 3), (3, 2)):
+        same[mine + own] = theirs + other
+    return same

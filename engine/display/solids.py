@@ -1,0 +1,206 @@
+"""The cut panels as solids to look at: every arm a bar between its true edges, every hub a small plate.
+
+Built arm by arm, for cutting a sheet with thousands of holes into triangles would take Blender minutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..fabrication.connectors.tips import Tip
+from ..fabrication.writers.solids import places
+from ..spirals.contours import ends
+from ..spirals.design import SpiralDesign
+from ..spirals.slots import slot_needed
+from ..spirals.spiral import LEFT, RIGHT, edge, mates
+
+DEGREES = 9.5  # of an arm's twist between two of its steps
+# faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
+MOST = 2_000_000
+DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A polygon mesh.
+
+    vertices : (V, 3) metres
+    corners : (C,) int, vertex of every face corner; sizes : (P,) int, corners per face
+    quad_of : (P,) int, the quad that every face belongs to
+    seam_of : (P,) int, the seam whose connector it is a part of, -1 for none
+    flat : whether it is only the upper side
+    """
+
+    vertices: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+    quad_of: np.ndarray
+    seam_of: np.ndarray
+    flat: bool = False
+
+
+def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), most: int = 100_000) -> Solid:
+    """Like ``solid``, but of many spirals only the upper side and in coarser steps, about ``most`` faces in all.
+
+    So a window is not held up by them.
+    """
+    count, steps = len(design.width), _steps(design, DEGREES)
+    if count * 16 * steps <= most:
+        return solid(design, centres, tips)
+    steps = max(min(steps, most // (4 * count)), 5)
+    flat = _edges(design, centres, steps, tips)
+    index = np.arange(8 * count * steps).reshape(count, 4, 2, steps)
+    heads = _Heads.of(design, centres, tips, index)
+    level = np.concatenate([flat.reshape(-1, 2), heads.points])
+    points = np.column_stack([level, np.full(len(level), design.params.thickness)])
+    left, right = index[:, :, 0], index[:, :, 1]
+    loops = np.stack([left[..., :-1], left[..., 1:], right[..., 1:], right[..., :-1]], axis=-1).reshape(-1, 4)
+    plates = np.stack([right[..., -1], left[..., -1]], axis=-1).reshape(count, 8)
+    corners = np.concatenate([loops.ravel(), plates.ravel(), heads.triangles.ravel()])
+    sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
+    quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
+    return Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True)
+
+
+def solid(
+    design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), degrees_per_step: float = DEGREES
+) -> Solid:
+    """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
+
+    Every edge has exactly two faces. Arms are straight between steps of ``degrees_per_step``: with 9.5 the volume is right to
+    half a percent; where there are more than ``MOST`` faces steps are longer. For printing,
+    ``engine/fabrication/writers/solids.py`` follows the true outlines. ``tips`` are the ends of arms with connectors, in
+    their true shape.
+    """
+    layout = design.flat.layout
+    steps = min(_steps(design, degrees_per_step), max(MOST // (16 * len(design.width)), 5))
+    flat = _edges(design, centres, steps, tips)
+    index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
+    heads = _Heads.of(design, centres, tips, index)
+    level = np.concatenate([flat.reshape(-1, 2), heads.points])
+    bottom = np.column_stack([level, np.zeros(len(level))])
+    top, up = bottom + np.array([0.0, 0.0, design.params.thickness]), len(bottom)
+    cut = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
+    blunt = cut.copy()
+    blunt.ravel()[[tip.arm for tip in tips]] = False
+    loops, plates = _faces(index, blunt, up)
+    caps = np.concatenate([heads.triangles + up, heads.triangles[:, ::-1]])
+    walls = np.column_stack([heads.walls, heads.walls[:, ::-1] + up])
+    corners = np.concatenate([loops.ravel(), plates.ravel(), caps.ravel(), walls.ravel()])
+    sizes = np.repeat([4, 8, 3, 4], [len(loops), len(plates), len(caps), len(walls)])
+    arm = np.concatenate([heads.arm, heads.arm, heads.wall_arm])
+    quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) % up // (8 * steps), arm // 4])
+    same = np.concatenate([_joined(index, cut, design), np.arange(index.size, up)])
+    corners = np.concatenate([same, same + up])[corners]
+    used = np.zeros(2 * up, dtype=bool)
+    used[corners] = True
+    number = np.cumsum(used) - 1
+    points = np.concatenate([bottom, top])[used]
+    return Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)))
+
+
+def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
+    """(count,) int, the seam of every face: the last ones are parts of the arms ``arm``, the others of none."""
+    layout = design.flat.layout
+    seam = np.full(count, -1, dtype=np.int64)
+    if len(arm):
+        seam[-len(arm) :] = layout.seam_of[layout.mesh.quad_edges.ravel()[arm]]
+    return seam
+
+
+@dataclass(frozen=True, eq=False)
+class _Heads:
+    """The ends with connectors, flat, on the vertices of their arms and on their own.
+
+    points : (n, 2) metres, their own vertices, numbered on from the arms' ones
+    triangles : (T, 3) int, counter-clockwise; arm : (T,) int, of which arm, 4 quad + side
+    walls : (W, 2) int, the sides of their outlines but for those that they share with the arms; wall_arm : (W,) int
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    arm: np.ndarray
+    walls: np.ndarray
+    wall_arm: np.ndarray
+
+    @classmethod
+    def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip], index: np.ndarray) -> _Heads:
+        import shapely
+
+        points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
+        count = index.size
+        for tip, filled in zip(tips, shapely.constrained_delaunay_triangles([t.polygon for t in tips]), strict=True):
+            ring = shapely.get_coordinates(tip.polygon)[:-1]
+            # the outline begins at the arm's right edge and ends at its left one
+            ends_ = index.reshape(-1, *index.shape[2:])[tip.arm, ::-1, 0]
+            number = np.concatenate([ends_[:1], count + np.arange(len(ring) - 2), ends_[1:]])
+            found = places(ring, shapely.get_coordinates(filled).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
+            a, b, c = ring[found].transpose(1, 0, 2)
+            clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+            found[clockwise] = found[clockwise, ::-1]
+            points.append(ring[1:-1] + centres[tip.patch])
+            triangles.append(number[found])
+            walls.append(np.column_stack([number[:-1], number[1:]]))
+            count += len(ring) - 2
+        arms = np.array([t.arm for t in tips], dtype=int)
+        return cls(
+            np.concatenate(points),
+            np.concatenate(triangles),
+            np.repeat(arms, [len(t) for t in triangles[1:]]),
+            np.concatenate(walls),
+            np.repeat(arms, [len(w) for w in walls[1:]]),
+        )
+
+
+def _steps(design: SpiralDesign, degrees_per_step: float) -> int:
+    """Points along every arm's edges."""
+    return 5 + int(np.ceil(np.degrees(design.twist.max(initial=0.0)) / degrees_per_step))
+
+
+def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip]) -> np.ndarray:
+    """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm, from the joint, or its tip, to the hub."""
+    arms, root = design.arms, design.roots
+    share = np.linspace(0.0, 1.0, steps)
+    begin = ends(design.flat.layout, arms, slot_needed(design.params))
+    begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
+    begin = begin[..., None]
+    left = edge(arms, begin + (root.left[..., None] - begin) * share, LEFT)[0]
+    right = edge(arms, begin + (np.roll(root.right, 1, axis=1)[..., None] - begin) * share, RIGHT)[0]
+    return np.stack([left, right], axis=2) + centres[design.flat.layout.patch_of][:, None, None, None]
+
+
+def _joined(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
+    """(n,) int: for every lower vertex the one that it is the same as, for two arms end at the same two points of a joint."""
+    same = np.arange(index.size)
+    quad, side = mates(design.flat.layout.mesh)
+    own = np.arange(len(index))[:, None]
+    second = ~blunt & (own > quad)
+    ends = index[..., 0]
+    # what is left of one arm, seen inwards, is right of the other
+    for mine, theirs in ((0, 1), (1, 0)):
+        same[ends[:, :, mine][second]] = ends[quad, side, theirs][second]
+    return same
+
+
+def _faces(index: np.ndarray, blunt: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
+    """Quads (n, 4) and hub plates (2 F, 8); index (F, 4, 2, steps) numbers the lower vertices, the upper ones are ``up`` on.
+
+    blunt : (F, 4) bool, arms that end at a cut, where the bar shows its end
+    """
+    l0, l1, r0, r1 = index[:, :, 0, :-1], index[:, :, 0, 1:], index[:, :, 1, :-1], index[:, :, 1, 1:]
+    # the right edge lies counter-clockwise before the left one as seen from the joint inwards
+    plate = np.stack([index[:, :, 1, -1], index[:, :, 0, -1]], axis=-1).reshape(len(index), 8)
+    after = np.roll(index[:, :, 1, -1], -1, axis=1)
+    ends = index[:, :, :, 0][blunt]
+    loops = [
+        np.stack([l0, l1, r1, r0], axis=-1) + up,
+        np.stack([r0, r1, l1, l0], axis=-1),
+        np.stack([l1, l0, l0 + up, l1 + up], axis=-1)[..., ::-1],
+        np.stack([r0, r1, r1 + up, r0 + up], axis=-1)[..., ::-1],
+        np.stack([index[:, :, 0, -1], after, after + up, index[:, :, 0, -1] + up], axis=-1),
+        np.stack([ends[:, 0], ends[:, 1], ends[:, 1] + up, ends[:, 0] + up], axis=-1)[..., ::-1],
+    ]
+    return np.concatenate([x.reshape(-1, 4) for x in loops]), np.concatenate([plate + up, plate[:, ::-1]])

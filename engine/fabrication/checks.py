@@ -1,0 +1,123 @@
+"""Whether sheets can be cut as they are asked for: errors that name the place and the way out, and warnings for the user."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from ..errors import FlexMapsError
+from ..params import ConnectorParams, CutParams, SheetParams
+from ..progress import SILENT, Progress
+from ..spirals.contours import Outline, touching
+from ..spirals.design import SpiralDesign, nearest_quads
+from .connectors.connect import Connections
+from .nesting.packing import least_box, turn_that_fits
+from .panels.kerf import cut_paths
+from .panels.panel import Panel
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+def check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> None:
+    """Raise ``FlexMapsError`` where a mill does not fit between the panels or into the slots."""
+    if cut.mill == 0.0:
+        return
+    if params.spacing < cut.mill:
+        raise FlexMapsError(
+            f"The panels lie closer together than the mill of {cut.mill * 1e3:g} mm is thick; make the spacing larger"
+        )
+    narrow = design.narrower(cut.mill)
+    if len(narrow):
+        raise FlexMapsError(
+            f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {len(narrow)} spirals, which are down to "
+            f"{design.narrowest[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
+            f"{cut.mill * 500:g} mm, the object larger, or take a thinner mill",
+            faces=narrow,
+        )
+
+
+def check_kerf(
+    design: SpiralDesign, panels: Sequence[Panel], params: SheetParams, cut: CutParams, progress: Progress = SILENT
+) -> None:
+    """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
+    widest = max(cut.kerf_outline, cut.kerf_holes)
+    if widest == 0.0:
+        return
+    if params.spacing < cut.kerf_outline:
+        raise FlexMapsError(
+            f"The panels lie closer together than the kerf of {cut.kerf_outline * 1e3:g} mm; make the spacing larger"
+        )
+    remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
+    paths: list[Outline] = []
+    for panel in panels:
+        progress(0.5 * len(paths) / len(panels), "paths of the cutter")
+        try:
+            paths.append(cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes))
+        except FlexMapsError as error:
+            raise FlexMapsError(
+                f"Panel {panel.number}: {remedy}", faces=design.flat.layout.patches[panel.patch]
+            ) from error
+    where = touching(paths, progress.part(0.5, 1.0))
+    if len(where):
+        raise FlexMapsError(f"{len(where)} places cannot be cut: {remedy}", faces=nearest_quads(design.flat, where))
+
+
+def without(made: Connections, params: ConnectorParams) -> list[str]:
+    """Warnings where joints have no connector, or ends for glue that were not asked for; faces are numbered as in Blender."""
+    found, whole = [], len(made.unsolved) + len(made.connectors)
+    remedy = "make the object larger, or the thinnest part of the connectors smaller"
+    glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
+    if glued:
+        found.append(f"{len(glued)} of {whole} joints have room for ends to be glued only ({_named(glued)}): {remedy}")
+    if made.unsolved:
+        plain = _named([(name, faces) for name, *faces in made.unsolved])
+        found.append(
+            f"{len(made.unsolved)} of {whole} joints have no room for a connector and keep plain ends ({plain}): {remedy}"
+        )
+    return found
+
+
+def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
+    """The first few joints and the faces on both sides of them."""
+    named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
+    return ", ".join(named) + (", ..." if len(joints) > most else "")
+
+
+def oversize(
+    panels: Sequence[Panel], patches: tuple[np.ndarray, ...], params: SheetParams, progress: Progress = SILENT
+) -> list[str]:
+    """A warning for every panel that is larger than the sheet, or an error if so asked."""
+    found = []
+    for number, panel in enumerate(panels):
+        progress(number / len(panels), "size of the panels")
+        shape = panel.outline.sampled(1e-4)
+        if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
+            continue
+        size = least_box(shape)[1]
+        text = (
+            f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
+            f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
+        )
+        if params.oversize == "error":
+            raise FlexMapsError(
+                f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch]
+            )
+        found.append(f"{text}; it gets a sheet of the size that it needs")
+    return found
+
+
+def tight(design: SpiralDesign) -> list[str]:
+    """Warnings where some quads are too small for what was asked of their spirals."""
+    found, params = [], design.params
+    if len(design.thin):
+        found.append(
+            f"{len(design.thin)} quads have no room for arms {params.width_min * 1e3:g} mm wide; "
+            f"theirs are down to {design.width.min() * 1e3:.2g} mm: make the object larger or those quads more regular"
+        )
+    if design.narrowest[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:
+        found.append(
+            f"The narrowest slot is {design.narrowest[0] * 1e3:.2g} mm wide and not {params.slot_min * 1e3:g} mm; "
+            "make the object larger or its smallest quads more regular"
+        )
+    return found

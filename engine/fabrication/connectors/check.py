@@ -1,0 +1,122 @@
+"""Putting panels together in thought: what the cutter leaves of both sides of every joint, and the gap between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...spirals.contours import Outline
+from ...spirals.design import SpiralDesign
+from ..panels.kerf import cut_paths
+from .connect import Connections, Connector
+from .path import Halves, Throughs, complexes, pairs
+from .shape import key
+from .tips import Attempt
+
+_FINE = 5e-7  # metres; how far chords may stray from arcs here
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Gaps between the finished parts of every connector, in metres; a key has one row for each of its sockets.
+
+    joint : (n,) index into ``Connections.connectors``
+    least, most : (n,) smallest and largest gap round the head, or between two faces, less what they stand back
+    overlap : (n,) square metres where both parts would be in the same place
+    """
+
+    joint: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    overlap: np.ndarray
+
+
+def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:
+    """Cut all panels and keys on paths for a cutter that takes away ``kerf`` metres, and put every joint together.
+
+    The paths are those that would be written; what is left of the material is found by shapely, from the paths alone.
+    """
+    panels = [_blank(cut_paths(o, kerf, kerf)) for o in made.outlines]
+    rows = []
+    for index, connector in enumerate(made.connectors):
+        rows += [(index, *row) for row in _joint(design, connector, panels, kerf)]
+    table = np.array(rows).reshape(-1, 4)
+    return Fit(table[:, 0].astype(int), table[:, 1], table[:, 2], table[:, 3])
+
+
+def _blank(outline: Outline) -> Any:
+    """What the paths go round."""
+    import shapely
+
+    return shapely.Polygon(outline.outer.sampled(_FINE), [h.sampled(_FINE) for h in outline.holes])
+
+
+def _joint(
+    design: SpiralDesign, connector: Connector, panels: list[Any], kerf: float
+) -> list[tuple[float, float, float]]:
+    """Least and largest gap and overlap at one joint."""
+    import shapely
+
+    a = connector.made
+    halves = [
+        Halves.of(design, np.array([q]), np.array([k])) for q, k in zip(connector.faces, connector.sides, strict=True)
+    ]
+    point, way = _at(Throughs(halves[0], halves[1]), -a.shift)
+    point += 1j * way * a.aside
+    parts = []
+    for half, sign in zip(halves, (1.0, -1.0), strict=True):
+        place = half.placed(np.array([sign * point]))[0]
+        reach = a.size.pad + a.size.length + abs(a.back)
+        window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
+        left = shapely.clip_by_rect(panels[int(half.patch[0])], *window).buffer(-0.5 * kerf, quad_segs=64)
+        if halves[0].patch[0] == halves[1].patch[0]:
+            # the other side of the cut lies in the same panel, and elsewhere once the cut is closed: this arm alone
+            through = Throughs(half, halves[0] if half is halves[1] else halves[1])
+            behind = _at(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
+            at = shapely.Point(pairs(half.placed(np.array([behind]))[0]))
+            pieces = shapely.get_parts(left)
+            left = pieces[int(np.argmin(shapely.distance(pieces, at)))]
+        into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)[None])[0] - point) / way)  # noqa: E731
+        parts.append(shapely.transform(left, into))
+    if a.kind == "key":
+        whole = _blank(cut_paths(Outline(key(a.size, a.back), ()), kerf, kerf)).buffer(-0.5 * kerf, quad_segs=64)
+        # the first arm's socket holds the half of the key at x < 0
+        return [_gap(whole, part, a) for part in (_turned(parts[0]), parts[1])]
+    if a.kind == "tab":
+        near = shapely.box(-a.size.pad, -a.size.pad, a.size.pad, a.size.pad)
+        one, two = (shapely.intersection(p, near) for p in parts)
+        gap = float(one.distance(two)) - 2.0 * a.back
+        return [(gap, gap, float(one.intersection(two).area))]
+    one, two = parts if a.male == 0 else (_turned(parts[1]), _turned(parts[0]))
+    return [_gap(one, two, a)]
+
+
+def _at(through: Throughs, distance: float) -> tuple[complex, complex]:
+    """Point and direction of the one arm at a distance in metres from its joint."""
+    point, way, _ = through.centre(through.tau(np.array([[distance]]))[:, 0])
+    return complex(point[0]), complex(way[0])
+
+
+def _turned(part: Any) -> Any:
+    from shapely.affinity import rotate
+
+    return rotate(part, 180, (0, 0))
+
+
+def _gap(one: Any, two: Any, a: Attempt) -> tuple[float, float, float]:
+    """Gap round a head that points along x, between the part ``one`` that has it and the socket in ``two``."""
+    import shapely
+
+    s = a.size
+    box = shapely.box(a.back + 0.5 * s.length, -0.6 * s.head, a.back + s.length + 2.0 * s.rounding, 0.6 * s.head)
+    # the window's own borders are no part of the material's edge
+    edge = shapely.intersection(shapely.boundary(one), box)
+    at = shapely.points(shapely.get_coordinates(shapely.segmentize(edge, 2e-5)))
+    apart = shapely.distance(at, shapely.boundary(two))
+    window = shapely.box(a.back - s.length, -0.45 * s.pad, a.back + 2.0 * s.length, 0.45 * s.pad)
+    one, two = shapely.intersection(one, window), shapely.intersection(two, window)
+    least = min(float(one.distance(two)), float(apart.min()))
+    # dogbones are wider than the head's corners
+    return least, least if s.inside else float(apart.max()), float(one.intersection(two).area)

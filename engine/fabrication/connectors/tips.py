@@ -1,0 +1,288 @@
+"""The ends that arms get where they are parted: as a connector wants them, if the arm has room for that.
+
+Thousands of joints are tried at once, one a row; the frames are those of ``connector_path``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ...spirals.arcs import Curve, along_arcs
+from ...spirals.spiral import LEFT, RIGHT
+from .path import REACH, UNFOLDED, Throughs, Widening, complexes, pairs
+from .shape import Size, face, head, socket
+
+# length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
+_FLARE = (1.3, 0.5)
+_BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
+_SAMPLES = 31
+_TOLERANCE = 5e-6  # metres between the arcs of a tip and its polygon
+_WIDENING = ("left", "right", "full", "over")
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One way to make a connector.
+
+    kind : dovetail, key or tab; size : its measures; male : 0 or 1, the arm with the head
+    shift : metres from the joint to the parting line, towards the second arm
+    aside : metres from the arm's centre line to the connector's, to the left of the first arm
+    back : metres that both faces stand back from the parting line
+    """
+
+    kind: str
+    size: Size
+    male: int
+    shift: float = 0.0
+    aside: float = 0.0
+    back: float = 0.0
+
+    def roles(self) -> tuple[str, str]:
+        """What the two arms get: head, socket or face."""
+        if self.kind == "dovetail":
+            return ("head", "socket") if self.male == 0 else ("socket", "head")
+        one = "socket" if self.kind == "key" else "face"
+        return one, one
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """One arm's end with its part of a connector.
+
+    through, row : the arm, one of many; wide : how it is widened, of one row; begin : tau where the edges end
+    across : from the right edge at ``begin`` to the left one, complex nodes and bulges, in the arm's frame
+    polygon : shapely's, from ``over`` outwards, in the patch's frame
+    """
+
+    through: Throughs
+    row: int
+    wide: Widening
+    begin: float
+    across: tuple[np.ndarray, np.ndarray]
+    polygon: Any
+
+    @property
+    def arm(self) -> int:
+        """4 quad + side."""
+        return int(self.through.own.arm[self.row])
+
+    @property
+    def patch(self) -> int:
+        """The patch of the arm."""
+        return int(self.through.own.patch[self.row])
+
+    @property
+    def over(self) -> float:
+        """t from which the arm is as wide as ever."""
+        return float(self.wide.over[0])
+
+    @property
+    def rest(self) -> Any:
+        """The remaining arm, shapely's polygon in the patch's frame."""
+        import shapely
+
+        own = self.through.own.rows(np.array([self.row]))
+        t = np.linspace(max(self.over, 0.0), float(own.end[0]) / REACH, _SAMPLES)[None]
+        ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[:, ::-1], RIGHT)[0]], axis=1)
+        return shapely.Polygon(pairs(own.placed(ring)[0]))
+
+
+def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
+    """Of every tip the curve from its arm's right to its left edge, with the parts beyond the joint, in its patch's frame."""
+    made = [tip.across for tip in tips]
+    long = [k for k, tip in enumerate(tips) if tip.begin < 0.0]
+    for through in dict.fromkeys(tips[k].through for k in long):
+        these = [k for k in long if tips[k].through is through]
+        rows = np.array([tips[k].row for k in these] * 2)
+        wide = Widening(*(np.concatenate([getattr(tips[k].wide, n) for k in these] * 2) for n in _WIDENING))
+        begin, side = np.array([tips[k].begin for k in these] * 2), np.repeat([RIGHT, LEFT], len(these))
+        drawn = through.rows(rows).beyond(begin, side, wide, tolerance)
+        for k, right, left in zip(these, drawn, drawn[len(these) :], strict=False):
+            back, (nodes, bulge) = left.reversed(), made[k]
+            nodes = np.concatenate([complexes(right.points[:-1]), nodes[:-1], complexes(back.points)])
+            made[k] = nodes, np.concatenate([right.bulge[:-1], bulge[:-1], back.bulge])
+    placed = []
+    for tip, (nodes, bulge) in zip(tips, made, strict=True):
+        own = tip.through.own
+        placed.append(Curve(pairs(own.origin[tip.row] + own.out[tip.row] * nodes), bulge, closed=False))
+    return placed
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The curve of a connector's end in the joint's frame, without the ends of its shoulder.
+
+    x : where the shoulder lies; low, high : the lowest and the highest of its nodes, complex, with their bulges
+    sampled : (M,) complex, points on it
+    """
+
+    x: float
+    nodes: np.ndarray
+    bulge: np.ndarray
+    low: float
+    high: float
+    sampled: np.ndarray
+
+
+@lru_cache(maxsize=4096)
+def _end(role: str, s: Size, back: float) -> _End:
+    curve = head(s) if role == "head" else socket(s, back) if role == "socket" else face(s, back)
+    nodes = complexes(curve.points[1:-1])
+    inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
+    sampled = complexes(inner.sampled(_TOLERANCE)) if len(nodes) else nodes
+    y = nodes.imag if len(nodes) else np.zeros(1)
+    return _End(float(curve.points[0, 0]), nodes, curve.bulge[1:-1], float(y.min()), float(y.max()), sampled)
+
+
+def make_tips(
+    base: Throughs,
+    rows: np.ndarray,
+    roles: Sequence[str],
+    tries: Sequence[Attempt],
+    shift: np.ndarray,
+    aside: np.ndarray,
+) -> list[Tip | None]:
+    """The ends of arms, one a row of ``base``; ``None`` where an arm has no room for it.
+
+    ``shift`` and ``aside`` (n,) in metres as these arms see them.
+    """
+    found: list[Tip | None] = [None] * len(rows)
+    through = base.rows(rows)
+    size = {n: np.array([getattr(a.size, n) for a in tries]) for n in Size.__dataclass_fields__}
+    back, role = np.array([a.back for a in tries]), np.array(roles)
+    point, way, width = through.centre(through.tau(-shift[:, None])[:, 0])
+    extra = np.maximum(size["pad"] - width, 0.0)
+    aside = np.clip(aside, -0.5 * extra, 0.5 * extra)
+    behind = size["length"] + size["clearance"] + 0.5 * size["inside"]
+    deep = back + np.select([role == "head", role == "socket"], [_BEHIND_HEAD * size["neck"], behind], size["neck"])
+    edge_ends = back + 0.5 * size["clearance"] + size["rounding"]
+    flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
+    full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
+    # a tip that lies beyond the joint reaches back to it: this side of it the arm is drawn by others
+    over = np.maximum(np.minimum(over, through.own.end), 0.0)
+    wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
+    good = ~((over < least) | (begin >= full) | (-begin * through.scale > through.other.end))
+    good[good] = ~through.rows(good).folds(begin[good], full[good], wide.rows(good))
+    k = np.flatnonzero(good)
+    if not len(k):
+        return found
+    through, wide, begin, point, way, aside = through.rows(k), wide.rows(k), begin[k], point[k], way[k], aside[k]
+    tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, _SAMPLES)
+    (left, right), (left_way, right_way) = through.edges(tau, wide)
+    steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
+    straight = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
+    straight &= (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
+    shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
+    shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
+                                 (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
+    keep = np.flatnonzero(straight & fits)
+    # a socket keeps its walls, whose arm may be bent
+    tubes = keep[role[k[keep]] == "socket"]
+    inner = [point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]) for i in tubes.tolist()]
+    thin = _walls(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
+    keep = np.setdiff1d(keep, tubes[thin])
+    if not len(keep):
+        return found
+    across = _across(shapes, keep, shoulders, aside, left[:, 0], right[:, 0], point, way)
+    rings = [
+        np.concatenate(
+            [
+                right[i, :0:-1],
+                turned,
+                nodes[1:2],
+                point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]),
+                back,
+                left[i],
+            ]
+        )
+        for i, (nodes, _), turned, back in zip(keep.tolist(), *across, strict=True)
+    ]
+    polygons = _polygons(
+        [through.own.origin[i] + through.own.out[i] * ring for i, ring in zip(keep, rings, strict=True)]
+    )
+    for i, curve, polygon in zip(keep.tolist(), across[0], polygons, strict=True):
+        if polygon is not None:
+            found[k[i]] = Tip(base, int(rows[k[i]]), wide.rows(np.array([i])), float(begin[i]), curve, polygon)
+    return found
+
+
+_Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def _shoulders(
+    shapes: Sequence[_End], aside: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
+    left_way: np.ndarray,
+) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
+    """Of the right and the left shoulder: where the arc from the edge ends, (n,) y in the joint's frame, and its bulge.
+
+    The corners between the edges, given by end point and outward direction in that frame, and the curve's straight ends
+    are rounded by arcs that touch both. Also whether there is room for them, (n,).
+    """
+    x = np.array([s.x for s in shapes])
+    made, fits = [], np.ones(len(x), dtype=bool)
+    for point, way, turn in ((right, right_way, 1j), (left, left_way, -1j)):
+        radius = (x - point.real) / (1.0 + (turn * way).real)
+        angle = np.angle(1j / way if turn == 1j else -way / 1j)
+        made.append(((point + radius * turn * way).imag, np.tan(0.25 * angle)))
+        fits &= radius > 0.0
+    low, high = (np.array([getattr(s, n) for s in shapes]) for n in ("low", "high"))
+    moved = np.where([len(s.nodes) > 0 for s in shapes], aside, 0.0)
+    fits &= (made[0][0] <= low + moved) & (made[1][0] >= high + moved)
+    return (made[0], made[1]), fits
+
+
+_Nodes = tuple[np.ndarray, np.ndarray]
+
+
+def _across(
+    shapes: Sequence[_End], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
+    right: np.ndarray, point: np.ndarray, way: np.ndarray,
+) -> tuple[list[_Nodes], list[np.ndarray], list[np.ndarray]]:  # fmt: skip
+    """Of some rows the ends of their arms, from the right to the left edge, in the arms' frames: nodes and bulges.
+
+    And points on the arcs at both shoulders, complex, their last points left out.
+    """
+    x = np.array([shapes[i].x for i in rows.tolist()])
+    (right_y, right_bulge), (left_y, left_bulge) = ((y[rows], bulge[rows]) for y, bulge in shoulders)
+    one, two = (point[rows] + way[rows] * (x + 1j * y) for y in (right_y, left_y))
+    found = []
+    for k, i in enumerate(rows.tolist()):
+        inner = point[i] + way[i] * (shapes[i].nodes + 1j * aside[i])
+        nodes = np.concatenate([[right[i], one[k]], inner, [two[k], left[i]]])
+        found.append((nodes, np.concatenate([[right_bulge[k], 0.0], shapes[i].bulge, [left_bulge[k], 0.0]])))
+    turned = _sampled(pairs(right[rows]), pairs(one), right_bulge)
+    back = _sampled(pairs(two), pairs(left[rows]), left_bulge)
+    return found, turned, back
+
+
+def _sampled(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
+    """Complex points on every arc from ``a`` to ``b`` (n, 2), its end left out."""
+    points, count = along_arcs(a, b, bulge, _TOLERANCE)
+    return np.split(complexes(points), np.cumsum(count)[:-1])
+
+
+def _walls(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(n,) metres: the thinnest places between sockets and the edges (n, M) of their arms, which are bent where the arm is."""
+    import shapely
+
+    if not len(inner):
+        return np.empty(0)
+    owner = np.repeat(np.arange(len(inner)), [len(line) for line in inner])
+    lines = shapely.linestrings(pairs(np.concatenate(inner)), indices=owner)
+    return np.minimum(*(shapely.distance(lines, shapely.linestrings(pairs(e))) for e in (left, right)))
+
+
+def _polygons(rings: Sequence[np.ndarray]) -> list[Any]:
+    """Polygons of rings, complex; ``None`` for those that touch themselves."""
+    import shapely
+
+    if not len(rings):
+        return []
+    owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    made = shapely.polygons(shapely.linearrings(pairs(np.concatenate(rings)), indices=owner))
+    return [p if valid else None for p, valid in zip(made.tolist(), shapely.is_valid(made).tolist(), strict=True)]

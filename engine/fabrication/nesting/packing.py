@@ -1,0 +1,317 @@
+"""Laying panels on sheets, the quick way: true shapes, quarter turns, never overlapping, the asked distance between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
+
+from ...progress import SILENT, Progress
+
+CELLS = 512  # cells of the raster along the longer side of a sheet
+# Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.
+TRIES = 500
+CLOSE = 1e-8  # metres by which a turn that just fits keeps off the margin, for rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """Where N shapes lie: turned by ``rotation`` about the origin, then shifted, on sheet ``sheet``.
+
+    sheet : (N,) int; rotation : (N,) radians; shift : (N, 2) metres; sizes : (S, 2) metres, width and height of every sheet
+    """
+
+    sheet: np.ndarray
+    rotation: np.ndarray
+    shift: np.ndarray
+    sizes: np.ndarray
+
+
+def least_box(points: np.ndarray) -> tuple[float, np.ndarray]:
+    """The turn in radians that gives points (M, 2) their smallest bounding box, the longer side along x; and its sides (2,)."""
+    from scipy.spatial import ConvexHull
+
+    hull = points[ConvexHull(points).vertices]
+    side = np.roll(hull, -1, axis=0) - hull
+    angle = -np.arctan2(side[:, 1], side[:, 0])
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    x = cos * hull[:, 0] - sin * hull[:, 1]
+    y = sin * hull[:, 0] + cos * hull[:, 1]
+    size = np.stack([np.ptp(x, axis=1), np.ptp(y, axis=1)], axis=1)
+    area = size.prod(axis=1)
+    best = int(np.flatnonzero(area <= area.min() * (1.0 + 1e-9))[0])
+    turn = float(angle[best])
+    if size[best, 0] < size[best, 1]:
+        return turn + 0.5 * np.pi, size[best, ::-1]
+    return turn, size[best]
+
+
+def pack(
+    shapes: list[np.ndarray],
+    sheet: tuple[float, float],
+    margin: float,
+    spacing: float,
+    progress: Progress = SILENT,
+    rotation: str = "FREE",
+) -> Packing:
+    """Lay closed outlines (M, 2), in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
+
+    Of very many shapes the last and smallest ones are laid in rows, once ``TRIES`` places on sheets have been looked for.
+
+    sheet : width and height in metres; ``margin`` stays free along its border, ``spacing`` between the shapes. A shape
+    that is larger than the sheet gets a sheet of the size that it needs. Shapes are judged on a raster that can only make
+    them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``.
+    """
+    boxes = []
+    for done, shape in enumerate(shapes):
+        progress(0.1 * done / len(shapes), "packing")
+        boxes.append(least_box(shape))
+    order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
+    cell = max(sheet) / CELLS
+    sheet_of = np.zeros(len(shapes), dtype=np.int64)
+    turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
+    open_sheets: list[_Sheet] = []
+    quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
+    tries, rest = 0, len(order)
+    for done, i in enumerate(order):
+        if tries >= TRIES:
+            rest = done
+            break
+        turn, size = boxes[i]
+        if not fits(size + 4.0 * cell, sheet, margin, rotation):
+            slanted = turn_that_fits(shapes[i], sheet, margin + 2.0 * cell, rotation)
+            turn = turn if slanted is None else slanted
+            size = _extent(shapes[i], turn)
+        stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
+        place = None
+        for number, opened in enumerate(open_sheets):
+            progress(0.1 + 0.9 * done / len(order), "packing")
+            if opened.may_hold(stamp):
+                tries += 1
+                found = opened.place(stamp)
+                if found is not None:
+                    place = number, found
+                    break
+        if place is None:
+            tries += 1
+            open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
+            fresh = open_sheets[-1].place(stamp)
+            assert fresh is not None  # the sheet was made for it
+            place = len(open_sheets) - 1, fresh
+        sheet_of[i], (turned[i], shift[i]) = place
+    sizes = [s.size for s in open_sheets]
+    if rest < len(order):
+        small = [(shapes[i], *boxes[i]) for i in order[rest:]]
+        last = _in_rows(small, sheet, margin, spacing, progress.part(0.9, 1.0), rotation)
+        sheet_of[order[rest:]], turned[order[rest:]] = len(sizes) + last.sheet, last.rotation
+        shift[order[rest:]] = last.shift
+        sizes += [(width, height) for width, height in last.sizes.tolist()]
+    return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))
+
+
+def _in_rows(
+    boxed: list[tuple[np.ndarray, float, np.ndarray]],
+    sheet: tuple[float, float],
+    margin: float,
+    spacing: float,
+    progress: Progress,
+    rotation: str,
+) -> Packing:
+    """Shapes by their smallest boxes in rows, the highest first, each in the first row with room (Coffman et al. 1980).
+
+    boxed : every shape with the turn and the sides of its smallest box
+    """
+    free = np.array(sheet) - 2.0 * margin
+    laid: list[tuple[float, np.ndarray]] = []
+    for done, (shape, turn, size) in enumerate(boxed):
+        progress(0.5 * done / len(boxed), "packing in rows")
+        if rotation != "GRAIN" and (size > free).any():
+            turn, size = turn + 0.5 * np.pi, size[::-1]
+        slanted = turn_that_fits(shape, sheet, margin + CLOSE, rotation) if (size > free).any() else None
+        laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
+    count = len(boxed)
+    where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
+    rows: list[list[float]] = []  # sheet, height, lower border, used length
+    used: list[float] = []  # height of every sheet that rows take
+    for done, i in enumerate(sorted(range(count), key=lambda i: -float(laid[i][1][1]))):
+        progress(0.5 + 0.5 * done / count, "packing in rows")
+        turn, (wide, high) = laid[i]
+        if wide > free[0] or high > free[1]:
+            sizes.append(_large_enough(np.sort(laid[i][1])[::-1], sheet, margin, 0.0, rotation))
+            used.append(np.inf)
+            rows.append([len(sizes) - 1, np.inf, margin, np.inf])
+            row, turn = rows[-1], boxed[i][1]
+            corner = np.array([margin, margin])
+        else:
+            row = next((r for r in rows if high <= r[1] and r[3] + wide <= free[0] + margin), [])
+            if not row:
+                on = next((k for k, top in enumerate(used) if top + high <= free[1] + margin), len(sizes))
+                if on == len(sizes):
+                    sizes.append(sheet)
+                    used.append(margin)
+                row = [on, high, used[on], margin]
+                rows.append(row)
+                used[on] += high + spacing
+            corner = np.array([row[3], row[2]])
+            row[3] += wide + spacing
+        laid[i] = turn, laid[i][1]
+        where[i], shift[i] = row[0], corner - (boxed[i][0] @ _turn(turn)).min(axis=0)
+    return Packing(where, np.array([turn for turn, _ in laid]), shift, np.array(sizes).reshape(-1, 2))
+
+
+def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
+    """A turn in radians that lays points (M, 2), metres, on a sheet less its margin; ``None`` if none does.
+
+    rotation : "FREE", any turn; "QUARTER", the longer side of the smallest box along or across; "GRAIN", only along.
+    """
+    turn = least_box(points)[0]
+    quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
+    steps = np.radians(np.arange(0.0, 90.0)) if rotation == "FREE" else np.zeros(1)
+    for angle in (turn + steps[:, None] + quarters).ravel().tolist():
+        if (_extent(points, angle) <= np.array(sheet) - 2.0 * margin + 1e-9).all():
+            return angle
+    return None
+
+
+def _extent(points: np.ndarray, turn: float) -> np.ndarray:
+    return np.ptp(points @ _turn(turn), axis=0)
+
+
+def _turn(angle: float) -> np.ndarray:
+    """The matrix (2, 2) by which points (M, 2) are multiplied to turn them by ``angle`` radians."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, sin], [-sin, cos]])
+
+
+def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float:
+    """Metres from the left border of a sheet to the right end of what lies on it."""
+    ends = [0.0]
+    for i in np.flatnonzero(packing.sheet == index).tolist():
+        cos, sin = np.cos(packing.rotation[i]), np.sin(packing.rotation[i])
+        ends.append(float((shapes[i] @ [cos, -sin]).max() + packing.shift[i, 0]))
+    return max(ends)
+
+
+def fill(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:
+    """Share of the sheets that shapes of this whole area, square metres, cover; of the emptiest sheet only the used end counts."""
+    used = [used_length(packing, shapes, k) + margin for k in range(len(packing.sizes))]
+    spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in enumerate(used)), default=0.0)
+    return area / float(packing.sizes.prod(axis=1).sum() - max(spare, 0.0))
+
+
+def fits(size: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
+    """Whether a box of this size (2,), in metres, longer side first, fits on the sheet: either way round, or along the grain."""
+    free = [x - 2.0 * margin + 1e-9 for x in sheet]
+    if rotation == "GRAIN":
+        return bool(size[0] <= free[0] and size[1] <= free[1])
+    return bool(min(size) <= min(free) and max(size) <= max(free))
+
+
+def _large_enough(
+    size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
+) -> tuple[float, float]:
+    slack = 2.0 * margin + 4.0 * cell
+    if fits(size + 4.0 * cell, sheet, margin, rotation):
+        return sheet
+    # whole centimetres; the panel lies lengthwise, and the sheet is never smaller than the one that was asked for
+    wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
+    if rotation == "GRAIN":
+        return max(wide, sheet[0]), max(high, sheet[1])
+    return max(wide, *sheet), max(high, min(sheet))
+
+
+class _Stamp:
+    """A shape as rasters in its quarter turns, each grown by ``grow`` and by the raster's own error."""
+
+    def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
+        from shapely import Polygon
+
+        self.turn, self.cell = turn, cell
+        cos, sin = np.cos(turn), np.sin(turn)
+        outline = Polygon(shape @ np.array([[cos, sin], [-sin, cos]])).buffer(0.0)
+        coarse = 0.1 * cell
+        # a cell is taken if its centre lies within half of its diagonal of the shape
+        grown = outline.simplify(coarse).buffer(grow + coarse + 0.7072 * cell, quad_segs=8)
+        x0, y0, x1, y1 = grown.bounds
+        self.origin = np.array([x0, y0])
+        self.extent = np.array([x1 - x0, y1 - y0])
+        columns, rows = (int(np.ceil(e / cell)) for e in self.extent)
+        rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
+        mask = _filled([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
+        self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
+        self.taken = int(mask.sum())
+        self.box = cell * np.array([columns, rows])
+
+    def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
+        """Rotation and shift that bring the raster's lower left corner, after its quarter turns, to ``corner`` (2,)."""
+        # a raster that is turned by quarters keeps its lower left corner where its box has it
+        points = np.array([[0.0, 0.0], self.box]) + self.origin
+        cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
+        turned = points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
+        return self.turn + quarter * 0.5 * np.pi, corner - turned.min(axis=0)
+
+
+class _Sheet:
+    """The taken cells of one sheet; row 0 is at the bottom."""
+
+    def __init__(self, size: tuple[float, float], margin: float, half: float, cell: float):
+        self.size, self.cell = size, cell
+        # half of the spacing reaches into the margin
+        self.corner = np.array([margin - half, margin - half])
+        columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
+        self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
+        self._spectrum: np.ndarray | None = None
+        self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cells of shapes without a place
+
+    def may_hold(self, stamp: _Stamp) -> bool:
+        """Whether it is worth looking for a place: not where a shape no larger in any way has found none."""
+        box = np.sort(stamp.box)
+        return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
+
+    def place(self, stamp: _Stamp) -> tuple[float, np.ndarray] | None:
+        """Take the free place nearest to the left, then to the bottom; ``None`` if there is none."""
+        best: tuple[int, int, int, int] | None = None
+        for quarter, mask in stamp.masks.items():
+            rows, columns = (t - m + 1 for t, m in zip(self.taken.shape, mask.shape, strict=True))
+            if rows < 1 or columns < 1 or (quarter > 1 and not self.taken.any()):
+                continue
+            free = self._hits(mask)[:rows, :columns] < 0.5
+            column = int(free.any(axis=0).argmax())
+            row = int(free[:, column].argmax())
+            if not free[row, column]:
+                continue
+            found = (column + mask.shape[1], row, column, quarter)
+            best = found if best is None else min(best, found)
+        if best is None:
+            self._refused.append((np.sort(stamp.box), stamp.taken))
+            return None
+        _, row_, column_, quarter = best
+        mask = stamp.masks[quarter]
+        self.taken[row_ : row_ + mask.shape[0], column_ : column_ + mask.shape[1]] |= mask
+        self._spectrum = None
+        return stamp.shift(quarter, self.corner + self.cell * np.array([column_, row_]))
+
+    def _hits(self, mask: np.ndarray) -> np.ndarray:
+        """How many taken cells the mask meets at every offset, by a correlation."""
+        shape = tuple(next_fast_len(n, real=True) for n in self.taken.shape)
+        if self._spectrum is None:
+            self._spectrum = rfft2(self.taken.astype(np.float32), shape)
+        return irfft2(self._spectrum * np.conj(rfft2(mask.astype(np.float32), shape)), shape)
+
+
+def _filled(rings: list[np.ndarray], columns: int, rows: int) -> np.ndarray:
+    """(rows, columns) bool: cells whose centres lie inside the rings, each (M, 2) in cells; even-odd rule."""
+    flips = np.zeros((rows, columns + 1), dtype=np.int32)
+    for ring in rings:
+        a, b = ring, np.roll(ring, -1, axis=0)
+        low, high = np.minimum(a[:, 1], b[:, 1]), np.maximum(a[:, 1], b[:, 1])
+        first = np.clip(np.ceil(low - 0.5).astype(int), 0, rows)
+        last = np.clip(np.ceil(high - 0.5).astype(int), 0, rows)
+        count = last - first
+        which = np.repeat(np.arange(len(a)), count)
+        row = first[which] + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        share = (row + 0.5 - a[which, 1]) / (b[which, 1] - a[which, 1])
+        x = a[which, 0] + share * (b[which, 0] - a[which, 0])
+        np.add.at(flips, (row, np.clip(np.ceil(x - 0.5).astype(int), 0, columns)), 1)
+    return (np.cumsum(flips[:, :-1], axis=1) % 2).astype(bool)

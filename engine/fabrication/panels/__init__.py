@@ -1,0 +1,1 @@
+"""One panel: its outline after kerf, its labels, and how the cutter runs along it."""

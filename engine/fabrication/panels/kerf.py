@@ -1,0 +1,195 @@
+"""Where the cutter has to go so that the parts come out as drawn: offsets of arcs as arcs, and relieved inside corners.
+
+A beam or a mill takes away half of its width on either side of its path, so the path runs that far beside the material.
+An arc beside an arc is an arc about the same centre: the curves keep their nodes. In here points are complex numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from ...spirals.arcs import Curve
+from ...spirals.contours import Outline
+
+SMOOTH = 2e-3  # radians; a smaller change of direction from one segment to the next is taken for none
+_LEAST = 1e-9  # metres; what is shorter is no segment
+
+Arc = tuple[complex, complex, float]  # start, end, bulge
+
+
+def cleaned(curve: Curve) -> Curve:
+    """The same curve without segments of no length."""
+    kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > _LEAST
+    if not curve.closed:
+        kept[-1] = True
+    return curve if kept.all() else Curve(curve.points[kept], curve.bulge[kept], curve.closed)
+
+
+def offset(curve: Curve, distance: float) -> Curve:
+    """The curve ``distance`` metres to the right of a curve, or to its left if negative; arcs stay arcs.
+
+    Where the curve turns away from the offset, an arc about the corner fills the gap; where it turns towards it, the
+    neighbours are cut off where they meet, and arcs too small for the offset vanish. Raises ``FlexMapsError`` where
+    neighbours that should meet do not.
+    """
+    if distance == 0.0:
+        return curve
+    curve = cleaned(curve)
+    start, end, bulge = _segments(curve)
+    before, after = _directions(start, end, bulge)
+    begins, ends = start - 1j * distance * before, end - 1j * distance * after
+    # an arc that bends away from the offset by less than the offset would turn inside out
+    row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > _LEAST * np.abs(end - start))
+    if len(row) < 1 + curve.closed:
+        raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
+    ahead = np.roll(row, -1)
+    turn = np.angle(before[ahead] * after[row].conj())
+    beside = (row + 1) % len(bulge) == ahead
+    smooth = beside & (np.abs(turn) < SMOOTH)
+    fill = beside & ~smooth & (turn * distance > 0.0)
+    inner = np.arange(len(row)) < len(row) - (not curve.closed)
+    first, last = begins.copy(), ends.copy()
+    joined = row[smooth & inner], ahead[smooth & inner]
+    last[joined[0]] = first[joined[1]] = 0.5 * (ends[joined[0]] + begins[joined[1]])
+    for i, j in zip(row[~smooth & ~fill & inner].tolist(), ahead[~smooth & ~fill & inner].tolist()):
+        last[i] = first[j] = _meeting((begins[i], ends[i], bulge[i]), (begins[j], ends[j], bulge[j]))
+    kept = _shortened(begins, ends, bulge, first, last)
+    # a filled corner adds the end of its segment as a node, and an arc from there
+    count = np.ones(len(row), dtype=int) + (fill & inner)
+    place = np.cumsum(count) - count
+    nodes, bulges = np.empty(int(count.sum()), dtype=complex), np.empty(int(count.sum()))
+    nodes[place], bulges[place] = first[row], kept[row]
+    corner = np.flatnonzero(fill & inner)
+    nodes[place[corner] + 1], bulges[place[corner] + 1] = last[row[corner]], np.tan(0.25 * turn[corner])
+    if not curve.closed:
+        nodes, bulges = np.append(nodes, last[row[-1]]), np.append(bulges, 0.0)
+    return cleaned(Curve(np.column_stack([nodes.real, nodes.imag]), bulges, curve.closed))
+
+
+def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start and end (N,) complex and bulge of every segment."""
+    points = np.ascontiguousarray(curve.points).view(np.complex128)[:, 0]
+    if curve.closed:
+        return points, np.roll(points, -1), curve.bulge
+    return points[:-1], points[1:], curve.bulge[:-1]
+
+
+def _directions(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions (N,) complex in which segments begin and end."""
+    chord, turn = end - start, np.exp(2j * np.arctan(bulge))
+    chord = chord / np.maximum(np.abs(chord), 1e-300)
+    return chord / turn, chord * turn
+
+
+def _centre(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
+    """Centres (N,) complex of arcs; bulges of 0 must not come in."""
+    return 0.5 * (start + end) + 0.25j * (end - start) * (1.0 / bulge - bulge)
+
+
+def _shortened(
+    start: np.ndarray, end: np.ndarray, bulge: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> np.ndarray:
+    """Bulges (N,) of the same arcs between other ends (N,) on their circles."""
+    round_ = np.abs(bulge) > 1e-9
+    centre = _centre(start, end, np.where(round_, bulge, 1.0))
+    tiny = np.abs(start - centre) < _LEAST
+    centre = np.where(tiny, centre + 1.0, centre)
+    change = np.angle((last - centre) / (end - centre)) - np.angle((first - centre) / (start - centre))
+    return np.where(round_, np.tan(0.25 * (4.0 * np.arctan(bulge) + change)), bulge)
+
+
+def _meeting(one: Arc, two: Arc) -> complex:
+    """Where two segments, drawn out to whole circles and lines, meet nearest to the end of the first and the start of the second."""
+    near = 0.5 * (one[1] + two[0])
+    if abs(one[1] - two[0]) < _LEAST:
+        return near
+    found = _crossings(one, two)
+    if not found:
+        raise FlexMapsError(
+            f"The cutter has no room near x {near.real * 1e3:.1f} mm, y {near.imag * 1e3:.1f} mm; "
+            "make the kerf smaller or the corners rounder"
+        )
+    return min(found, key=lambda p: abs(p - near))
+
+
+def _crossings(one: Arc, two: Arc) -> list[complex]:
+    flat = [abs(a[2]) < 1e-9 for a in (one, two)]
+    if flat[0] and flat[1]:
+        d, e = one[1] - one[0], two[1] - two[0]
+        det = (d.conjugate() * e).imag
+        if abs(det) < 1e-12 * abs(d) * abs(e):
+            return []
+        return [one[0] + d * ((two[0] - one[0]).conjugate() * e).imag / det]
+    if flat[1]:
+        one, two, flat = two, one, [True, False]
+    centre = complex(_centre(np.array(two[0]), np.array(two[1]), np.array(two[2])))
+    radius = abs(two[0] - centre)
+    if flat[0]:
+        d = (one[1] - one[0]) / abs(one[1] - one[0])
+        foot = one[0] + d * ((centre - one[0]) * d.conjugate()).real
+    else:
+        other = complex(_centre(np.array(one[0]), np.array(one[1]), np.array(one[2])))
+        apart = abs(other - centre)
+        if apart < _LEAST:
+            return []
+        x = (apart**2 + radius**2 - abs(one[0] - other) ** 2) / (2.0 * apart)
+        foot, d = centre + x * (other - centre) / apart, 1j * (other - centre) / apart
+    rest = radius**2 - abs(foot - centre) ** 2
+    return [foot + d * s * rest**0.5 for s in (-1.0, 1.0)] if rest >= 0.0 else []
+
+
+def relieved(curve: Curve, radius: float) -> Curve:
+    """An open curve, material on its left, whose inside corners between straight lines are opened to ``radius`` metres.
+
+    A dogbone holds all of the former corner: its circle goes through the middle of the corner's arc. In an acute corner
+    it stands at the end of a corridor, wide enough for the mill to get there. Raises ``FlexMapsError`` where the lines are too
+    short for it.
+    """
+    start, end, bulge = _segments(curve)
+    tight = (bulge < 0.0) & (np.abs(end - start) * (1.0 + bulge**2) < 4.0 * radius * np.abs(bulge))
+    nodes: list[complex] = []
+    bulges: list[float] = []
+    for k, narrow in enumerate(tight.tolist()):
+        if narrow:
+            opened, curved = _dogbone(start[k - 1 : k + 2], end[k - 1 : k + 2], float(bulge[k]), radius)
+            nodes += opened[:-1]
+            bulges += curved
+        else:
+            nodes.append(opened[-1] if k and tight[k - 1] else start[k])
+            bulges.append(float(bulge[k]))
+    made = np.array([*nodes, end[-1]])
+    return Curve(np.column_stack([made.real, made.imag]), np.array([*bulges, 0.0]), closed=False)
+
+
+def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) -> tuple[list[complex], list[float]]:
+    """Nodes and bulges in the place of an arc between two straight lines; starts and ends (3,) complex of all three."""
+    half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # of the angle between the lines
+    middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge
+    arc = complex(_centre(start[1], end[1], np.array(bulge)))
+    inwards = (arc - middle) / abs(arc - middle)
+    corner = arc - inwards * abs(arc - middle) / np.sin(half)
+    centre = middle + radius * inwards
+    lines = [(start[0] - corner), (end[2] - corner)]
+    if radius / np.tan(half) > abs(centre - corner):
+        reach = radius / np.sin(half)
+        enter, leave = (corner + reach * line / abs(line) for line in lines)
+        # the free side is on the right of the way in, so one enters on the left of the way to the corner
+        made = [enter, centre - 1j * inwards * radius, centre + 1j * inwards * radius, leave]
+        curved = [0.0, -1.0, 0.0]
+    else:
+        away = abs(centre - corner)
+        reach = away * np.cos(half) + np.sqrt(radius**2 - (away * np.sin(half)) ** 2)
+        enter, leave = (corner + reach * line / abs(line) for line in lines)
+        made = [enter, leave]
+        curved = [-float(np.tan(0.25 * (np.angle((enter - centre) / (leave - centre)) % (2.0 * np.pi))))]
+    if reach > min(abs(line) for line in lines):
+        raise FlexMapsError(f"A corner has no room for a mill of {2e3 * radius:.3g} mm; use a thinner one")
+    return made, curved
+
+
+def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
+    """Paths for a cutter that takes away ``outer`` metres along the outline and ``holes`` metres in the holes."""
+    return Outline(
+        offset(cleaned(outline.outer), 0.5 * outer), tuple(offset(cleaned(h), 0.5 * holes) for h in outline.holes)
+    )

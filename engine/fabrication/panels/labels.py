@@ -1,0 +1,149 @@
+"""Panel numbers and seam labels, engraved where the material has room for them: on hubs and along arms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...params import SheetParams
+from ...patches.layout import PatchLayout
+from ...progress import SILENT, Progress
+from ...spirals.arcs import Curve
+from ...spirals.contours import Hubs
+from ...spirals.spiral import Arms, centre_line, width_at
+from .lettering import along, length, straight
+
+_FILL = 0.62  # height of the letters along an arm, as a share of its width
+_SAMPLES = 97
+_TOGETHER = 1000  # quads whose arms are followed together
+_SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+_UPSIDE_DOWN = str.maketrans("69", "96")
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """The strokes of every patch's labels in its frame, and how many labels had no room.
+
+    strokes : one tuple of open curves per patch
+    placed, left_out : numbers of labels
+    """
+
+    strokes: tuple[tuple[Curve, ...], ...]
+    placed: int
+    left_out: int
+
+
+def seam_name(number: int) -> str:
+    """A, B, ... Z, AA, AB, ... without I and O, which look like numbers."""
+    name = ""
+    number += 1
+    while number:
+        number, letter = divmod(number - 1, len(_SEAM_LETTERS))
+        name = _SEAM_LETTERS[letter] + name
+    return name
+
+
+def panel_name(patch: int) -> str:
+    """The panel's number, patch + 1; with a dot after numbers that are others upside down."""
+    number = str(patch + 1)
+    return number + "." if set(number) <= set("01689") and number != number[::-1].translate(_UPSIDE_DOWN) else number
+
+
+def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
+    """The name of every joint on a seam by (quad, side): the seam's letter and the joint's number, the same on both sides."""
+    mesh, names = layout.mesh, {}
+    for number, edges in enumerate(layout.seams):
+        for place, edge in enumerate(edges.tolist()):
+            for quad, side in zip(mesh.edge_quads[edge].tolist(), mesh.edge_sides[edge].tolist()):
+                names[quad, side] = f"{seam_name(number)}{place + 1}"
+    return names
+
+
+def make_labels(
+    layout: PatchLayout,
+    arms: Arms,
+    hubs: Hubs,
+    params: SheetParams,
+    taken: np.ndarray | None = None,
+    progress: Progress = SILENT,
+) -> Labels:
+    """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
+
+    ``taken`` (F, 4) is how many metres of every arm, from its joint on, a connector needs.
+    """
+    taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
+    lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
+    strokes: list[list[Curve]] = [[] for _ in layout.patches]
+    placed = left_out = 0
+    names = seam_labels(layout)
+    for patch, quads in enumerate(layout.patches):
+        progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
+        found = _panel_label(panel_name(patch), quads, lines, names, params.label_height)
+        strokes[patch].extend(_curves(found))
+        placed += 1
+    for number, ((quad, side), name) in enumerate(names.items()):
+        progress(0.5 + 0.5 * number / len(names), "labels")
+        height = lines.height(quad, side, name, params.label_height)
+        if height < params.label_min:
+            left_out += 1
+            continue
+        width = float(lines.width[quad, side, 0])
+        middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(name)
+        written = along(name, height, lines.points[quad, side], middle)
+        strokes[int(layout.patch_of[quad])].extend(_curves(written))
+        placed += 1
+    return Labels(tuple(map(tuple, strokes)), placed, left_out)
+
+
+def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:
+    return (Curve(s, np.zeros(len(s)), closed=False) for s in strokes)
+
+
+def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
+    """The name of a loose key's joint, across its middle; nothing where it is too small. Width and length in metres."""
+    height = min(params.label_height, _FILL * neck, 0.8 * long / length(name))
+    if not params.labels or height < params.label_min:
+        return ()
+    found = straight(name, height, np.zeros(2), np.array([1.0, 0.0]))
+    return tuple(_curves(found))
+
+
+class _Lines:
+    """Where letters may stand: the free part of every arm, from its joint to its hub."""
+
+    def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray, progress: Progress):
+        self.taken = taken
+        end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
+        points, widths = [], []
+        for part in progress.batches(len(end), _TOGETHER, "labels"):
+            some, t = arms.of(np.arange(part.start, part.stop)), end[part, :, None] * np.linspace(0.0, 1.0, _SAMPLES)
+            points.append(centre_line(some, t)[0])
+            widths.append(width_at(some, t)[0])
+        self.points, self.width = np.concatenate(points), np.concatenate(widths)
+        self.length = np.linalg.norm(np.diff(self.points, axis=2), axis=-1).sum(axis=-1)
+        self.narrowest = self.width.min(axis=-1)
+        self.centre = arms.centre
+        # the hub is at least as wide as the circle inside its four fillets
+        self.hub = np.linalg.norm(hubs.centre - arms.centre[:, None], axis=-1).min(axis=1) - hubs.fillet
+
+    def height(self, quad: int, side: int, text: str, largest: float) -> float:
+        """Metres: how high the letters of a text along this arm may be."""
+        room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
+        return float(min(largest, _FILL * self.narrowest[quad, side], room / length(text)))
+
+
+def _panel_label(
+    text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
+) -> list[np.ndarray]:
+    """The number of a panel, as large as it goes: on the roomiest hub, or else along the roomiest arm without a seam label."""
+    roomiest = int(quads[np.argmax(lines.hub[quads])])
+    on_hub = min(largest, 1.8 * float(lines.hub[roomiest]) / np.hypot(length(text), 1.0))
+    free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
+    free = [a for a in free if a not in taken] or free
+    quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
+    on_arm = lines.height(quad, side, text, largest)
+    if on_hub >= on_arm:
+        return straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
+    return along(text, on_arm, lines.points[quad, side], 0.5 * float(lines.length[quad, side]))

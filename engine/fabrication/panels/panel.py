@@ -1,0 +1,42 @@
+"""One flat panel as it is cut: outline, holes, engraved strokes, and where it may be held."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...spirals.arcs import Curve
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
+
+    number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
+    outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
+    holds : (K, 3) where a holding tab may be: x and y in metres, and how little it is liked there
+    """
+
+    number: int
+    patch: int
+    outline: Curve
+    holes: tuple[Curve, ...]
+    labels: tuple[Curve, ...]
+    area: float
+    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def moved(self, rotation: float, shift: np.ndarray) -> Panel:
+        """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
+        return replace(
+            self,
+            outline=self.outline.moved(rotation, shift),
+            holes=tuple(c.moved(rotation, shift) for c in self.holes),
+            labels=tuple(c.moved(rotation, shift) for c in self.labels),
+            holds=np.column_stack([_moved(self.holds[:, :2], rotation, shift), self.holds[:, 2]]),
+        )
+
+
+def _moved(points: np.ndarray, rotation: float, shift: np.ndarray) -> np.ndarray:
+    cos, sin = np.cos(rotation), np.sin(rotation)
+    return points @ np.array([[cos, sin], [-sin, cos]]) + shift

@@ -1,0 +1,190 @@
+"""How the cutter runs along its paths: where it enters, and where it leaves a bridge that holds the part in its sheet.
+
+Paths come as closed curves with the material on their left. A lead-in begins in the waste, on their right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...params import CutParams
+from ...progress import SILENT, Progress
+from ...spirals.arcs import Curve, arc_points
+
+WAY = "the way of the cutter"
+_STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
+_ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # between a lead-in and its path
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """What the cutter does on one sheet, in this order.
+
+    engraved, inner, outer : open and closed curves; outlines are in pieces where they have holding tabs
+    without_lead : how many runs begin on their path, because a lead-in has no room; tabs : how many were left
+    """
+
+    engraved: tuple[Curve, ...]
+    inner: tuple[Curve, ...]
+    outer: tuple[Curve, ...]
+    without_lead: int
+    tabs: int
+
+
+def plan(
+    labels: list[Curve],
+    holes: list[Curve],
+    outlines: list[Curve],
+    places: list[np.ndarray],
+    size: tuple[float, float],
+    cut: CutParams,
+    progress: Progress = SILENT,
+) -> Runs:
+    """The runs of one sheet: closed paths beside the material, with the tabs and lead-ins that are asked for.
+
+    places : of every outline, (K, 3): x, y in metres where a tab may be, and how little it is liked there (1 or more)
+    size : metres, width and height of the sheet
+    """
+    pieces = [[o] for o in outlines]
+    if cut.tabs:
+        held = list(zip(outlines, places, strict=True))
+        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.4).each(held, WAY)]
+    tabs = sum(len(p) for p in pieces if not p[0].closed)
+    inner, outer = list(holes), [c for p in pieces for c in p]
+    missing = 0
+    if cut.lead_in:
+        led = [with_lead(h, cut.lead_in, _inside(h)) for h in progress.part(0.4, 0.7).each(holes, WAY)]
+        free = _outside(outlines, size, progress.part(0.7, 0.8))
+        out = [with_lead(c, cut.lead_in, free) for c in progress.part(0.8, 1.0).each(outer, WAY)]
+        missing = sum(c is None for c in (*led, *out))
+        inner = [h if c is None else c for h, c in zip(holes, led, strict=True)]
+        outer = [h if c is None else c for h, c in zip(outer, out, strict=True)]
+    return Runs(tuple(labels), tuple(inner), tuple(outer), missing, tabs)
+
+
+# -- lead-ins --------------------------------------------------------------------------------------------------------
+
+
+def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
+    """The curve as one open run that begins ``length`` metres beside it, or at half of that; ``None`` without room.
+
+    A closed curve may begin anywhere. ``free`` tells which of some straight lines, shapely's, lie in the waste.
+    """
+    import shapely
+
+    points = curve.points @ np.array([1.0, 1.0j])
+    # after a holding tab straight to the side, or the way in would cut into the tab
+    angles = _ANGLES if curve.closed else _ANGLES[-1:]
+    starts = np.unique(np.linspace(0, len(points) - 1, _STARTS).astype(int)) if curve.closed else np.zeros(1, dtype=int)
+    following = points[(starts + 1) % len(points)]
+    way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
+    way = way / np.abs(way)
+    for share in _SHARES:
+        # back from where the path sets out, and to its right
+        offset = share * length * -way[:, None] * np.exp(1j * angles)
+        begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
+        lines = np.stack([begin, end], axis=-1).reshape(-1, 2)
+        found = np.flatnonzero(free(shapely.linestrings(np.stack([lines.real, lines.imag], axis=-1))))
+        if not len(found):
+            continue
+        # the flattest that fits, at the earliest place
+        best = int(found[np.argmin(found % len(angles))])
+        start, lead = int(starts[best // len(angles)]), lines[best, 0]
+        order = (np.arange(len(points) + curve.closed) + start) % len(points)
+        run = np.concatenate([[[lead.real, lead.imag]], curve.points[order]])
+        bulge = np.concatenate([[0.0], curve.bulge[order[:-1]], [0.0]])
+        return Curve(run, bulge, closed=False)
+    return None
+
+
+def _inside(hole: Curve) -> Any:
+    import shapely
+
+    waste = shapely.Polygon(hole.sampled(5e-6))
+    shapely.prepare(waste)
+    return lambda lines: shapely.contains_properly(waste, lines)
+
+
+def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
+    import shapely
+
+    parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in progress.each(outlines, WAY)])
+    sheet = shapely.box(0.0, 0.0, *size)
+
+    def free(lines: np.ndarray) -> np.ndarray:
+        found = shapely.within(lines, sheet)
+        found[parts.query(lines, predicate="intersects")[0]] = False
+        return found
+
+    return free
+
+
+# -- holding tabs ----------------------------------------------------------------------------------------------------
+
+
+def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
+    """The outline in pieces, with a gap at each of the places chosen; whole where there is none."""
+    gap, length = cut.tab_width + cut.kerf_outline, outline.length
+    if not len(places):
+        return [outline]
+    at = _along(outline, places[:, :2])
+    chosen: list[float] = []
+    for _ in range(cut.tabs):
+        apart = np.array([[abs((a - c + 0.5 * length) % length - 0.5 * length) for c in chosen] for a in at])
+        alone = apart.min(axis=1) if chosen else np.full(len(at), length)
+        worth = np.where(alone > 2.0 * gap, alone / places[:, 2], -1.0)
+        if worth.max() < 0.0:
+            break
+        chosen.append(float(at[int(np.argmax(worth))]))
+    chosen.sort()
+    return [
+        piece(outline, a + 0.5 * gap, b - 0.5 * gap)
+        for a, b in zip(chosen, [*chosen[1:], chosen[0] + length], strict=True)
+    ]
+
+
+def _along(curve: Curve, points: np.ndarray) -> np.ndarray:
+    """(K,) metres along a closed curve to the places nearest to points (K, 2)."""
+    from scipy.spatial import cKDTree
+
+    line = curve.sampled(1e-6)
+    line = np.concatenate([line, line[:1]])
+    step = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    count = np.maximum(np.ceil(step / 1e-4).astype(int), 1)
+    which = np.repeat(np.arange(len(step)), count)
+    share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)) / count[which]
+    dense = line[which] + share[:, None] * np.diff(line, axis=0)[which]
+    found = cKDTree(dense).query(points)[1]
+    # measured along the chords, which are as long as the curve but for a millionth
+    run = np.concatenate([[0.0], np.cumsum(step)])
+    return (run[which[found]] + share[found] * step[which[found]]) * curve.length / run[-1]
+
+
+def piece(curve: Curve, begin: float, end: float) -> Curve:
+    """The open part of a closed curve from ``begin`` to ``end`` metres along it; ``end`` may lie beyond its last point."""
+    lengths = _lengths(curve)
+    run = np.concatenate([[0.0], np.cumsum(np.tile(lengths, 3))]) - lengths.sum()
+    first, last = np.searchsorted(run, begin, side="right") - 1, np.searchsorted(run, end, side="left") - 1
+    count, nodes, bulges = len(lengths), [], []
+    for k in range(first, last + 1):
+        a, b = curve.points[k % count], curve.points[(k + 1) % count]
+        low, high = max(begin - run[k], 0.0) / lengths[k % count], min((end - run[k]) / lengths[k % count], 1.0)
+        quarter = np.arctan(curve.bulge[k % count])
+        nodes.append(_point(a, b, quarter, low))
+        bulges.append(np.tan((high - low) * quarter))
+        if k == last:
+            nodes.append(_point(a, b, quarter, high))
+    return Curve(np.array(nodes), np.array([*bulges, 0.0]), closed=False)
+
+
+def _lengths(curve: Curve) -> np.ndarray:
+    chord = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1)
+    half = 2.0 * np.abs(np.arctan(curve.bulge))
+    return chord * np.where(half > 1e-9, half / np.maximum(np.sin(half), 1e-300), 1.0)
+
+
+def _point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
+    return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

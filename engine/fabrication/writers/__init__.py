@@ -1,0 +1,1 @@
+"""Files of the sheets: SVG, DXF, PDF, STL and 3MF."""

@@ -1,0 +1,212 @@
+"""PDF at true size: a small writer of pages with lines, areas and text, and the sheets as pages of their own size.
+
+Only what is needed of ISO 32000-1: cubic curves for arcs, one of the fonts that every reader has, optional content groups
+as layers.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ... import PROGRAM
+from ...files import NewFile, replacing_many
+from ...progress import SILENT, Progress
+from ...spirals.arcs import Curve
+from ..sheets import CutSheets
+from .series import numbered, numbered_before
+from .svg import HAIRLINE, LAYERS, operations
+
+POINT = 0.0254 / 72.0  # metres
+LARGEST = 14400.0  # points; larger pages need another unit
+# widths of Helvetica's characters from the space on, in thousandths of the font's size (Adobe Font Metrics)
+_WIDTHS = (
+    "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 278 278 584 "
+    "584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778 667 778 722 667 611 722 667 944 667 667 "
+    "611 278 278 278 469 556 333 556 556 500 556 556 278 556 556 222 222 500 222 833 556 556 556 556 333 500 278 556 500 "
+    "722 500 500 500 334 260 334 584"
+)
+WIDTHS = tuple(int(w) for w in _WIDTHS.split())
+
+
+@dataclass
+class Page:
+    """One page that is drawn on, in metres, origin lower left; what is drawn later lies on top.
+
+    width, height : metres
+    """
+
+    width: float
+    height: float
+    commands: list[str] = field(default_factory=list)
+    layers: list[str] = field(default_factory=list)
+
+    @property
+    def unit(self) -> float:
+        """Metres of one unit of the page's coordinates."""
+        return POINT * max(1.0, np.ceil(max(self.width, self.height) / POINT / LARGEST))
+
+    def begin_layer(self, name: str) -> None:
+        """What is drawn up to ``end_layer`` belongs to a layer of that name."""
+        if name not in self.layers:
+            self.layers.append(name)
+        self.commands.append(f"/OC /L{self.layers.index(name)} BDC")
+
+    def end_layer(self) -> None:
+        self.commands.append("EMC")
+
+    def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4, dash: float = 0.0) -> None:
+        """Draw a curve of arcs in a colour "#rrggbb"; width and length of the dashes in metres."""
+        dashes = f"[{dash / self.unit:.4g}]" if dash else "[]"
+        self.commands.append(
+            f"{_colour(colour)} RG {width / self.unit:.5g} w {dashes} 0 d {path(curve, self.unit)} "
+            + ("s" if curve.closed else "S")
+        )
+
+    def fill(self, points: np.ndarray, colour: str, line: str | None = None, width: float = 2e-4) -> None:
+        """Fill a polygon (M, 2), metres, and draw its outline in the colour ``line``."""
+        command = f"{_colour(colour)} rg {path(Curve(points, np.zeros(len(points))), self.unit)} "
+        if line is not None:
+            command = f"{_colour(line)} RG {width / self.unit:.5g} w [] 0 d {command}"
+        self.commands.append(command + ("b" if line is not None else "h f"))
+
+    def text(
+        self, text: str, at: tuple[float, float], size: float, colour: str = "#000000", middle: bool = False
+    ) -> None:
+        """Write a line from ``at`` on, or centred on it; ``size`` is the font's, all in metres."""
+        x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
+        written = text.encode("cp1252", "replace").decode("latin-1")
+        written = written.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+        self.commands.append(
+            f"{_colour(colour)} rg BT /F {size / self.unit:.5g} Tf {x / self.unit:.5g} {at[1] / self.unit:.5g} Td ({written}) Tj ET"
+        )
+
+
+def text_width(text: str, size: float) -> float:
+    """Metres that a line of text is long."""
+    known = (ord(c) - 32 for c in text)
+    return size * 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
+
+
+@lru_cache(maxsize=4096)
+def _colour(text: str) -> str:
+    return " ".join(f"{int(text[i : i + 2], 16) / 255:.4g}" for i in (1, 3, 5))
+
+
+def path(curve: Curve, unit: float) -> str:
+    """The path of a curve in units of ``unit`` metres; arcs as cubics of up to an eighth of a turn, within 1e-6 of the radius."""
+    points = np.ascontiguousarray(curve.points).view(complex)[:, 0] / unit
+    count = len(points) if curve.closed else len(points) - 1
+    start, end, bulge = points[:count], np.roll(points, -1)[:count], curve.bulge[:count]
+    first = f"{points[0].real:.10g} {points[0].imag:.10g} m "
+    if (np.abs(bulge) < 1e-9).all():
+        return first + " ".join([f"{x:.10g} {y:.10g} l" for x, y in zip(end.real.tolist(), end.imag.tolist())])
+    return first + " ".join(_segments(start, end, bulge))
+
+
+def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
+    """Lines and cubics from ``start`` to ``end`` (N,) complex, in order."""
+    straight = np.abs(bulge) < 1e-9
+    angle = 4.0 * np.arctan(np.where(straight, 1.0, bulge))
+    centre = start + 0.5 * (end - start) * (1.0 + 1.0j / np.tan(0.5 * angle))
+    pieces = np.where(straight, 1, np.ceil(np.abs(angle) / (0.25 * np.pi) - 1e-9).astype(int))
+    which = np.repeat(np.arange(len(start)), pieces)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    step = (angle / pieces)[which]
+    spoke = (start - centre)[which] * np.exp(1.0j * step * place)
+    following = spoke * np.exp(1.0j * step)
+    following[np.cumsum(pieces) - 1] = end - centre
+    arm = 4.0j / 3.0 * np.tan(0.25 * step)
+    middle = centre[which]
+    found = np.stack([middle + spoke * (1 + arm), middle + following * (1 - arm), middle + following], axis=1)
+    rows = np.ascontiguousarray(found).view(float).tolist()
+    return [
+        f"{x:.10g} {y:.10g} l" if flat else f"{a:.9g} {b:.9g} {c:.9g} {d:.9g} {x:.9g} {y:.9g} c"
+        for (a, b, c, d, x, y), flat in zip(rows, straight[which].tolist(), strict=True)
+    ]
+
+
+def document(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
+    """The whole file."""
+    names = list(dict.fromkeys(name for page in pages for name in page.layers))
+    first = 4 + len(names)  # 1 catalogue, 2 pages, 3 font, then the layers, then page and content in turns
+    bodies = [
+        b"<</Type/Catalog/Pages 2 0 R" + (_layer_list(len(names)) if names else b"") + b">>",
+        f"<</Type/Pages/Count {len(pages)}/Kids[{' '.join(f'{first + 2 * i} 0 R' for i in range(len(pages)))}]>>".encode(),
+        b"<</Type/Font/Subtype/Type1/BaseFont/Helvetica/Encoding/WinAnsiEncoding>>",
+    ]
+    bodies += [f"<</Type/OCG/Name({name})>>".encode("latin-1") for name in names]
+    for i, page in enumerate(pages):
+        progress(0.95 + 0.05 * i / len(pages), "writing the pages")
+        content = zlib.compress("\n".join(["1 J 1 j", *page.commands]).encode("latin-1"), 6)
+        used = "".join(f"/L{k} {4 + names.index(name)} 0 R" for k, name in enumerate(page.layers))
+        scale = page.unit / POINT
+        bodies.append(
+            f"<</Type/Page/Parent 2 0 R/MediaBox[0 0 {page.width / page.unit:.8g} {page.height / page.unit:.8g}]"
+            f"{f'/UserUnit {scale:g}' if scale > 1 else ''}"
+            f"/Resources<</Font<</F 3 0 R>>/Properties<<{used}>>>>/Contents {first + 2 * i + 1} 0 R>>".encode()
+        )
+        bodies.append(b"<</Filter/FlateDecode/Length %d>>stream\n" % len(content) + content + b"\nendstream")
+    info = title.encode("cp1252", "replace").replace(b"(", b"[").replace(b")", b"]").replace(b"\\", b"/")
+    bodies.append(b"<</Title(" + info + b")/Producer(" + PROGRAM.encode() + b")>>")
+    return _assembled(bodies)
+
+
+def _layer_list(count: int) -> bytes:
+    listed = " ".join(f"{4 + i} 0 R" for i in range(count)).encode()
+    return b"/OCProperties<</OCGs[" + listed + b"]/D<</Order[" + listed + b"]/ON[" + listed + b"]>>>>"
+
+
+def _assembled(bodies: list[bytes]) -> bytes:
+    data = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n")
+    offsets = []
+    for number, body in enumerate(bodies, start=1):
+        offsets.append(len(data))
+        data += b"%d 0 obj\n" % number + body + b"\nendobj\n"
+    start = len(data)
+    data += b"xref\n0 %d\n0000000000 65535 f \n" % (len(bodies) + 1)
+    data += b"".join(b"%010d 00000 n \n" % offset for offset in offsets)
+    data += b"trailer<</Size %d/Root 1 0 R/Info %d 0 R>>\nstartxref\n%d\n%%%%EOF\n" % (
+        len(bodies) + 1,
+        len(bodies),
+        start,
+    )
+    return bytes(data)
+
+
+# -- the sheets ----------------------------------------------------------------------------------------------------
+
+
+def write(
+    sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
+) -> list[Path]:
+    """Write one file per sheet, a page of the sheet's size each: out/sheet.pdf gives out/sheet-01.pdf, ...; returns their paths.
+
+    All of them appear or none. ``new`` comes from ``files.replacing_many`` where they shall appear together with others.
+    Raises ``FlexMapsError`` where they cannot be written.
+    """
+    if new is None:
+        with replacing_many(numbered_before(target, sheets.count)) as new:
+            return write(sheets, target, new, progress)
+    paths = numbered(target, sheets.count)
+    for index, place in enumerate(paths):
+        page = sheet_page(sheets, index, progress.part(index / sheets.count, (index + 1) / sheets.count))
+        new(place).write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))
+    return paths
+
+
+def sheet_page(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Page:
+    """One sheet at its true size, a layer and a colour per operation."""
+    width, height = sheets.packing.sizes[index].tolist()
+    page = Page(width, height)
+    for (name, colour), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
+        page.begin_layer(name)
+        for curve in curves:
+            page.stroke(curve, colour, HAIRLINE * 1e-3)
+        page.end_layer()
+    return page

@@ -1,0 +1,41 @@
+"""The numbered files of a series, one a sheet, and which of an earlier run's may go."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from pathlib import Path
+
+from ... import PROGRAM
+
+_LOOK = 1 << 16  # bytes at either end of a file in which the program's name stands
+
+
+def numbered(path: str | os.PathLike[str], count: int) -> list[Path]:
+    """out/sheet.svg -> out/sheet-01.svg, out/sheet-02.svg, ..."""
+    path = Path(path)
+    return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]
+
+
+def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
+    """Files of an earlier run with more sheets than ``count``: without gaps, and only those that this program wrote."""
+    found: list[Path] = []
+    path = Path(path)
+    while (old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")).is_file():
+        found.append(old)
+    return [old for old in found if ours(old)]
+
+
+def ours(path: Path) -> bool:
+    """Whether a file names this program as the one that wrote it, as all files of the sheets do."""
+    mark = PROGRAM.encode()
+    try:
+        if path.suffix.lower() == ".3mf":
+            with zipfile.ZipFile(path) as package, package.open("3D/3dmodel.model") as model:
+                return mark in model.read(_LOOK)
+        with open(path, "rb") as stream:
+            head = stream.read(_LOOK)
+            stream.seek(max(path.stat().st_size - _LOOK, 0))
+            return mark in head or mark in stream.read()
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError):
+        return False  # what cannot be read is not ours to remove

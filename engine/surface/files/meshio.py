@@ -1,0 +1,100 @@
+"""Read a polygon mesh from a file: OBJ, OFF, PLY and STL.
+
+``.blend`` files are read through Blender (see ``bridge``). Readers only parse; whether the mesh can be made is the
+business of ``check``.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from ..check_topology import repeated_faces
+from ..mesh import PolygonMesh
+from .obj import parse_obj
+from .off import parse_off
+from .ply import parse_ply
+from .stl import parse_stl
+from .text import RawMesh
+
+PARSERS = {".obj": parse_obj, ".off": parse_off, ".ply": parse_ply, ".stl": parse_stl}
+SUFFIXES = tuple(PARSERS)
+
+
+def read(path: str | Path) -> PolygonMesh:
+    """Read the mesh in the file ``path``; the suffix tells the format.
+
+    Vertices come in the file's own unit, (V, 3) float64, in the file's order, used or not. Corners of STL triangles at
+    exactly the same position become one vertex. Texture coordinates, normals, colours and materials are left out. So are,
+    as Blender's importers do it, points and lines, and faces that are listed a second time; ``left_out`` of the mesh says
+    so.
+
+    Raises FlexMapsError, naming the file and the line or element, when there is no such file or it is a folder, cannot
+    be read, is empty, cut short, of another format, or holds numbers or indices that make no sense.
+    """
+    path = Path(path)
+    parse = PARSERS.get(path.suffix.lower())
+    if os.path.isdir(path):
+        raise FlexMapsError(f"{path} is a folder; give a mesh file ({', '.join(SUFFIXES)})")
+    if parse is None:
+        suffix = f"the suffix '{path.suffix}'" if path.suffix else "no suffix"
+        raise FlexMapsError(f"{path} has {suffix}, which is not a known mesh format; save it as {', '.join(SUFFIXES)}")
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise FlexMapsError(f"{path} does not exist; check the name of the mesh file") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise FlexMapsError(f"{path} cannot be read ({reason}); check the file and its permissions") from None
+    return parsed(data, path.name)
+
+
+def parsed(data: bytes, name: str) -> PolygonMesh:
+    """The mesh in the bytes of a file with this name; as ``read``."""
+    if not data.strip():
+        raise FlexMapsError(f"{name} is empty; export the mesh again")
+    return _checked(PARSERS[Path(name).suffix.lower()](data, name), name)
+
+
+def _checked(raw: RawMesh, name: str) -> PolygonMesh:
+    """The mesh without what is no face; raises for faces with vertices that are not there, or are nowhere."""
+    face_of = np.repeat(np.arange(len(raw.sizes)), raw.sizes)
+    outside = (raw.corners < 0) | (raw.corners >= len(raw.vertices))
+    if outside.any():
+        faces = np.unique(face_of[outside])
+        raise FlexMapsError(
+            f"{name}, {raw.face_place(int(faces[0]))}: the face refers to a vertex that is not among the"
+            f" {len(raw.vertices)} of the file; it may be cut short, so export it again",
+            faces=faces,
+        )
+    left = raw.left_out
+    small = np.flatnonzero(raw.sizes < 3)
+    if len(small):
+        left += (_told(small, raw, "a point or a line", "points or lines"),)
+    mesh = PolygonMesh(raw.vertices, raw.corners, raw.sizes).kept(raw.sizes >= 3)
+    if not len(mesh.sizes):
+        raise FlexMapsError(f"{name} holds no faces; export the surface itself, not only points or curves")
+    twice = repeated_faces(mesh)
+    if len(twice):
+        faces = np.flatnonzero(raw.sizes >= 3)[twice]
+        left += (_told(faces, raw, "a face that is listed before", "faces that are listed before"),)
+        mesh = mesh.kept(~np.isin(np.arange(len(mesh.sizes)), twice))
+    nowhere = ~np.isfinite(mesh.vertices).all(axis=1)
+    bad = np.intersect1d(np.flatnonzero(nowhere), mesh.corners)
+    if len(bad):
+        more = f" ({len(bad)} such vertices)" if len(bad) > 1 else ""
+        raise FlexMapsError(
+            f"{name}, {raw.vertex_place(int(bad[0]))}: a coordinate is not a finite number{more}; mend or delete it"
+        )
+    return PolygonMesh(mesh.vertices, mesh.corners, mesh.sizes, left)
+
+
+def _told(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
+    """For example "2 faces that are listed before are left out (line 4, line 7)"."""
+    places = ", ".join(raw.face_place(int(f)) for f in faces[:3]) + (", ..." if len(faces) > 3 else "")
+    if len(faces) == 1:
+        return f"{one[0].upper()}{one[1:]} is left out ({places})"
+    return f"{len(faces)} {many} are left out ({places})"

@@ -1,0 +1,291 @@
+"""Parser of PLY, the Stanford polygon format, as text or binary."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from .text import (
+    BYTE_ORDER_MARK,
+    RawMesh,
+    Row,
+    bytes_left,
+    first_that_fits,
+    integers,
+    lines_place,
+    numbers,
+    shown,
+    whole,
+)
+
+PLY_TYPES = {
+    b"char": "i1", b"int8": "i1", b"uchar": "u1", b"uint8": "u1", b"short": "i2", b"int16": "i2", b"ushort": "u2",
+    b"uint16": "u2", b"int": "i4", b"int32": "i4", b"uint": "u4", b"uint32": "u4", b"float": "f4", b"float32": "f4",
+    b"double": "f8", b"float64": "f8",
+}  # fmt: skip
+PLY_ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+FACE_LISTS = (b"vertex_indices", b"vertex_index")
+
+
+@dataclass(frozen=True)
+class _Property:
+    name: bytes
+    type: str  # numpy type of the value, or of a list's items
+    count_type: str = ""  # numpy type of a list's length; "" for a single value
+
+
+@dataclass(frozen=True)
+class _Element:
+    name: bytes
+    count: int
+    properties: list[_Property] = field(default_factory=list)
+
+    @property
+    def flat(self) -> bool:
+        return not any(p.count_type for p in self.properties)
+
+
+def parse_ply(data: bytes, name: str) -> RawMesh:
+    """Parse PLY (Stanford polygon format) 1.0, text or binary of either byte order, any elements and properties."""
+    data = data.removeprefix(BYTE_ORDER_MARK)
+    order, elements, start, head_lines = _ply_head(data, name)
+    for wanted in (b"vertex", b"face"):
+        if not any(e.name == wanted for e in elements):
+            strips = any(e.name == b"tristrips" for e in elements)
+            hint = "it holds triangle strips, so export it with faces" if strips else "export the surface again"
+            raise FlexMapsError(f"{name} has no {wanted.decode()} elements; {hint}")
+    reader = _ply_text if order == "" else _ply_binary
+    return reader(data[start:], order, elements, name, head_lines)
+
+
+def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
+    """Byte order ("" for text), the elements, where the body starts, how many lines the head has."""
+    if not data.startswith(b"ply"):
+        raise FlexMapsError(f"{name} does not begin with 'ply', so it is no PLY file; export the mesh again")
+    # a binary body may begin with any byte, so the first line tells how lines end
+    old_mac = re.match(rb"ply[ \t]*\r(?!\n)", data) is not None
+    end = re.search(rb"\r[ \t]*end_header[ \t]*\r" if old_mac else rb"\n[ \t]*end_header[ \t]*\r?\n", data)
+    if end is None:
+        raise FlexMapsError(f"{name} is cut short: its head has no line 'end_header'; export it again")
+    lines = data[: end.start()].split(b"\r" if old_mac else b"\n")
+    order, elements = None, []
+    for number, line in enumerate(lines, 1):
+        words = line.split()
+        try:
+            if not words or words[0] in (b"ply", b"comment", b"obj_info"):
+                continue
+            if words[0] == b"format":
+                order = PLY_ORDERS[words[1]]
+            elif words[0] == b"element":
+                elements.append(_Element(words[1], int(words[2])))
+                if elements[-1].count < 0:
+                    raise ValueError
+            elif words[0] == b"property" and words[1] == b"list":
+                if PLY_TYPES[words[2]][0] == "f":
+                    raise ValueError
+                elements[-1].properties.append(_Property(words[4], PLY_TYPES[words[3]], PLY_TYPES[words[2]]))
+            elif words[0] == b"property":
+                elements[-1].properties.append(_Property(words[2], PLY_TYPES[words[1]]))
+            else:
+                raise ValueError
+        except (KeyError, IndexError, ValueError):
+            raise FlexMapsError(
+                f"{name}, line {number}: '{shown(words)}' does not belong in a PLY head; export it again"
+            ) from None
+    if order is None:
+        raise FlexMapsError(f"{name} does not say whether it is text or binary; export it again")
+    return order, elements, end.end(), len(lines) + 1
+
+
+def _columns(element: _Element, name: str) -> list[int]:
+    """Where x, y and z stand among the properties of the vertices."""
+    names = [p.name for p in element.properties]
+    if not {b"x", b"y", b"z"} <= set(names) or not element.flat:
+        raise FlexMapsError(f"{name}: its vertices have no x, y and z; export it again")
+    return [names.index(axis) for axis in (b"x", b"y", b"z")]
+
+
+def _face_list(element: _Element, name: str) -> int:
+    """Which property of the faces holds the vertex indices."""
+    for i, p in enumerate(element.properties):
+        if p.name in FACE_LISTS and p.count_type and p.type[0] != "f":
+            return i
+    raise FlexMapsError(f"{name}: its faces have no list of vertex indices; export it again")
+
+
+def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+    """A line for every element, as most have it, or else a stream of words, as the format allows."""
+    rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
+
+    def by_line() -> RawMesh:
+        return _text_mesh(_lines_of(rows, elements, name), elements, name)
+
+    def by_word() -> RawMesh:
+        return _text_mesh(_words_of(rows, elements, name), elements, name)
+
+    return first_that_fits([by_line, by_word])
+
+
+_Own = tuple[list[Row], tuple[str, ...]]  # a line number and the words of every element, and what is left out
+
+
+def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
+    """Of every element in turn its lines; more words than it has properties are left out."""
+    promised = sum(e.count for e in elements if e.properties)
+    if len(rows) < promised:
+        raise FlexMapsError(
+            f"{name} is cut short: its head promises {promised} lines, {len(rows)} follow; export it again"
+        )
+    at = 0
+    for element in elements:
+        own = rows[at : at + element.count] if element.properties else []
+        at += len(own)
+        left: tuple[str, ...] = ()
+        if element is elements[-1] and at < len(rows):
+            line, words = rows[at]
+            left = (f"What follows the last element is left out, from line {line} on ('{shown(words)}')",)
+        yield own, left
+
+
+def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
+    """Of every element in turn as many words as its properties take, wherever the lines end."""
+    words = [word for _, row in rows for word in row]
+    line_of = [line for line, row in rows for _ in row]
+    at = 0
+    for element in elements:
+        own: list[Row] = []
+        for _ in range(element.count if element.properties else 0):
+            end = at
+            for p in element.properties:
+                end += 1
+                if p.count_type and end <= len(words):
+                    end += max(whole(words[end - 1], line_of[end - 1], name), 0)
+                if end > len(words):
+                    raise _cut_short(name, element)
+            own.append((line_of[at], words[at:end]))
+            at = end
+        if element is elements[-1] and at < len(words):
+            raise FlexMapsError(f"{name}, line {line_of[at]}: more numbers than its head promises; export it again")
+        yield own, ()
+
+
+def _text_mesh(found: Iterator[_Own], elements: list[_Element], name: str) -> RawMesh:
+    vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    point_lines: list[int] = []
+    face_lines: list[int] = []
+    left: tuple[str, ...] = ()
+    for element, (own, more) in zip(elements, found, strict=True):
+        left += more
+        lines = [n for n, _ in own]
+        if element.name == b"vertex":
+            columns = _columns(element, name)
+            short = next((n for n, words in own if len(words) < len(element.properties)), None)
+            if short:
+                raise FlexMapsError(f"{name}, line {short}: too few numbers for a vertex; the file may be cut short")
+            points = [[words[c] for c in columns] for _, words in own]
+            vertices = numbers(points, lines, 3, name, "a vertex").reshape(-1, 3)
+            point_lines = lines
+        elif element.name == b"face":
+            faces = [_text_list(words, element, _face_list(element, name), name, n) for n, words in own]
+            sizes = np.array([len(f) for f in faces], dtype=np.int64)
+            corners = integers(faces, lines, name)
+            face_lines = lines
+    return RawMesh(vertices, corners, sizes, lines_place(point_lines), lines_place(face_lines), left)
+
+
+def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
+    """The vertex indices among the words of one face."""
+    at, found = 0, []
+    for i, p in enumerate(element.properties):
+        length = whole(words[at], line, name) if p.count_type and at < len(words) else 0
+        if length < 0 or at + 1 + length > len(words):
+            raise FlexMapsError(f"{name}, line {line}: the numbers do not make a face; the file may be cut short")
+        if i == wanted:
+            found = words[at + 1 : at + 1 + length]
+        at += 1 + length
+    return found
+
+
+def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+    at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    for element in elements:
+        columns = _columns(element, name) if element.name == b"vertex" else []
+        if element.flat:
+            dtype = np.dtype([(f"p{i}", order + p.type) for i, p in enumerate(element.properties)])
+            need = element.count * dtype.itemsize
+            if at + need > len(data):
+                raise _cut_short(name, element)
+            if element.name == b"vertex":
+                table = np.frombuffer(data, dtype, element.count, at)
+                vertices = np.stack([table[f"p{c}"].astype(float) for c in columns], axis=1)
+            elif element.name == b"face":
+                _face_list(element, name)
+            at += need
+            continue
+        wanted = _face_list(element, name) if element.name == b"face" else -1
+        found, counts, at = _binary_lists(data, at, order, element, wanted, name)
+        if element.name == b"face":
+            corners, sizes = found, counts
+    left = bytes_left(data[at:])
+    return RawMesh(vertices, corners, sizes, lambda i: f"vertex {i}", lambda i: f"face {i}", left)
+
+
+def _cut_short(name: str, element: _Element) -> FlexMapsError:
+    return FlexMapsError(
+        f"{name} is cut short: it ends within its {element.count} {element.name.decode(errors='replace')}"
+        " elements; export it again"
+    )
+
+
+def _binary_lists(
+    data: bytes, at: int, order: str, element: _Element, wanted: int, name: str
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Items and lengths of the list property ``wanted`` of all elements, and where the next element starts.
+
+    Runs of elements with lists of equal lengths are read in one go: the layout of the first is tried on the rest.
+    """
+    items: list[np.ndarray] = []
+    lengths: list[np.ndarray] = []
+    done, chunk = 0, element.count
+    while done < element.count:
+        dtype = _record_type(data, at, order, element)
+        if dtype is None or at + dtype.itemsize > len(data):
+            raise _cut_short(name, element)
+        fit = min(element.count - done, chunk, (len(data) - at) // dtype.itemsize)
+        table = np.frombuffer(data, dtype, fit, at)
+        same = np.ones(fit, dtype=bool)
+        for i, p in enumerate(element.properties):
+            if p.count_type:
+                same &= table[f"n{i}"] == table[f"n{i}"][0]
+        run = fit if same.all() else int(np.argmin(same))
+        if wanted >= 0:
+            items.append(table[f"p{wanted}"][:run].astype(np.int64).ravel())
+            lengths.append(np.full(run, int(table[f"n{wanted}"][0]), dtype=np.int64))
+        at += run * dtype.itemsize
+        done += run
+        chunk = max(2 * run, 16)  # short runs: look only a little ahead, so that mixed faces cost linear time
+    empty = np.zeros(0, np.int64)
+    return np.concatenate([empty, *items]), np.concatenate([empty, *lengths]), at
+
+
+def _record_type(data: bytes, at: int, order: str, element: _Element) -> np.dtype | None:
+    """The numpy type of the record at ``at``; None where the data end within it."""
+    fields: list[tuple] = []
+    for i, p in enumerate(element.properties):
+        if not p.count_type:
+            fields.append((f"p{i}", order + p.type))
+            at += np.dtype(p.type).itemsize
+            continue
+        count = np.dtype(order + p.count_type)
+        if at + count.itemsize > len(data):
+            return None
+        length = int(np.frombuffer(data, count, 1, at)[0])
+        at += count.itemsize + length * np.dtype(p.type).itemsize
+        if length < 0 or at > len(data):
+            return None
+        fields += [(f"n{i}", count), (f"p{i}", order + p.type, (length,))]
+    return np.dtype(fields)

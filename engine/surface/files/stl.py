@@ -1,0 +1,82 @@
+"""Parser of STL, text and binary."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from .text import BYTE_ORDER_MARK, RawMesh, bytes_left, numbers
+
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])  # 50 bytes
+HEAD = 84  # bytes: 80 of any text, and the number of triangles
+
+
+def parse_stl(data: bytes, name: str) -> RawMesh:
+    """Parse STL, text or binary; corners at exactly the same position become one vertex."""
+    count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
+    end = HEAD + RECORD.itemsize * count
+    text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
+    left: tuple[str, ...] = ()
+    # the size tells, not the first word: heads of binary files may begin with "solid" too
+    if len(data) != end and text[:5].lower() == b"solid" and b"\0" not in data:
+        points, left = _text_points(text, data[: len(data) - len(text)].count(b"\n"), name)
+    elif count and HEAD < end <= len(data):
+        records = np.frombuffer(data, RECORD, count, HEAD)
+        points = records["corners"].reshape(-1, 3).astype(float)
+        left = bytes_left(data[end:])
+    elif HEAD <= len(data) < end:
+        raise FlexMapsError(
+            f"{name} is cut short: it promises {count} triangles and holds {(len(data) - HEAD) // RECORD.itemsize};"
+            " export it again"
+        )
+    elif len(data) == end:
+        points = np.zeros((0, 3))
+    else:
+        raise FlexMapsError(f"{name} is neither text nor binary STL; export it again")
+    if not np.isfinite(points).all():
+        bad = int(np.argmin(np.isfinite(points).all(axis=1))) // 3
+        raise FlexMapsError(
+            f"{name}, triangle {bad}: a coordinate is not a finite number; export it again", faces=[bad]
+        )
+    _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))  # number the vertices in the order in which they appear
+    corners = rank[index.ravel()]
+    sizes = np.full(len(points) // 3, 3, dtype=np.int64)
+    return RawMesh(points[np.sort(first)], corners, sizes, lambda i: f"vertex {i}", lambda i: f"triangle {i}", left)
+
+
+def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """(3 n, 3) corner positions of a text STL, and what is to be said of it.
+
+    Its words count, so lines may end anywhere but in the name of a solid.
+    """
+    words: list[bytes] = []
+    line_of: list[int] = []
+    ended = False
+    for number, line in enumerate(data.splitlines(), lines_before + 1):
+        own = line.split()
+        if own and own[0].lower() == b"solid":
+            facet = re.search(rb"\sfacet\s+normal\s+[-+.\d]", line, re.IGNORECASE)  # where all stands on one line
+            own = line[facet.start() :].split() if facet else []
+        end = next((k for k, word in enumerate(own) if word.lower() == b"endsolid"), len(own))  # its name follows
+        ended |= end < len(own)
+        words += own[:end]
+        line_of += [number] * end
+    rows: list[list[bytes]] = []
+    lines: list[int] = []
+    facets = 0
+    for k, word in enumerate(words):
+        keyword = word.lower()
+        if keyword == b"vertex":
+            rows.append(words[k + 1 : k + 4])
+            lines.append(line_of[k])
+        elif keyword == b"endfacet":
+            facets += 1
+            if len(rows) != 3 * facets:
+                raise FlexMapsError(f"{name}, line {line_of[k]}: the triangle does not have 3 corners; export it again")
+    if len(rows) != 3 * facets:
+        raise FlexMapsError(f"{name} is cut short: its last triangle is not whole; export it again")
+    points = numbers(rows, lines, 3, name, "a corner").reshape(-1, 3)
+    return points, () if ended else ("The file has no end ('endsolid'): where triangles are missing, export it again",)
