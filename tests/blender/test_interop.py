@@ -357,7 +357,7 @@ dev = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(dev)
 dev.load_package().register()
 import bpy
-from flexmaps.bridge import notes, states
+from flexmaps.bridge.store import notes, states
 if task == "make":
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     exec(sys.stdin.read())
