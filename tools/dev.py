@@ -32,6 +32,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
   python3 tools/dev.py lint                     ruff and mypy only
+  python3 tools/dev.py measures                 whether the house is in order: imports, lengths, numbers without a word
   python3 tools/dev.py setup                    make the environment, nothing else
   python3 tools/dev.py python FILE ...          run a script inside the environment
 
@@ -320,6 +321,8 @@ def dispatch(command, rest):
         return call("checks", [command] + rest)
     if command == "build":
         return call("build_zip", rest)
+    if command == "measures":
+        return call("measures", rest)
     if command == "gallery":
         return call("gallery", rest)
     if command == "bench":
@@ -333,7 +336,7 @@ def dispatch(command, rest):
     return 0  # setup
 
 
-COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "bench", "database", "python", "setup")
+COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "bench", "database", "measures", "python", "setup")
 
 
 def main(arguments):

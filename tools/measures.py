@@ -1,0 +1,217 @@
+"""``measures`` of tools/dev.py: whether the house is in order: imports, lengths of files and functions, numbers without a word.
+
+``tests/engine/test_measures.py`` holds what it counts at nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# the folders of the package, each importing only from itself and from those before it
+ROOMS = (
+    "engine",
+    "engine/surface",
+    "engine/surface/files",
+    "engine/patches",
+    "engine/spirals",
+    "engine/mechanics",
+    "engine/optimisation",
+    "engine/fabrication/panels",
+    "engine/fabrication/connectors",
+    "engine/fabrication/nesting",
+    "engine/fabrication",
+    "engine/fabrication/writers",
+    "engine/display",
+    "engine/assembling",
+    "engine/runs",
+    "bridge",
+    "bridge/store",
+    "bridge/view",
+    "bridge/hosts",
+    "api",
+    "command",
+    "operators",
+    "panels",
+    "",  # __init__.py, which Blender registers
+)
+DATABASE = "database"  # makes data/ offline, from the engine alone
+BESIDE = ("tools", "tests", "examples", "presets")  # not in the package; long files and functions count there too
+FILE, FUNCTION = 400, 60  # most lines
+TABLES = {"engine/params.py"}  # one table of settings, however long
+
+
+class Place(NamedTuple):
+    """Where something was found, and what."""
+
+    path: str
+    line: int
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.what}"
+
+
+def sources(*folders: str) -> list[Path]:
+    """The Python files below folders of the checkout, sorted."""
+    return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
+
+
+def package() -> list[Path]:
+    """The Python files that Blender gets."""
+    tops = {room.split("/")[0] for room in ROOMS} - {"", "api"}
+    return [ROOT / "__init__.py", ROOT / "api.py", *sources(*sorted(tops))]
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def dotted(path: Path) -> tuple[str, ...]:
+    """A file as the parts of its module's name below the package; a package's own file is the package."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return parts[:-1] if parts[-1] == "__init__" else parts
+
+
+def room(path: Path) -> str:
+    """The folder of the package that a file is in; ``api.py`` is one of its own."""
+    return "api" if path == ROOT / "api.py" else path.parent.relative_to(ROOT).as_posix().removeprefix(".")
+
+
+def imports(path: Path) -> Iterator[tuple[int, int, str]]:
+    """(line, level, dotted name) of everything that a file imports, also inside functions and for types."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, 0, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                yield node.lineno, node.level, f"{node.module or ''}.{alias.name}".strip(".")
+
+
+def within(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tuple[int, Path]]:
+    """(line, file) of what a file imports of the package: the modules, and the packages where no module is named."""
+    own = path.relative_to(ROOT).with_suffix("").parts
+    for line, level, name in imports(path):
+        if level:
+            full = (*own[:-level], *filter(None, name.split(".")))
+        elif name.split(".")[0] == "flexmaps":
+            full = tuple(name.split(".")[1:])
+        else:
+            continue
+        while full and full not in known:
+            full = full[:-1]
+        yield line, known[full]
+
+
+def upward() -> list[Place]:
+    """Imports of a folder from one after it."""
+    files = [*package(), *sources(DATABASE)]
+    known = {dotted(path): path for path in files}
+    order = {name: k for k, name in enumerate((*ROOMS, DATABASE))}
+    found = [
+        Place(str(p.relative_to(ROOT)), 1, "a folder that is not in the list") for p in files if _room(p) not in order
+    ]
+    for path in files:
+        for line, other in within(path, known):
+            if other == ROOT / "__init__.py" or order.get(_room(other), 0) > order.get(_room(path), 0):
+                found.append(Place(str(path.relative_to(ROOT)), line, f"imports upward: {other.relative_to(ROOT)}"))
+            elif _room(path) == DATABASE and not _room(other).startswith(("engine", DATABASE)):
+                found.append(
+                    Place(str(path.relative_to(ROOT)), line, f"the engine alone, not {other.relative_to(ROOT)}")
+                )
+    return found
+
+
+def _room(path: Path) -> str:
+    return DATABASE if path.is_relative_to(ROOT / DATABASE) else room(path)
+
+
+def circles() -> list[Place]:
+    """Modules that import each other, directly or through others, and those above one that does."""
+    files = [*package(), *sources(DATABASE)]
+    known = {dotted(path): path for path in files}
+    # a package's own file holds its docstring or registers what is below it: as a step on the way it says nothing
+    left = {path: {other for _, other in within(path, known) if other.name != "__init__.py"} - {path} for path in files}
+    while ready := [path for path, needs in left.items() if not needs & left.keys()]:
+        for path in ready:
+            del left[path]
+    return [Place(str(path.relative_to(ROOT)), 1, "in a circle of imports, or above one") for path in left]
+
+
+def long_files() -> list[Place]:
+    found = []
+    for path in [*package(), *sources(DATABASE, *BESIDE)]:
+        name, lines = path.relative_to(ROOT).as_posix(), _lines(path)
+        if lines > FILE and name not in TABLES:
+            found.append(Place(name, lines, f"{lines} lines"))
+    return found
+
+
+def long_functions() -> list[Place]:
+    found = []
+    for path in [*package(), *sources(DATABASE, *BESIDE)]:
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > FUNCTION:
+                    found.append(Place(path.relative_to(ROOT).as_posix(), node.lineno, f"{node.name}: {lines} lines"))
+    return found
+
+
+def bare_numbers() -> list[Place]:
+    """Numbers given a name at a module's top without a comment on the same lines or on the one above."""
+    found = []
+    for path in [*package(), *sources(DATABASE, "tools")]:
+        text = path.read_text(encoding="utf-8").splitlines()
+        for node in tree(path).body:
+            if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None or not _numeric(node.value):
+                continue
+            own = text[node.lineno - 1 : node.end_lineno]
+            above = text[node.lineno - 2].lstrip() if node.lineno > 1 else ""
+            if not above.startswith("#") and not any("#" in line for line in own):
+                found.append(Place(path.relative_to(ROOT).as_posix(), node.lineno, own[0].strip()))
+    return found
+
+
+def _numeric(value: ast.expr) -> bool:
+    return any(isinstance(node, ast.Constant) and type(node.value) in (int, float) for node in ast.walk(value))
+
+
+def _lines(path: Path) -> int:
+    return len(path.read_text(encoding="utf-8").splitlines())
+
+
+FAULTS = {
+    "imports upward": upward,
+    "circles of imports": circles,
+    f"files over {FILE} lines": long_files,
+    f"functions over {FUNCTION} lines": long_functions,
+    "numbers without a comment": bare_numbers,
+}
+
+
+def main(argv: list[str]) -> int:
+    """Print the measures, and where they are not kept; the exit status is 0 when all are."""
+    parser = argparse.ArgumentParser(prog="measures", description="Whether the house is in order.")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures there too")
+    args = parser.parse_args(argv)
+    figures: dict[str, int] = {}
+    for name, measure in FAULTS.items():
+        places = measure()
+        figures[name] = len(places)
+        print(f"{name:28} {len(places)}")
+        print("".join(f"    {place}\n" for place in places), end="")
+    figures["files of the package"], figures["lines of the package"] = len(package()), sum(map(_lines, package()))
+    for name in ("files of the package", "lines of the package"):
+        print(f"{name:28} {figures[name]}")
+    if args.json:
+        args.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    return 1 if any(figures[name] for name in FAULTS) else 0
