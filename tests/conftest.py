@@ -18,9 +18,9 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 
-def load_tool(name: str) -> ModuleType:
-    """A module of tools/, which is no package."""
-    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", ROOT / "tools" / f"{name}.py")
+def load_tool(name: str, folder: str = "tools") -> ModuleType:
+    """A module of tools/ or tests/, which are no packages."""
+    spec = importlib.util.spec_from_file_location(f"flexmaps_{name}", ROOT / folder / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -32,6 +32,7 @@ def load_tool(name: str) -> ModuleType:
 # `python -m pytest` puts the working folder there; with it, every module could be imported a second time by another name
 sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != ROOT]
 load_tool("dev").load_package()  # the one place that knows how
+load_tool("shapes", "tests")
 
 
 @pytest.fixture(scope="session")

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_border", "dual", "dual_edges", "body_of")
 
@@ -27,8 +31,8 @@ class PolygonMesh:
     sizes: np.ndarray
     left_out: tuple[str, ...] = ()
 
-    def kept(self, faces: np.ndarray) -> PolygonMesh:
-        """The same vertices with some of the faces, (F,) bool."""
+    def kept(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
+        """The same vertices with some of the faces."""
         if faces.all():
             return self
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
@@ -43,14 +47,14 @@ class PolygonMesh:
 class QuadMesh:
     """A clean quad mesh: manifold, consistently oriented, no degenerate quads. Made by ``check.as_quad_mesh``.
 
-    vertices : (V, 3) float64, metres
-    quads : (F, 4) int, vertex indices, counter-clockwise seen from outside
+    vertices : metres
+    quads : vertex indices, counter-clockwise seen from outside
 
     Side k of a quad runs from its corner k to its corner (k+1) % 4. Edges are numbered by ascending vertex pair.
     """
 
-    vertices: np.ndarray
-    quads: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    quads: Int[np.ndarray, "quads 4"]
 
     def moved(self, vertices: np.ndarray) -> QuadMesh:
         """The same quads with other vertex positions (V, 3), metres; the topology is shared, not computed again."""

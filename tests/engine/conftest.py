@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 from flexmaps.engine.patches.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface.mesh import QuadMesh
+
+sys.modules["flexmaps_shapes"].watch("engine")
 
 
 def _flat_grid(

@@ -343,7 +343,7 @@ def test_damaged_files_are_read_or_refused(tmp_path, suffix, data):
     except FlexMapsError as error:
         assert "\n" not in str(error)
         return
-    assert np.isfinite(mesh.vertices).all()
+    assert np.isfinite(mesh.vertices[mesh.corners]).all()  # a vertex that no face has may be nowhere
     assert mesh.sizes.sum() == len(mesh.corners)
     assert mesh.sizes.min() >= 3
     assert mesh.corners.min() >= 0
