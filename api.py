@@ -31,9 +31,9 @@ from .engine.params import ObjectSettings, changed
 from .engine.progress import SILENT, Progress
 from .engine.runs import job, stages
 from .engine.runs import report as reporting
-from .engine.surface import check as checking
 from .engine.surface import shapes
-from .engine.surface.check import Finding
+from .engine.surface.checking import check as checking
+from .engine.surface.checking.check import Finding
 from .engine.surface.files import meshio
 from .engine.surface.mesh import PolygonMesh, QuadMesh
 

@@ -24,7 +24,7 @@ class Check(Stage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine.surface import check
+            from ..engine.surface.checking import check
 
             progress(0.0, "Looking at every face")
             return check.findings(surface.polygons)

@@ -14,7 +14,7 @@ from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
     from ..bridge.store.stored import Taken
-    from ..engine.patches.flatten import FlatPatches
+    from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
 
 
@@ -39,7 +39,7 @@ class LayoutStage(JobStage):
 
 def _reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
     """The flat patches and their note; of thousands of quads that takes a moment, so it is no work for the main thread."""
-    from ..engine.patches.flatten import layout_report
+    from ..engine.patches.flattening.flatten import layout_report
 
     assert result.flat is not None
     return result.flat, layout_report(result.flat) | more

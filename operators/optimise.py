@@ -50,7 +50,7 @@ class Optimise(JobStage, bpy.types.Operator):
         once = replace(taken.settings, simulate=replace(taken.settings.simulate, restarts=0))
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.patches import flatten
+            from ..engine.patches.flattening import flatten
             from ..engine.runs import job
             from ..engine.spirals import design
 

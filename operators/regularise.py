@@ -31,7 +31,7 @@ class Regularise(JobStage, bpy.types.Operator):
     def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
-            from ..engine.surface import check
+            from ..engine.surface.checking import check
             from ..engine.surface.mesh import PolygonMesh
 
             after = job.go_on(result, taken.settings, ("regularise",), progress).mesh

@@ -48,7 +48,7 @@ class QuadRemesh(Stage, bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh
-        from ..engine.surface import check
+        from ..engine.surface.checking import check
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
@@ -86,7 +86,7 @@ class SetSize(Stage, bpy.types.Operator):
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
         def work(progress: Progress) -> Any:
-            from ..engine.surface import check
+            from ..engine.surface.checking import check
 
             progress(0.0, "Measuring edges")
             now = check.median_edge(surface.polygons)

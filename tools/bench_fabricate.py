@@ -28,11 +28,15 @@ from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf, pdf, svg
 from flexmaps.engine.fabrication.writers import solids as solid_files
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
-from flexmaps.engine.patches import merge, split, trace
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.splitting import split
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.surface import check, curvature, regularise
+from flexmaps.engine.surface import curvature
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.remeshing import regularise
 from rows import Row, Table, at_most, row
 
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles

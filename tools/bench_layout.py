@@ -18,13 +18,17 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, RegulariseParams
-from flexmaps.engine.patches import edit, flatten, merge, outline, trace
-from flexmaps.engine.patches.arap import corner_triangles, quad_energy
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import edit, flatten, outline
+from flexmaps.engine.patches.flattening.arap import corner_triangles, quad_energy
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT
-from flexmaps.engine.surface import check, regularise, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.remeshing import regularise
 from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres, median quad edge of every mesh here

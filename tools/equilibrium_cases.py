@@ -13,7 +13,8 @@ from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target
 from flexmaps.engine.mechanics.rod_model import RodModel
 from flexmaps.engine.mechanics.stiffness_rods import rod_parameters
 from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
-from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes

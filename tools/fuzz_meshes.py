@@ -8,7 +8,8 @@ import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, Settings, SheetParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 SETTINGS = Settings(layout=LayoutParams(symmetric=False), sheet=SheetParams(nesting="FAST"))

@@ -15,7 +15,7 @@ from pathlib import Path
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings, SheetParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface import check
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 
 CORPUS = Path(__file__).parents[1] / "tests" / "corpus"

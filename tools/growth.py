@@ -13,7 +13,7 @@ from flexmaps.engine.fabrication.connectors import connect as connectors
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.panels import labels
 from flexmaps.engine.params import ConnectorParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
-from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.spirals import contours, design
 from flexmaps.engine.surface import curvature

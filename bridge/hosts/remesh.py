@@ -1,4 +1,4 @@
-"""Quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.requad``."""
+"""Quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.remeshing.requad``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
-from ...engine.surface import requad
 from ...engine.surface.mesh import PolygonMesh
+from ...engine.surface.remeshing import requad
 from ..store.mesh import read_evaluated, to_metres
 from ..view import beside
 from .second import SecondBlender

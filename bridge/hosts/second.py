@@ -30,7 +30,7 @@ LOOK = 0.02  # seconds between two looks for the answer
 
 
 class SecondBlender:
-    """The tool of ``engine.surface.requad``; use it in a ``with``, so that its process ends.
+    """The tool of ``engine.surface.remeshing.requad``; use it in a ``with``, so that its process ends.
 
     smooth : whether QuadriFlow smooths the normals first
     """

@@ -9,11 +9,11 @@ import bpy
 
 # what the first buttons need, with scipy behind it; names below the package
 MODULES = (
-    "engine.surface.check",
-    "engine.patches.flatten",
+    "engine.surface.checking.check",
+    "engine.patches.flattening.flatten",
     "engine.spirals.design",
-    "engine.surface.regularise",
-    "engine.patches.merge",
+    "engine.surface.remeshing.regularise",
+    "engine.patches.merging.merge",
     "bridge.store.mesh",
     "bridge.view.beside",
 )

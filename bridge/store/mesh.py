@@ -29,7 +29,7 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from ...engine.params import SpiralParams
-from ...engine.patches.flatten import FlatPatches, measured
+from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign, fitted, outside
 from ...engine.surface.mesh import PolygonMesh, QuadMesh

@@ -16,7 +16,7 @@ import bpy
 from ...engine.runs import stages
 
 if TYPE_CHECKING:
-    from ...engine.surface.check import Finding
+    from ...engine.surface.checking.check import Finding
 
 NAME = "flexmaps_report"
 MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage was made from, see ``states``

@@ -17,7 +17,7 @@ from ..store.objects import find
 
 if TYPE_CHECKING:
     from ...engine.display.solids import Solid
-    from ...engine.patches.flatten import FlatPatches
+    from ...engine.patches.flattening.flatten import FlatPatches
     from ...engine.spirals.arcs import Curve
     from ...engine.spirals.design import SpiralDesign
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.writers.pdf import Page
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..spirals.arcs import Curve
 from .order import Join, Step
 

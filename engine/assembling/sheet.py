@@ -14,7 +14,7 @@ from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.sheets import CutSheets
 from ..fabrication.writers.pdf import Page, document, text_width
 from ..files import NewFile, replacing
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .check import AssemblyCheck

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..patches.flatten import FlatPatches
+    from ..patches.flattening.flatten import FlatPatches
 
 
 def rows(sizes: np.ndarray, gap: float, aspect: float = 1.6) -> np.ndarray:

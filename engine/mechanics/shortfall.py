@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..patches.layout import PatchLayout
-from ..patches.trace import middle_line
+from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
 
 FAR = 0.02  # RMS distance as a share of the piece's diagonal that anybody sees at once: 8 mm on 400 mm

@@ -12,7 +12,7 @@ from ..materials import Material
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
-from ..surface.check import Finding
+from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .arm_model import ArmModel

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..mechanics.arm_model import ArmModel
 from ..params import OptimiseParams
-from ..patches.flatten import FlatPatches, measured, overlapping, seam_mismatch
+from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..patches.arap import NEXT, PREVIOUS, CornerTriangles, corner_triangles
-from ..patches.flatten import FlatPatches, seam_mismatch
+from ..patches.flattening.arap import NEXT, PREVIOUS, CornerTriangles, corner_triangles
+from ..patches.flattening.flatten import FlatPatches, seam_mismatch
 from ..patches.layout import PatchLayout
 
 SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were

@@ -17,7 +17,7 @@ from ..mechanics.arm_sensitivity import StrainChanges
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
 from ..mechanics.stiffness import SCALE_RANGE, twist_limit
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points

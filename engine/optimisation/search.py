@@ -23,7 +23,7 @@ from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
 from ..mechanics.simulate import Simulation, build_model, simulate
 from ..params import OptimiseParams, SimulateParams
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
 from ..surface.mesh import QuadMesh

@@ -13,12 +13,13 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..mechanics import loads
 from ..params import LayoutParams, Settings
-from ..patches import flatten, trace
-from ..patches.flatten import FlatPatches
+from ..patches.flattening import flatten
+from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
+from ..patches.tracing import trace
 from ..progress import SILENT, Progress
-from ..surface import check
-from ..surface.check import Finding
+from ..surface.checking import check
+from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
 from .result import Result
 from .stages import STAGES, TABLE, Stage, begun, needed, without

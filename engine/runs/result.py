@@ -14,10 +14,10 @@ from ..mechanics.assembly import Pose
 from ..mechanics.simulate import Simulation
 from ..optimisation.optimise import Optimisation
 from ..optimisation.reach import Reach
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..spirals.design import SpiralDesign
-from ..surface.check import Finding
+from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh, QuadMesh
 
 

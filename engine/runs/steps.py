@@ -15,12 +15,15 @@ from ..fabrication import estimates, sheets
 from ..mechanics import simulate
 from ..optimisation import optimise, reach
 from ..params import Settings
-from ..patches import merge, split, trace
 from ..patches.layout import PatchLayout
+from ..patches.merging import merge
+from ..patches.splitting import split
+from ..patches.tracing import trace
 from ..progress import Progress
 from ..spirals import design
-from ..surface import curvature, regularise
+from ..surface import curvature
 from ..surface.mesh import QuadMesh
+from ..surface.remeshing import regularise
 from .result import Result
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import SpiralParams
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .contours import Hubs, Outline, Tips, edges, hubs, outlines, touching

@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from ..params import SpiralParams
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..params import SpiralParams
-from ..patches.flatten import FlatPatches
+from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
 
 LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 from flexmaps.bridge.hosts import job
 from flexmaps.bridge.store import attributes, mesh, notes, states
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 
 EDGE = 0.02

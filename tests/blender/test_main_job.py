@@ -145,6 +145,6 @@ def test_stopping_leaves_nothing(dome: Path, tmp_path: Path, monkeypatch: pytest
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flexmaps.engine.patches.merge.merge", stop)
+    monkeypatch.setattr("flexmaps.engine.patches.merging.merge.merge", stop)
     assert run(dome, "--edge", 20, "--out", tmp_path / "out") == 130
     assert not (tmp_path / "out").exists()

@@ -14,10 +14,12 @@ from flexmaps.bridge.store.surface import Surface
 from flexmaps.engine.display import arrange
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, SpiralParams
-from flexmaps.engine.patches import flatten, trace
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 
 

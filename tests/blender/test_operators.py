@@ -14,7 +14,8 @@ import pytest
 from flexmaps import panels
 from flexmaps.bridge.store import notes
 from flexmaps.bridge.view import beside
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 
 BUTTONS = ("check", "regularise", "trace", "merge", "flatten", "update_from_seams", "spirals", "export")
 
@@ -512,7 +513,7 @@ def test_what_cannot_be_remeshed_leaves_nothing_behind(add: Any) -> None:
 
 def bodies_of(obj: Any) -> int:
     from flexmaps.bridge.store import mesh
-    from flexmaps.engine.surface import check_topology
+    from flexmaps.engine.surface.checking import topology as check_topology
 
     found = mesh.read_surface(obj, bpy.context.scene).polygons
     return int(check_topology.bodies(check_topology.sides_of(found), len(found.sizes)).max()) + 1

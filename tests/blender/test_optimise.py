@@ -20,10 +20,11 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.optimisation import optimise as engine
 from flexmaps.engine.optimisation.reach import NAMES
 from flexmaps.engine.params import LayoutParams, ObjectSettings, SpiralParams
-from flexmaps.engine.patches.flatten import flatten
-from flexmaps.engine.patches.trace import make_disks
+from flexmaps.engine.patches.flattening.flatten import flatten
+from flexmaps.engine.patches.tracing.trace import make_disks
 from flexmaps.engine.spirals.design import outside, uniform
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.operators import optimise as operators
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, mesh, notes, pose, states
 from flexmaps.bridge.view import beside, preview
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 
 
 def press(name: str, **properties: Any) -> None:

@@ -14,10 +14,12 @@ from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.params import ConnectorParams, LayoutParams, ObjectSettings, Settings, SheetParams, SpiralParams
-from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 

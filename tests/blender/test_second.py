@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from flexmaps.bridge.hosts import remesh, second
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import check, requad, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.remeshing import requad
 
 
 @pytest.fixture

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, notes, states
 from flexmaps.bridge.store.states import DONE, OLD, TODO
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface.mesh import QuadMesh
 

@@ -10,8 +10,9 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics import simulate
 from flexmaps.engine.mechanics.arm_model import ArmModel
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
-from flexmaps.engine.patches import merge, trace
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 

@@ -15,7 +15,8 @@ from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.mechanics.bent_arms import bent
 from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
-from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation, Slerp

@@ -15,7 +15,9 @@ from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.fabrication.writers import pdf
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
-from flexmaps.engine.patches import flatten, merge, trace
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes

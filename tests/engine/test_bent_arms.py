@@ -14,7 +14,8 @@ from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.bent_arms import bent, exponential, hub_ends
 from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
-from flexmaps.engine.patches import flatten, trace
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, mates
 from flexmaps.engine.surface import shapes

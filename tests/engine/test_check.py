@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import check, check_geometry, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
+from flexmaps.engine.surface.checking import geometry as check_geometry
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings

@@ -20,7 +20,7 @@ from flexmaps.engine.optimisation.inverse import Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.patches.flatten import flips, measured, overlapping, seam_mismatch
+from flexmaps.engine.patches.flattening.flatten import flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.design import SpiralDesign, fitted

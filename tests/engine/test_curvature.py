@@ -5,7 +5,8 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
-from flexmaps.engine.surface import check, curvature, shapes
+from flexmaps.engine.surface import curvature, shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 

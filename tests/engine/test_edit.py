@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams
-from flexmaps.engine.patches import edit, flatten, merge, trace
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import edit, flatten
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.surface import shapes
 
 PARAMS = LayoutParams()

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.shortfall import curvature_within
 from flexmaps.engine.params import Settings
-from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job, report
 from flexmaps.engine.surface import shapes

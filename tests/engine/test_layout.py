@@ -144,7 +144,7 @@ def test_a_closed_run_is_walked_once_round() -> None:
 
 
 def test_a_closed_body_is_no_patch_that_lies_flat() -> None:
-    from flexmaps.engine.patches import trace
+    from flexmaps.engine.patches.tracing import trace
 
     mesh = shapes.two_bodies()
     layout = PatchLayout(mesh, np.zeros(len(mesh.edges), bool))

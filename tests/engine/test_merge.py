@@ -9,12 +9,16 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import LayoutParams, RegulariseParams
-from flexmaps.engine.patches import flatten, merge, trace
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.surface import check, regularise, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
+from flexmaps.engine.surface.remeshing import regularise
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")

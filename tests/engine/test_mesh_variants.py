@@ -8,7 +8,7 @@ import struct
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import check
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0.5)]

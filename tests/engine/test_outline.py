@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.outline import narrowness, simple
+from flexmaps.engine.patches.flattening.outline import narrowness, simple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

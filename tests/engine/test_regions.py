@@ -8,16 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flexmaps.engine.params import LayoutParams, RegulariseParams, Settings
-from flexmaps.engine.patches import flatten, merge, trace
-from flexmaps.engine.patches.arap import PatchProblem, settle
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.flattening.arap import PatchProblem, settle
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.regions import Halving
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.patches.tracing.regions import Halving
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface import check, curvature, regularise, shapes
+from flexmaps.engine.surface import curvature, shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.remeshing import regularise
 
 PARAMS = LayoutParams()
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -8,11 +8,12 @@ import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import RegulariseParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.surface import check, shapes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
-from flexmaps.engine.surface.regularise import GOOD, WARP, WORSE, best_squares, regularise, square_energy
-from flexmaps.engine.surface.regularise_guide import Guide, deviation
+from flexmaps.engine.surface.remeshing.guide import Guide, deviation
+from flexmaps.engine.surface.remeshing.regularise import GOOD, WARP, WORSE, best_squares, regularise, square_energy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize

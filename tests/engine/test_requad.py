@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.progress import SILENT, Progress
-from flexmaps.engine.surface import check, requad
-from flexmaps.engine.surface.check_topology import bodies, sides_of
-from flexmaps.engine.surface.mend import Target, mended, of_rows
+from flexmaps.engine.surface.checking import check
+from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.remeshing import requad
+from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
 
 RADIUS = 0.5
 

@@ -16,7 +16,7 @@ from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.fabrication.writers import dxf, export, svg
 from flexmaps.engine.params import ConnectorParams, LayoutParams, Settings, SheetParams, SpiralParams
-from flexmaps.engine.patches import split
+from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
@@ -239,7 +239,8 @@ def test_svg_arc_flags_for_both_senses_and_large_arcs():
 @pytest.mark.parametrize("name", ["cubesphere", "saddle", "two_bodies"])
 def test_sheets_of_real_layouts(name):
     from flexmaps.engine.params import LayoutParams
-    from flexmaps.engine.patches import flatten, trace
+    from flexmaps.engine.patches.flattening import flatten
+    from flexmaps.engine.patches.tracing import trace
     from flexmaps.engine.surface import curvature, shapes
 
     mesh = shapes.make(name)

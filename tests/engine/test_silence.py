@@ -14,7 +14,7 @@ from flexmaps.engine.assembling import sheet as assembly_sheet
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import CutParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
-from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design

@@ -5,7 +5,7 @@ import pytest
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.surface import check_geometry
+from flexmaps.engine.surface.checking import geometry as check_geometry
 
 
 def _shaken(points):

@@ -5,8 +5,10 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, Settings, SheetParams
-from flexmaps.engine.patches import merge, split, trace
-from flexmaps.engine.patches.flatten import overlapping
+from flexmaps.engine.patches.flattening.flatten import overlapping
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.splitting import split
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes

@@ -17,9 +17,10 @@ from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.simulate import build_model, simulate
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
-from flexmaps.engine.patches import flatten, trace
-from flexmaps.engine.patches.flatten import FlatPatches
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes

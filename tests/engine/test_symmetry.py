@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.params import LayoutParams
-from flexmaps.engine.patches import trace
-from flexmaps.engine.patches.board import Board
+from flexmaps.engine.patches.merging.board import Board
+from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.symmetry import keeping, subgroups, symmetries
 

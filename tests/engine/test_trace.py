@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.params import LayoutParams
-from flexmaps.engine.patches import flatten
+from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
+from flexmaps.engine.patches.tracing.trace import make_disks, middle_line, motorcycles, parametric_lines, trace
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.surface import check
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 

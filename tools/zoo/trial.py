@@ -17,7 +17,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RemeshParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
-from flexmaps.engine.surface import check
+from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 EDGE = 0.02  # metres, the median quad edge of every surface

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import FlexMapsError
-from ..check_topology import repeated_faces
+from ..checking.topology import repeated_faces
 from ..mesh import PolygonMesh
 from .obj import parse_obj
 from .off import parse_off

@@ -10,14 +10,14 @@ from functools import partial
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..progress import Progress
-from ..surface.symmetry import Symmetry, keeping
+from ...params import LayoutParams
+from ...progress import Progress
+from ...surface.symmetry import Symmetry, keeping
+from ..flattening.flatten import flatten
+from ..layout import PatchLayout
+from ..splitting.runs import chord_areas, straight_runs
 from .board import Board
-from .flatten import flatten
-from .layout import PatchLayout
-from .runs import chord_areas, straight_runs
-from .tidy import badness
+from .straighten import badness
 
 # E of a flat panel up to which it stays as it is: with 1 to 2 10^-4 halving domes, saddles and hypars of 196 quads changed the
 # simulated shape by less than 0.01 % of the size; with 0.001, 0.0022, 0.009 and 0.011 RMS fell from 3.0 to 1.8, 4.3 to 3.4, 6.9 to

@@ -13,12 +13,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..progress import SILENT, Progress
-from .check import Finding, findings
-from .check_topology import bodies, fans, inconsistent, sides_of, split_vertices
+from ...errors import FlexMapsError
+from ...progress import SILENT, Progress
+from ..checking.check import Finding, findings
+from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
+from ..mesh import PolygonMesh
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
-from .mesh import PolygonMesh
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .board import NOTHING, Board, Change, Piece
-from .tidy import badness, gain_of
+from .straighten import badness, gain_of
 
 DRAWN = 1e-3  # what an edge of cut counts beside a patch
 

@@ -14,14 +14,14 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra, maximum_flow
 
-from ..params import LayoutParams
-from ..progress import SILENT, Progress
-from ..surface.curvature import angle_defects, corner_angles
-from ..surface.mesh import QuadMesh
-from .arap import PatchProblem, minimax, settle
-from .layout import PatchLayout, drawn_lengths, groups
-from .loops import loops_of, perimeter
-from .outline import simple
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...surface.curvature import angle_defects, corner_angles
+from ...surface.mesh import QuadMesh
+from ..flattening.arap import PatchProblem, minimax, settle
+from ..flattening.outline import simple
+from ..layout import PatchLayout, drawn_lengths, groups
+from ..loops import loops_of, perimeter
 
 ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
 CORE = 0.35  # half-width of the band in which the cut is looked for, as a share of the distance between the two quads

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .mesh import QuadMesh
+from ..mesh import QuadMesh
 
 STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it
 TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from .flatten import FlatPatches
+from ..flattening.flatten import FlatPatches
 
 BEND = 3.0  # what a quarter turn of a run costs, in mean edges
 # starts times directed edges: beyond, only some of the starts are taken; and so many at a time

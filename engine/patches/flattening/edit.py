@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..params import LayoutParams
-from ..progress import SILENT, Progress
+from ...errors import FlexMapsError
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ..layout import PatchLayout
 from .flatten import FlatPatches, flatten
-from .layout import PatchLayout
 
 
 def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:

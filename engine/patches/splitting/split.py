@@ -13,14 +13,14 @@ from functools import partial
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..params import LayoutParams, SheetParams
-from ..progress import SILENT, Progress
-from ..surface.symmetry import Symmetry, keeping, symmetries
-from .edit import with_cuts
-from .flatten import FlatPatches
-from .layout import PatchLayout, alone
-from .merge import forced_notes, symmetry_kept
+from ...errors import FlexMapsError
+from ...params import LayoutParams, SheetParams
+from ...progress import SILENT, Progress
+from ...surface.symmetry import Symmetry, keeping, symmetries
+from ..flattening.edit import with_cuts
+from ..flattening.flatten import FlatPatches
+from ..layout import PatchLayout, alone
+from ..merging.merge import forced_notes, symmetry_kept
 from .runs import Runs, chord_areas, straight_runs
 
 ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet

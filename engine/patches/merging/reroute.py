@@ -12,10 +12,10 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from ..surface.corners import rings
-from ..surface.mesh import QuadMesh
+from ...surface.corners import rings
+from ...surface.mesh import QuadMesh
 from .board import Board
-from .tidy import GAIN, attempted, gain_of
+from .straighten import GAIN, attempted, gain_of
 
 BEND = 3.0  # what a quarter turn costs, in median edges, as much as a reflex corner of a patch
 SLIDES = (0, 2, 5)  # how many edges the ends of a seam may move along the outline of both patches

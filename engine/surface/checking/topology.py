@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .mesh import PolygonMesh
+from ..mesh import PolygonMesh
 
 
 @dataclass(frozen=True, eq=False)

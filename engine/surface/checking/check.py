@@ -37,11 +37,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from .check_geometry import degenerate, far_out, in_unit, lengths_of, sizes
-from .check_topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
+from ...errors import FlexMapsError
+from ..mesh import PolygonMesh, QuadMesh
 from .finding import REMESH, Finding, counted, finding, named
-from .mesh import PolygonMesh, QuadMesh
+from .geometry import degenerate, far_out, in_unit, lengths_of, sizes
+from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
 
 def edges_of(polygons: PolygonMesh) -> np.ndarray:

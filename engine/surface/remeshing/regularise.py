@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..params import RegulariseParams
-from ..progress import SILENT, Progress
-from .mesh import QuadMesh
-from .regularise_guide import Guide, distances, samples
-from .symmetry import symmetries
+from ...params import RegulariseParams
+from ...progress import SILENT, Progress
+from ..mesh import QuadMesh
+from ..symmetry import symmetries
+from .guide import Guide, distances, samples
 
 MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
 EVERY = 8  # rounds after which spoilt quads are looked for

@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..progress import Progress
+from ...params import LayoutParams
+from ...progress import Progress
+from ..layout import PatchLayout
 from .arap import NEXT, FlatPatch, PatchProblem, Springs, minimax, settle
-from .layout import PatchLayout
 from .outline import simple
 
 ROUNDS, QUICK = 24, 10  # rounds for a whole layout, and for the few patches of a hand edit

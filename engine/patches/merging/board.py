@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..surface.curvature import corner_angles
-from ..surface.symmetry import Symmetry
-from .arap import NEXT, FlatPatch, PatchProblem, minimax, settle
-from .layout import PatchLayout, drawn_lengths, groups, straight_on
-from .loops import Loops, loops_of, perimeter
-from .outline import narrowness, simple
-from .regions import ROOM
+from ...params import LayoutParams
+from ...surface.curvature import corner_angles
+from ...surface.symmetry import Symmetry
+from ..flattening.arap import NEXT, FlatPatch, PatchProblem, minimax, settle
+from ..flattening.outline import narrowness, simple
+from ..layout import PatchLayout, drawn_lengths, groups, straight_on
+from ..loops import Loops, loops_of, perimeter
+from ..tracing.regions import ROOM
 
 NECK = 1.1  # over the largest waist: the smallest width of an isthmus over the outline behind it
 SMALL = 120  # quads: patches up to this are given more chances

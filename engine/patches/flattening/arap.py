@@ -17,8 +17,8 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from ..surface.mesh import QuadMesh
-from .loops import NEXT
+from ...surface.mesh import QuadMesh
+from ..loops import NEXT
 
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
 PREVIOUS = np.array([3, 0, 1, 2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .layout import groups
+from ..layout import groups
 
 WIDE = 0.4  # relative width of an isthmus from which on it is none
 ROUNDING = 8.0 * np.finfo(float).eps

@@ -8,19 +8,19 @@ from functools import partial as bound
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..progress import SILENT, Progress
-from ..surface.symmetry import Symmetry, keeping, subgroups, symmetries
-from ..threads import one_thread
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries
+from ...threads import one_thread
+from ..flattening.flatten import FlatPatches, flatten
+from ..layout import PatchLayout, alone
+from ..tracing.regions import Halving
 from .board import WAIST, Board, Change, Effort
-from .flatten import FlatPatches, flatten
-from .layout import PatchLayout, alone
+from .dissolve import rescue
+from .halve import halved, springs_by_itself
 from .ranking import Ranking, split_long, worth
-from .regions import Halving
 from .reroute import reroute
-from .rescue import rescue
-from .spring import halved, springs_by_itself
-from .tidy import natural_stops, tidy, widen
+from .straighten import natural_stops, tidy, widen
 
 WORK = 70_000  # quads times seams: below this several symmetries are tried, one after the other
 WORK_LEAST, WORK_EACH = 2e6, 2.5e3  # work, see ``Effort``: at least, and for every quad

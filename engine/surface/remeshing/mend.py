@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .check import findings
-from .check_topology import sides_of, split_vertices
-from .mesh import PolygonMesh
+from ..checking.check import findings
+from ..checking.topology import sides_of, split_vertices
+from ..mesh import PolygonMesh
 from .regularise import best_squares
 
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..progress import SILENT, Progress
-from ..threads import one_thread
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...threads import one_thread
+from ..layout import PatchLayout
 from .arap import corner_triangles, quad_energy, square_energy
-from .layout import PatchLayout
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
 

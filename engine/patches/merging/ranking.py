@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..params import LayoutParams
-from ..progress import Progress
-from ..surface.symmetry import Symmetry, keeping
+from ...params import LayoutParams
+from ...progress import Progress
+from ...surface.symmetry import Symmetry, keeping
+from ..flattening.flatten import flatten, overlapping, seam_mismatch
+from ..layout import PatchLayout
+from ..tracing.trace import middle_line
 from .board import Board
-from .flatten import flatten, overlapping, seam_mismatch
-from .layout import PatchLayout
-from .tidy import LONG, badness, drawing_cost
-from .trace import middle_line
+from .straighten import LONG, badness, drawing_cost
 
 MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
 HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better

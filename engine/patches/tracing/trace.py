@@ -11,14 +11,14 @@ from functools import partial
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..params import LayoutParams
-from ..progress import SILENT, Progress
-from ..surface.mesh import QuadMesh
-from ..threads import one_thread
-from .arap import PatchProblem, minimax, settle
-from .layout import PatchLayout, straight_on
-from .outline import simple
+from ...errors import FlexMapsError
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...surface.mesh import QuadMesh
+from ...threads import one_thread
+from ..flattening.arap import PatchProblem, minimax, settle
+from ..flattening.outline import simple
+from ..layout import PatchLayout, straight_on
 from .regions import ROOM, Halving
 
 

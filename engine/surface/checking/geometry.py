@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .check_topology import Sides, sides_of
+from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, counted, finding, named
-from .mesh import PolygonMesh
+from .topology import Sides, sides_of
 
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # 99th to 1st percentile of the faces' mean edge lengths
 SIZES = 1e-6, 1e6  # metres: least and largest median edge; beyond these nothing can be cut, whatever the units

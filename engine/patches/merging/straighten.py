@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..progress import Progress
-from ..surface.corners import corner_cost, rings
+from ...progress import Progress
+from ...surface.corners import corner_cost, rings
+from ..layout import PatchLayout
 from .board import NOTHING, WAIST, Board, Piece
-from .layout import PatchLayout
 
 PATCH = 15.0  # what a patch less is worth, in edges of cut
 SMALL = 5.0  # what a quad more is worth in a patch that is too small

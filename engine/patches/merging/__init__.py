@@ -1,0 +1,1 @@
+"""Fewer patches: seams opened, straightened and drawn anew while every limit holds."""

@@ -1,0 +1,1 @@
+"""Patches larger than the sheet, cut along straight runs of edges."""

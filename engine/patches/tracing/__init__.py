@@ -1,0 +1,1 @@
+"""The first layout: cuts along lines of quads, or between regions."""

@@ -1,0 +1,1 @@
+"""What is wrong with a polygon mesh, and the quad mesh once nothing is."""

@@ -1,0 +1,1 @@
+"""Quads for any mesh, and squarer quads."""
