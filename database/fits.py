@@ -16,8 +16,8 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics import stiffness_rods
-from ..engine.mechanics.stiffness_rods import PARAMETERS
+from ..engine.mechanics.rods import stiffness as stiffness_rods
+from ..engine.mechanics.rods.stiffness import PARAMETERS
 from . import packs, rods
 from .packs import Series
 from .sampling import SEED, VERSION

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..engine.mechanics.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
+from ..engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
 HUB = 4
 

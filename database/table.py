@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine.mechanics import stiffness
+from ..engine.mechanics.arms import stiffness
 from ..engine.progress import SILENT, Progress
 from . import linear
 from .geometry import Spiral
@@ -165,7 +165,7 @@ def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stif
 
 def true_block(values: np.ndarray, spiral: Spiral, poisson: float, block: int) -> np.ndarray:
     """(3, 3) dimensionless compliance block from what ``arm`` returned."""
-    from ..engine.mechanics import beams
+    from ..engine.mechanics.arms import beams
 
     base = beams.tip_compliance(
         np.array([spiral.scale]), np.array([spiral.height]), np.array([spiral.twist]), poisson

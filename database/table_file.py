@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from ..engine.mechanics import stiffness
-from ..engine.mechanics.peak_strain import log_strains
+from ..engine.mechanics.arms import stiffness
+from ..engine.mechanics.arms.peak_strain import log_strains
 from ..engine.progress import SILENT, Progress
 from . import table
 from .geometry import Spiral

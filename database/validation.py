@@ -20,9 +20,9 @@ from ..engine.materials import Material
 from ..engine.mechanics.assembly import Assembly, Pose
 from ..engine.mechanics.equilibrium import Equilibrium, solve
 from ..engine.mechanics.loads import Loads
-from ..engine.mechanics.simulate import build_model
 from ..engine.params import SimulateParams
 from ..engine.progress import SILENT, Progress
+from ..engine.simulation.simulate import build_model
 from . import chunks
 from .assembly_cases import POISSON, THICKNESS, YOUNGS, Case, Loading, cases
 from .assembly_solid import Balance, Welded

@@ -65,7 +65,7 @@ def exactness() -> list[Row]:
     from flexmaps.database import linear
     from flexmaps.database.geometry import Spiral
     from flexmaps.database.statics import Model
-    from flexmaps.engine.mechanics import beams
+    from flexmaps.engine.mechanics.arms import beams
     from scipy.spatial.transform import Rotation
 
     model = Model(Spiral(6.0, 1.0, 1.5), 0.35)
@@ -185,7 +185,7 @@ def fitted() -> list[Row]:
 
 def interpolation() -> list[Row]:
     from flexmaps.database import table_file
-    from flexmaps.engine.mechanics import stiffness
+    from flexmaps.engine.mechanics.arms import stiffness
 
     with tempfile.TemporaryDirectory() as folder:
         e = table_file.judge(Path(folder))

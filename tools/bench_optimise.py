@@ -21,7 +21,6 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.mechanics.simulate import build_model
 from flexmaps.engine.optimisation import optimise, reach, search
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
@@ -30,6 +29,7 @@ from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread

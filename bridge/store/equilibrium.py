@@ -25,8 +25,8 @@ from .words import told
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
-    from ...engine.mechanics.simulate import Simulation
     from ...engine.optimisation.reach import Reach
+    from ...engine.simulation.simulate import Simulation
     from .surface import Surface
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
@@ -90,7 +90,7 @@ def write(
 
     Edit mode is left: shape keys are seen outside it.
     """
-    from ...engine.mechanics.simulate import carried
+    from ...engine.simulation.simulate import carried
 
     if obj.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")

@@ -23,8 +23,8 @@ from . import beside, looks, overlay
 if TYPE_CHECKING:
     from ...engine.display.panel_mesh import PanelMesh
     from ...engine.fabrication.connectors.tips import Tip
+    from ...engine.mechanics.arms.bent import BentArms
     from ...engine.mechanics.assembly import Pose
-    from ...engine.mechanics.bent_arms import BentArms
     from ...engine.params import ObjectSettings, PreviewParams
     from ...engine.spirals.design import SpiralDesign
 
@@ -68,7 +68,7 @@ def build(
 ) -> Built:
     """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
-    from ...engine.mechanics.bent_arms import bent
+    from ...engine.mechanics.arms.bent import bent
 
     began = time.perf_counter()
     arms = bent(design, pose, progress=progress.part(0.0, 0.4))
@@ -82,7 +82,7 @@ def build(
 
 def wires(design: SpiralDesign, arms: BentArms) -> np.ndarray:
     """(A, WIRE, 3) metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
-    from ...engine.mechanics.bent_arms import flat_centre
+    from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(len(arms.hub)), WIRE)
     t = np.tile(np.linspace(0.0, 1.0, WIRE), len(arms.hub))

@@ -11,8 +11,7 @@ from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 
 from ..mechanics.assembly import Pose
-from ..mechanics.bent_arms import exponential
-from ..mechanics.joint_motion import rotation_vector, times
+from ..mechanics.vectors import exponential, rotation_vector, times
 
 
 @dataclass(frozen=True, eq=False)

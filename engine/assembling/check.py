@@ -16,9 +16,9 @@ import numpy as np
 
 from ..fabrication.connectors.connect import Connections
 from ..fabrication.panels.labels import panel_name, seam_name
-from ..mechanics.arm_model import ArmModel
-from ..mechanics.simulate import Simulation
+from ..mechanics.arms.model import ArmModel
 from ..patches.layout import PatchLayout
+from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 
 # share of an edge by which its two sides may differ: with more, two joints 20 mm apart are off by a whole thin arm

@@ -17,9 +17,9 @@ import numpy as np
 from ..display.panel_mesh import Detail, PanelMesh, panel_mesh
 from ..fabrication.connectors.tips import Tip
 from ..materials import Material
+from ..mechanics.arms.bent import Bender
 from ..mechanics.assembly import Pose, nearest_rotation, rest_joints
-from ..mechanics.bent_arms import Bender
-from ..mechanics.joint_motion import rotation_vector, times
+from ..mechanics.vectors import rotation_vector, times
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mechanics.bent_arms import exponential
-from ..mechanics.joint_motion import rotation_vector
+from ..mechanics.vectors import exponential, rotation_vector
 
 WAYPOINTS = 9
 

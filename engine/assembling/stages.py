@@ -23,10 +23,10 @@ from ..mechanics.assembly import Pose, nearest_rotation, of_design
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
-from ..mechanics.simulate import build_model
 from ..params import SimulateParams
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
+from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
 from .order import Step, steps
 

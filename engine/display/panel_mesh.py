@@ -13,9 +13,9 @@ import numpy as np
 
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
+from ..mechanics.arms.bent import BentArms, hub_ends
 from ..mechanics.assembly import Pose
-from ..mechanics.bent_arms import BentArms, hub_ends
-from ..mechanics.joint_motion import times
+from ..mechanics.vectors import times
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, mates

@@ -1,1 +1,1 @@
-"""Elastic models of spirals and of whole assemblies, and their equilibrium."""
+"""Assemblies of spirals, what holds and loads them, and their equilibrium; the elastic models are in ``arms`` and ``rods``."""

@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .assembly import Pose, nearest_rotation
-from .joint_motion import cross
+from .vectors import skew
 
 HELD = 1e-6  # least mean squared motion of the supports, in distances of neighbours, that counts as holding a turn of 1 rad
 
@@ -97,7 +97,7 @@ def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: 
     hub = int(held[0])
     rows = np.zeros((len(held), 6, 6))
     rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
-    rows[:, :3, 3:] = -cross(centres[held] - centres[hub]) / spacing
+    rows[:, :3, 3:] = -skew(centres[held] - centres[hub]) / spacing
     rows = rows[fixed[held]]
     size, ways = np.linalg.eigh(rows.T @ rows / len(held))
     return ways[:, size < HELD].T / np.repeat([1.0, spacing], 3), hub
@@ -105,7 +105,7 @@ def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: 
 
 def _turn(axis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(3, 3) the turn about a unit axis with the largest trace of turn x covariance."""
-    around = cross(axis)
+    around = skew(axis)
     # R = 1 + sin(a) K + (1 - cos(a)) K K
     sine, cosine = np.trace(around @ covariance), -np.trace(around @ around @ covariance)
     angle = np.arctan2(sine, cosine)

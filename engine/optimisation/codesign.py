@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlexMapsError
-from ..mechanics.arm_model import ArmModel
+from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress

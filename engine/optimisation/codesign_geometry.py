@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..mechanics.arm_model import ArmModel
+from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose
 from ..patches.layout import PatchLayout
 

@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..mechanics.arm_model import ArmModel
-from ..mechanics.arm_sensitivity import StrainChanges
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.sensitivity import StrainChanges
+from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
-from ..mechanics.stiffness import SCALE_RANGE, twist_limit
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .codesign_cost import FlatCost, FlatLimits

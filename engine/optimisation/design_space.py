@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
-from ..mechanics.stiffness import SCALE_RANGE, twist_limit
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..materials import Material
-from ..mechanics.arm_model import ArmModel
-from ..mechanics.arm_sensitivity import JointChanges, StrainChanges
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
 from ..mechanics.assembly import Assembly, Pose
 from ..mechanics.elastic import ElasticModel, JointSum, summed
 from ..mechanics.equilibrium import Equilibrium, solve

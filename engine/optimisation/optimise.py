@@ -10,9 +10,9 @@ import numpy as np
 from ..errors import Cancelled, FlexMapsError
 from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
-from ..mechanics.simulate import Simulation, carried
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
+from ..simulation.simulate import Simulation, carried
 from ..spirals.design import SpiralDesign, curvature_adjusted, proved
 from ..surface import curvature
 from ..surface.mesh import QuadMesh

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..mechanics.arm_model import ArmModel
+from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
-from ..mechanics.shortfall import Shortfall
-from ..mechanics.simulate import Simulation
 from ..progress import SILENT, Progress
+from ..simulation.shortfall import Shortfall
+from ..simulation.simulate import Simulation
 from .optimise import Optimisation
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter

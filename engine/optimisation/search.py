@@ -16,15 +16,15 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..materials import Material
-from ..mechanics.arm_model import ArmModel
+from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
-from ..mechanics.simulate import Simulation, build_model, simulate
 from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
+from ..simulation.simulate import Simulation, build_model, simulate
 from ..spirals.design import SpiralDesign, fitted
 from ..surface.mesh import QuadMesh
 from . import codesign

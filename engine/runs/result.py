@@ -11,11 +11,11 @@ from ..errors import FlexMapsError
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
 from ..mechanics.assembly import Pose
-from ..mechanics.simulate import Simulation
 from ..optimisation.optimise import Optimisation
 from ..optimisation.reach import Reach
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
+from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh, QuadMesh

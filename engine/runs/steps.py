@@ -12,7 +12,6 @@ import numpy as np
 
 from ..assembling import check as assembly_check
 from ..fabrication import estimates, sheets
-from ..mechanics import simulate
 from ..optimisation import optimise, reach
 from ..params import Settings
 from ..patches.layout import PatchLayout
@@ -20,6 +19,7 @@ from ..patches.merging import merge
 from ..patches.splitting import split
 from ..patches.tracing import trace
 from ..progress import Progress
+from ..simulation import simulate
 from ..spirals import design
 from ..surface import curvature
 from ..surface.mesh import QuadMesh

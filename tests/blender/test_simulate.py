@@ -19,8 +19,8 @@ from flexmaps.command import main as command
 from flexmaps.engine.assembling import check as assembly_check
 from flexmaps.engine.assembling import sheet as assembly_sheet
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.mechanics import simulate as engine
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings
+from flexmaps.engine.simulation import simulate as engine
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.operators import simulate as operators

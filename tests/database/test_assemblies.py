@@ -11,7 +11,7 @@ from flexmaps.database.assembly_solid import Welded
 from flexmaps.database.geometry import Spiral
 from flexmaps.database.statics import Model
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mechanics.stiffness import tip_compliance
+from flexmaps.engine.mechanics.arms.stiffness import tip_compliance
 from scipy.spatial.transform import Rotation
 
 SPIRAL = Spiral(10.0, 1.2, 1.5)

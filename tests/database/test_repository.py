@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 from flexmaps.database import cli, fits, packs, report, table, table_file
-from flexmaps.engine.mechanics import stiffness, stiffness_rods
+from flexmaps.engine.mechanics.arms import stiffness
+from flexmaps.engine.mechanics.rods import stiffness as stiffness_rods
 
 REPORT = cli.ROOT / "database" / "report"
 

@@ -13,8 +13,8 @@ from flexmaps.database.geometry import Spiral, edge, outline
 from flexmaps.database.solid import Fineness, make_solid
 from flexmaps.database.statics import Model
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mechanics import beams
-from flexmaps.engine.mechanics.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
+from flexmaps.engine.mechanics.arms import beams
+from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
 from scipy.spatial.transform import Rotation
 
 SMALL = Spiral(6.0, 1.0, 1.5)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_bend import bend_point
-from flexmaps.engine.mechanics.arm_curving import HUB, Arms, curved, second_order_strains
-from flexmaps.engine.mechanics.arm_model import arm_compliances
+from flexmaps.engine.mechanics.arms.beams import torsion_constant
+from flexmaps.engine.mechanics.arms.curving import HUB, Arms, curved, second_order_strains
+from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly
-from flexmaps.engine.mechanics.beams import torsion_constant
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 

@@ -7,12 +7,12 @@ import pytest
 from flexmaps.engine.assembling import check as assembly_check
 from flexmaps.engine.fabrication.connectors import connect as connectors
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics import simulate
-from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.simulation import simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 

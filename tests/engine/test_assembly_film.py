@@ -11,12 +11,12 @@ from flexmaps.engine.assembling.blend import Blend
 from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
-from flexmaps.engine.mechanics.bent_arms import bent
-from flexmaps.engine.mechanics.simulate import simulate
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation, Slerp

@@ -8,14 +8,15 @@ import shapely
 from flexmaps.engine.display.panel_mesh import DETAILS, Detail, panel_mesh
 from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import material
-from flexmaps.engine.mechanics import bent_arms
-from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.arms import bent as bent_arms
+from flexmaps.engine.mechanics.arms.bent import bent, hub_ends
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
-from flexmaps.engine.mechanics.bent_arms import bent, exponential, hub_ends
-from flexmaps.engine.mechanics.simulate import simulate
+from flexmaps.engine.mechanics.vectors import exponential
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, mates
 from flexmaps.engine.surface import shapes

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.mechanics.simulate import build_model, simulate
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
 from flexmaps.engine.optimisation.codesign_geometry import by_geometry, geometry_by_points
@@ -23,6 +22,7 @@ from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals.design import SpiralDesign, fitted
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh

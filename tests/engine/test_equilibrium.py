@@ -7,14 +7,14 @@ import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.linalg import Pattern, negative_eigenvalues
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arm_model import ArmModel, arm_compliances
+from flexmaps.engine.mechanics.arms.model import ArmModel, arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, nearest_rotation
 from flexmaps.engine.mechanics.elastic import summed
 from flexmaps.engine.mechanics.equilibrium import other_minima, solve
 from flexmaps.engine.mechanics.loads import Loads, standing
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.mechanics.rigid import freedoms
-from flexmaps.engine.mechanics.rod_model import RodModel
+from flexmaps.engine.mechanics.rods.model import RodModel
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mechanics.shortfall import curvature_within
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job, report
+from flexmaps.engine.simulation.shortfall import curvature_within
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arm_model import ArmModel
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
-from flexmaps.engine.mechanics.simulate import build_model, simulate
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
@@ -24,6 +23,7 @@ from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
 from flexmaps.engine.spirals.slots import twist_bound
 from flexmaps.engine.surface import shapes

@@ -11,17 +11,17 @@ from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.panels.labels import panel_name
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arm_model import arm_compliances
+from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.mechanics.simulate import build_model, simulate
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh

@@ -21,9 +21,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..materials import Material
-from ..progress import SILENT, Progress
-from .assembly import Assembly
+from ...materials import Material
+from ...progress import SILENT, Progress
+from ..assembly import Assembly
+from ..vectors import outer, skew
 from .beams import torsion_constant
 
 POINTS = 10
@@ -75,7 +76,7 @@ class Arms:
         lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
-        to_joint[:, :3, 3:] = -_skew(middle)
+        to_joint[:, :3, 3:] = -skew(middle)
         width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
@@ -157,7 +158,7 @@ def second_order_strains(
         part = slice(start, start + BATCH)
         some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
         to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()
-        to_joint[:, :3, 3:] = _skew(offset[part])
+        to_joint[:, :3, 3:] = skew(offset[part])
         both = _both(some, at_joint[part]) @ to_joint
         stations, back = Stations.of(some), np.linalg.inv(to_joint) @ some.to_joint
         for one in range(6):
@@ -175,7 +176,7 @@ def _both(arms: Arms, at_joint: np.ndarray) -> np.ndarray:
 
 def _twice(turn: np.ndarray, way: np.ndarray) -> np.ndarray:
     """(m, 3, 3): turn x (other x way) / 2 + other x (turn x way) / 2 as a matrix on ``other``."""
-    return 0.5 * (_dot(turn, way) * _EYE + _outer(turn, way)) - _outer(way, turn)
+    return 0.5 * ((turn * way).sum(axis=-1)[..., None, None] * _EYE + outer(turn, way)) - outer(way, turn)
 
 
 def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -217,23 +218,6 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return place, step, length, bend
 
 
-def _skew(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) that takes x to v x x."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
-
-
-def _outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., :, None] * b[..., None, :]
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(..., 1, 1)."""
-    return (a * b).sum(axis=-1)[..., None, None]
-
-
 def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Strains with their second order (m, 6), and the derivative (m, 6, 6) by the strains without; D is ``curving``."""
     half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
@@ -247,7 +231,7 @@ def weighted(wrench: np.ndarray, curving: np.ndarray) -> np.ndarray:
 
 def moved_curving(curving: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """D (m, 6, 6, 6) of the motion of another point of the same frame, which lies ``offset`` (m, 3) m before the old one."""
-    out, across = curving.copy(), _skew(offset)[:, None]
+    out, across = curving.copy(), skew(offset)[:, None]
     # turns about another point come with shifts, in both places of the motion and in what comes out
     out[..., 3:] -= out[..., :3] @ across
     out[..., 3:, :] += across @ out[..., :3, :]

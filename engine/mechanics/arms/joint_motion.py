@@ -11,7 +11,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from .assembly import Pose
+from ..assembly import Pose
+from ..vectors import rotation_vector, times
 from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
 
 
@@ -156,30 +157,3 @@ def _turn_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         np.where(small, -1.0 / 12.0 - near / 360.0, alpha),
         np.where(small, 1.0 / 12.0 + 7.0 * near / 1440.0, beta),
     )
-
-
-def rotation_vector(matrix: np.ndarray) -> np.ndarray:
-    """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which takes over near half turns."""
-    double = np.stack(
-        [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1
-    )
-    sine, cosine = 0.5 * np.linalg.norm(double, axis=1), 0.5 * (np.einsum("mii->m", matrix) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    out = double * (0.5 * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0))[:, None]
-    far = cosine < -0.9
-    if far.any():
-        out[far] = Rotation.from_matrix(matrix[far]).as_rotvec()
-    return out
-
-
-def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(m, i) products of matrices (m, i, j) and vectors (m, j)."""
-    return (matrix @ vector[..., None])[..., 0]
-
-
-def cross(v: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) with cross(v) x = v x x."""
-    out = np.zeros((*v.shape, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out

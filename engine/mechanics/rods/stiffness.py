@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from .beyond import SLACK, Beyond
-from .stiffness import _twist_limit, lengths_and_twists, refuse_material
+from ...errors import FlexMapsError
+from ..arms.stiffness import _twist_limit, lengths_and_twists, refuse_material
+from ..beyond import SLACK, Beyond
 
-PARAMETERS = Path(__file__).resolve().parents[2] / "data" / "rod_parameters.npz"
+PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
 FORMAT = 1
 MODELS = ("pair", "chord")
 FLATNESS_RANGE = (0.5, 1.0)

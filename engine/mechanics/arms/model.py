@@ -14,16 +14,17 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..materials import Material
-from ..progress import SILENT, Progress
+from ...errors import FlexMapsError
+from ...materials import Material
+from ...progress import SILENT, Progress
+from ..assembly import Assembly, Pose
+from ..beyond import Beyond
+from ..elastic import Expansion, summed
+from ..vectors import skew, times
 from . import stiffness
-from .arm_curving import Arms, curved, moved_curving, second_order_strains, weighted
-from .arm_sensitivity import JointChanges, arm_strains
-from .assembly import Assembly, Pose
-from .beyond import Beyond
-from .elastic import Expansion, summed
-from .joint_motion import JointMotion, SpatialMotion, cross, first_order, joint_motion, second_order, times
+from .curving import Arms, curved, moved_curving, second_order_strains, weighted
+from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
+from .sensitivity import JointChanges, arm_strains
 from .stiffness import ArmCompliance, tip_compliance
 
 
@@ -98,7 +99,7 @@ class ArmModel:
         # a turn about the middle between the bend points leaves the joint aside
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
         transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
-        transfer[:, :3, 3:] = cross(offset)
+        transfer[:, :3, 3:] = skew(offset)
         stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
         second = None
         if curving is not None:

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 
 from ..materials import Material
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.equilibrium import Equilibrium, other_minima, solve
+from ..mechanics.laplacian import laplacian_rmse
+from ..mechanics.loads import Loads
+from ..mechanics.newton_system import NewtonSystem
+from ..mechanics.rods.model import RodModel
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
-from .arm_model import ArmModel
-from .assembly import Assembly, Pose, of_design, target_pose
-from .elastic import ElasticModel
-from .equilibrium import Equilibrium, other_minima, solve
-from .laplacian import laplacian_rmse
-from .loads import Loads
-from .newton_system import NewtonSystem
-from .rod_model import RodModel
 from .shortfall import Shortfall, shortfalls
 
 

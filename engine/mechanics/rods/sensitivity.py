@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import rod_strains
-from .assembly import Assembly
-from .rod_motion import FLIP, SPLIT, RodState, first_order, roll_row
+from ..assembly import Assembly
+from . import strains
+from .motion import FLIP, SPLIT, RodState, first_order, roll_row
 
 
 def gradient_by_design(
@@ -25,14 +25,14 @@ def gradient_by_design(
     half = assembly.radius
     change = by_design[assembly.pairs]
     jacobian = first_order(state).jacobian
-    ends = rod_strains.expand(springs, state.bend, state.angles).hessian * np.outer(FLIP, FLIP)
+    ends = strains.expand(springs, state.bend, state.angles).hessian * np.outer(FLIP, FLIP)
     row, stiffness = roll_row(ends, jacobian), ends[..., 2, 2].sum(axis=1)
     out = np.empty((len(half), 12, 2, 2))
     tension = (state.length / length - 1.0) / length
     for side in (0, 1):
         for k in (0, 1):
             ks, bends = change[:, side, 0, k] * half[:, side], change[:, side, 1:, k] / half[:, side, None]
-            slope = rod_strains.slope(bends, state.bend[:, side], state.angles[:, side]) * FLIP
+            slope = strains.slope(bends, state.bend[:, side], state.angles[:, side]) * FLIP
             gradient = np.einsum("mi,mij->mj", slope, jacobian[:, side])
             gradient[:, :3] += (ks * tension)[:, None] * state.tangent
             out[:, :, side, k] = gradient @ SPLIT[side] - row * (slope[:, 2] / stiffness)[:, None]

@@ -23,11 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import FlexMapsError
+from ...errors import FlexMapsError
+from ..beyond import Beyond
 from . import beams
-from .beyond import Beyond
 
-TABLE = Path(__file__).resolve().parents[2] / "data" / "stiffness.npz"
+TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
 SCALE_RANGE = (5.0, 50.0)
 """s/w of the table's nodes."""
 SLENDEREST = 400.0

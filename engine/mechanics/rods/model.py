@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..materials import Material
-from . import rod_strains, stiffness_rods
-from .assembly import Assembly, Pose
-from .beyond import Beyond
-from .elastic import Expansion, summed
-from .rod_motion import FLIP, SPLIT, RodState, first_order, outer, roll_row, second_order
-from .rod_sensitivity import gradient_by_design
+from ...materials import Material
+from ..assembly import Assembly, Pose
+from ..beyond import Beyond
+from ..elastic import Expansion, summed
+from ..vectors import outer
+from . import stiffness, strains
+from .motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
+from .sensitivity import gradient_by_design
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class RodModel:
     @classmethod
     def of(cls, assembly: Assembly, material: Material) -> RodModel:
         """The model of an assembly of one material."""
-        found = stiffness_rods.rod_parameters(
+        found = stiffness.rod_parameters(
             _scale(assembly),
             assembly.width,
             assembly.twist,
@@ -63,7 +64,7 @@ class RodModel:
         An edge is at rest where both arms of its joint are: straight from centre to centre in the plane of either hub.
         """
         change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
-        half, stiffness = assembly.radius, parameters[assembly.pairs]
+        half, moduli = assembly.radius, parameters[assembly.pairs]
         across = assembly.axes[:, 0] @ np.swapaxes(assembly.axes[:, 1], 1, 2)
         span = assembly.lever[:, 0] - np.einsum("mij,mj->mi", across, assembly.lever[:, 1])
         length = np.linalg.norm(span, axis=1)
@@ -71,8 +72,8 @@ class RodModel:
         along = np.stack([along, np.einsum("mji,mj->mi", across, along)], axis=1)
         normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
         rest = np.stack([along, np.cross(normal, along), normal], axis=3)
-        springs = stiffness[..., 1:] / half[..., None]
-        return cls(assembly, springs, (stiffness[..., 0] * half).sum(axis=1), rest, length, change)
+        springs = moduli[..., 1:] / half[..., None]
+        return cls(assembly, springs, (moduli[..., 0] * half).sum(axis=1), rest, length, change)
 
     @property
     def pairs(self) -> np.ndarray:
@@ -95,7 +96,7 @@ class RodModel:
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly
-        return stiffness_rods.beyond(_scale(known), known.width, known.twist, known.thickness)
+        return stiffness.beyond(_scale(known), known.width, known.twist, known.thickness)
 
     def twist(self, state: RodState) -> np.ndarray:
         return state.twist
@@ -109,7 +110,7 @@ class RodModel:
     def _ends(self, state: RodState) -> np.ndarray:
         """(m, 2) joules of bending and twist."""
         with np.errstate(invalid="ignore", over="ignore"):
-            return rod_strains.energy(self.springs, state.bend, state.angles)
+            return strains.energy(self.springs, state.bend, state.angles)
 
     def _stretched(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) joules of eq. 2 at lengths (m,), and their derivative by the length in newtons."""
@@ -135,13 +136,13 @@ class RodModel:
             if before is not None:
                 twist = twist + 2.0 * np.pi * np.round((before.twist - twist) / (2.0 * np.pi))
                 guess = before.roll + share * (twist - before.twist)
-            roll = rod_strains.relaxed_roll(self.springs, bend, twist, guess)
+            roll = strains.relaxed_roll(self.springs, bend, twist, guess)
         return RodState(pose, length, tangent, frames, bend, twist, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
         """Energy, gradient and Hessian; the roll is eliminated by its Schur complement. Only the tension is looked ahead."""
         joules, tension = self._stretched(state.length)
-        ends = rod_strains.expand(self.springs, state.bend, state.angles)
+        ends = strains.expand(self.springs, state.bend, state.angles)
         slope = ends.gradient * FLIP
         motion = first_order(state)
         jacobian = motion.jacobian

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign
-from ..spirals.spiral import centre_line, width_at
-from .assembly import Pose, rest_joints
+from ...progress import SILENT, Progress
+from ...spirals.design import SpiralDesign
+from ...spirals.spiral import centre_line, width_at
+from ..assembly import Pose, rest_joints
+from ..vectors import exponential, rotation_vector, skew, times
 from .beams import SHEAR_FACTOR, torsion_constant
-from .joint_motion import cross, rotation_vector, times
 
 STATIONS = 16
 """Pieces of an arm, each with one strain."""
@@ -231,27 +231,9 @@ def _answers(
     back = np.swapaxes(frame, -1, -2)
     bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
     out = np.zeros((*length.shape, 6, 6))
-    out[..., :3, :3] = bend @ cross(lever)
+    out[..., :3, :3] = bend @ skew(lever)
     out[..., :3, 3:] = bend
     out[..., 3:, :3] = (frame * (length[..., None] / sliding)[..., None, :]) @ back
-    return out
-
-
-def exponential(turn: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
-    square = (turn * turn).sum(axis=-1)
-    angle = np.sqrt(square)
-    sine = np.sinc(angle / np.pi)
-    cosine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
-    out = turn[..., :, None] * (cosine[..., None] * turn)[..., None, :]
-    x, y, z = np.moveaxis(sine[..., None] * turn, -1, 0)
-    out[..., 0, 1] -= z
-    out[..., 1, 0] += z
-    out[..., 0, 2] += y
-    out[..., 2, 0] -= y
-    out[..., 1, 2] -= x
-    out[..., 2, 1] += x
-    out[..., range(3), range(3)] += (1.0 - cosine * square)[..., None]
     return out
 
 
@@ -280,7 +262,7 @@ def _tips(pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray) -> tup
     turning, going = middle @ answer[:, :, :3], middle @ answer[:, :, 3:]
     lever = place[:, -1:] - 0.5 * (place[:, 1:] + place[:, :-1])
     # what a turn of a piece shifts at the tip: turn x lever
-    shift = (going - cross(lever) @ turning).sum(axis=1)
+    shift = (going - skew(lever) @ turning).sum(axis=1)
     return place[:, -1], turn[:, -1], np.concatenate([shift, turning.sum(axis=1)], axis=1)
 
 

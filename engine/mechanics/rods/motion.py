@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .assembly import Pose
-from .joint_motion import cross
+from ..assembly import Pose
+from ..vectors import outer, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def first_order(state: RodState) -> EndMotion:
         axis=2,
     )
     on_axis = by_tangent @ tangent[:, None, :, None]
-    spun = by_tangent @ cross(tangent)[:, None]
+    spun = by_tangent @ skew(tangent)[:, None]
     pulled = np.concatenate([(by_tangent - on_axis * tangent[:, None, None]) / length, spun], axis=3)
     jacobian = pulled[:, :, :3].copy()
     jacobian[:, :, 2, 3:] += tangent[:, None]
@@ -98,7 +98,7 @@ def second_order(state: RodState, motion: EndMotion, slope: np.ndarray) -> np.nd
     twice = outer(sideways / -_near(state)[..., None], motion.pulled[:, :, 3])
     curved = twice + np.swapaxes(twice, 2, 3)
     curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / length**2
-    mixed = (cross(force) @ (eye - along) + roll * (eye - along)) / length
+    mixed = (skew(force) @ (eye - along) + roll * (eye - along)) / length
     curved[..., 3:, :3] += mixed
     curved[..., :3, 3:] += np.swapaxes(mixed, 2, 3)
     curved[..., 3:, 3:] += 0.5 * both - axial * eye
@@ -117,8 +117,3 @@ def roll_row(ends: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
 def _near(state: RodState) -> np.ndarray:
     """(m, 2): one and the cosine of each end's bend."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)
-
-
-def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) products of vectors (..., 3)."""
-    return a[..., :, None] * b[..., None, :]

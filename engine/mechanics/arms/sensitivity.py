@@ -17,10 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..materials import Material
-from .arm_curving import curved, weighted
-from .assembly import Assembly
-from .joint_motion import JointMotion, SpatialMotion, cross, first_order, times
+from ...materials import Material
+from ..assembly import Assembly
+from ..vectors import skew, times
+from .curving import curved, weighted
+from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain_slopes
 from .stiffness import ArmCompliance
 
@@ -69,7 +70,7 @@ class JointChanges:
         spread = np.zeros((len(base), 6, 6))
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.of(motion))
-        by_pose[:, :3] += cross(offset) @ by_pose[:, 3:]
+        by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
         changes, turned, axes = np.zeros((len(turn), 2, 2, 6)), np.zeros((len(turn), 2, 3)), assembly.arm_axes
         for side in (0, 1):
             own = times(np.swapaxes(axes[:, side], 1, 2), inner)

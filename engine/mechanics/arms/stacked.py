@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..vectors import fill_skew
+
 EYE = np.eye(3)[:, :, None]
 
 
@@ -36,6 +38,5 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def skew(v: np.ndarray) -> np.ndarray:
     """(3, 3, m) with skew(v) x = v x x."""
     out = np.zeros((3, *v.shape))
-    out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
-    out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
+    fill_skew(out, v)
     return out

@@ -1,0 +1,64 @@
+"""Products and turns of many small vectors at once; components are the last axes.
+
+``arms/stacked.py`` has the products for arrays whose first axes are the components.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """(m, i) products of matrices (m, i, j) and vectors (m, j)."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
+def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) products of vectors (..., 3)."""
+    return a[..., :, None] * b[..., None, :]
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) with skew(v) x = v x x, of vectors (..., 3)."""
+    out = np.zeros((*v.shape, 3))
+    fill_skew(np.moveaxis(out, (-2, -1), (0, 1)), np.moveaxis(v, -1, 0))
+    return out
+
+
+def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
+    """Write the skew matrices of vectors (3, ...) into zeros (3, 3, ...)."""
+    out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
+    out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
+
+
+def rotation_vector(matrix: np.ndarray) -> np.ndarray:
+    """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which takes over near half turns."""
+    double = np.stack(
+        [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1
+    )
+    sine, cosine = 0.5 * np.linalg.norm(double, axis=1), 0.5 * (np.einsum("mii->m", matrix) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    out = double * (0.5 * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 1.0))[:, None]
+    far = cosine < -0.9
+    if far.any():
+        out[far] = Rotation.from_matrix(matrix[far]).as_rotvec()
+    return out
+
+
+def exponential(turn: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
+    square = (turn * turn).sum(axis=-1)
+    angle = np.sqrt(square)
+    sine = np.sinc(angle / np.pi)
+    cosine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    out = turn[..., :, None] * (cosine[..., None] * turn)[..., None, :]
+    x, y, z = np.moveaxis(sine[..., None] * turn, -1, 0)
+    out[..., 0, 1] -= z
+    out[..., 1, 0] += z
+    out[..., 0, 2] += y
+    out[..., 2, 0] -= y
+    out[..., 1, 2] -= x
+    out[..., 2, 1] += x
+    out[..., range(3), range(3)] += (1.0 - cosine * square)[..., None]
+    return out
