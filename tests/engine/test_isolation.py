@@ -12,7 +12,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = sorted((ROOT / "engine").rglob("*.py"))
 BLENDER_ONLY = {"bpy", "bmesh", "mathutils", "gpu", "bl_ui"}
-FLOORS = ("surface", "patches", "spirals", "mechanics", "optimisation", "fabrication", "display", "assembling", "runs")
+FLOORS = (
+    "surface",
+    "patches",
+    "spirals",
+    "mechanics",
+    "simulation",
+    "optimisation",
+    "fabrication",
+    "display",
+    "assembling",
+    "runs",
+)
 UPPER_LAYERS = {"bridge", "operators", "panels", "database", "tools", "tests"}
 
 
