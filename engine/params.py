@@ -8,7 +8,7 @@ the command line.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
 from os import PathLike
@@ -74,13 +74,17 @@ class Params:
         for f in known.values():
             _refuse_wrong(f, getattr(self, f.name))
         for name, other in self.ORDERED:
-            value, limit = getattr(self, name), getattr(self, other)
-            if value > limit + SLACK * abs(limit):
-                low, high = known[name], known[other]
-                raise FlexMapsError(
-                    f"{low.metadata['label']} {shown(low, value)} is above {high.metadata['label']} {shown(high, limit)};"
-                    " exchange them, or change one of them"
-                )
+            _refuse_above(self, name, self, other, "exchange them, or change one of them")
+
+
+def _refuse_above(block: Params, name: str, other: Params, limit: str, remedy: str) -> None:
+    """Raise where a setting of a block is above one of the same or of another block."""
+    value, most = getattr(block, name), getattr(other, limit)
+    if value > most + SLACK * abs(most):
+        low, high = (next(f for f in fields(b) if f.name == n) for b, n in ((block, name), (other, limit)))  # type: ignore[arg-type]
+        raise FlexMapsError(
+            f"{low.metadata['label']} {shown(low, value)} is above {high.metadata['label']} {shown(high, most)}; {remedy}"
+        )
 
 
 def _is_number(value: Any, *, whole: bool = False) -> bool:
@@ -483,6 +487,24 @@ class Settings:
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
     optimise: OptimiseParams = field(default_factory=OptimiseParams)
+
+
+# settings of different sections of which the first may not be above the second, and what to do then
+BOUNDS = (
+    ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
+    ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),
+    ("cut.kerf_outline", "spiral.slot_min", "the cutter leaves no such slot; make the smallest slot at least as wide"),
+    ("cut.kerf_holes", "spiral.slot_min", "the cutter leaves no such slot; make the smallest slot at least as wide"),
+    ("cut.mill", "spiral.slot_min", "the mill does not fit into such a slot; make the smallest slot at least as wide"),
+)
+
+
+def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> None:
+    """Raise ``FlexMapsError`` where settings of two of these blocks cross, if one of them is of the ``sections``."""
+    for low, high, remedy in BOUNDS:
+        (block, name), (other, limit) = low.split("."), high.split(".")
+        if {block, other} <= blocks.keys() and not {block, other}.isdisjoint(sections):
+            _refuse_above(blocks[block], name, blocks[other], limit, remedy)
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,10 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-def check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> None:
-    """Raise ``FlexMapsError`` where a mill does not fit between the panels or into the slots."""
+def check_mill(design: SpiralDesign, cut: CutParams) -> None:
+    """Raise ``FlexMapsError`` where a mill does not fit into the slots."""
     if cut.mill == 0.0:
         return
-    if params.spacing < cut.mill:
-        raise FlexMapsError(
-            f"The panels lie closer together than the mill of {cut.mill * 1e3:g} mm is thick; make the spacing larger"
-        )
     narrow = design.narrower(cut.mill)
     if len(narrow):
         raise FlexMapsError(
@@ -37,17 +33,11 @@ def check_mill(design: SpiralDesign, params: SheetParams, cut: CutParams) -> Non
         )
 
 
-def check_kerf(
-    design: SpiralDesign, panels: Sequence[Panel], params: SheetParams, cut: CutParams, progress: Progress = SILENT
-) -> None:
+def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, progress: Progress = SILENT) -> None:
     """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
     widest = max(cut.kerf_outline, cut.kerf_holes)
     if widest == 0.0:
         return
-    if params.spacing < cut.kerf_outline:
-        raise FlexMapsError(
-            f"The panels lie closer together than the kerf of {cut.kerf_outline * 1e3:g} mm; make the spacing larger"
-        )
     remedy = f"the kerf of {widest * 1e3:g} mm is too wide for the slots or their ends; make the kerf smaller, or the smallest slot and the fillet larger"
     paths: list[Outline] = []
     for panel in panels:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlexMapsError
-from ..params import ConnectorParams, CutParams, SheetParams
+from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, touching
 from ..spirals.design import SpiralDesign, nearest_quads
@@ -105,7 +105,8 @@ def make_sheets(
     """
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
-    check_mill(design, params, cut)
+    refuse_crossed({"sheet": params, "cut": cut}, ("cut",))
+    check_mill(design, cut)
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
@@ -127,7 +128,7 @@ def make_sheets(
         area = o.outer.area + sum(h.area for h in o.holes)
         made_of.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
     panels = tuple(made_of)
-    check_kerf(design, panels, params, cut, progress.part(0.6, 0.65))
+    check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
             f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "

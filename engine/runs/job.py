@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..errors import FlexMapsError
 from ..mechanics import loads
-from ..params import LayoutParams, Settings
+from ..params import LayoutParams, Settings, refuse_crossed
 from ..patches.flattening import flatten
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
@@ -152,6 +152,8 @@ def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, 
     """The result after a stage; where an optional one fails, what an earlier run of it had made goes, and it is noted."""
     for member in stage.needs:
         needed(result, member)
+    if not stage.optional:  # what is not made of material may be tried with any cutter
+        refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
     start = begun(result, stage)
     try:
         made = STEPS[stage.name](start, settings, progress)

@@ -45,6 +45,11 @@ class Stage:
     optional: bool = False
     quick: bool = False
 
+    @property
+    def sections(self) -> set[str]:
+        """The sections of the settings that concern it, wholly or but for one setting."""
+        return {named.partition("!")[0] for named in self.settings}
+
 
 # -- the table ---------------------------------------------------------------------------------------------------------
 

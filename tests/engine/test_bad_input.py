@@ -39,12 +39,20 @@ def _in_two():
 REFUSED = {
     "kerf wider than a slot": (
         {"cut": lambda: CutParams(kerf_outline=0.0008, kerf_holes=0.0008)},
+        r"Kerf, outlines 0\.8 mm is above Smallest slot 0\.3 mm; .* make the smallest slot at least as wide",
+        False,
+    ),
+    "kerf wider than the ends of slots": (
+        {
+            "cut": lambda: CutParams(kerf_outline=0.0008, kerf_holes=0.0008),
+            "spiral": lambda: SpiralParams(slot_min=0.0008),
+        },
         r"kerf of 0\.8 mm is too wide .* make the kerf smaller",
         True,
     ),
     "kerf wider than the spacing": (
-        {"cut": lambda: CutParams(kerf_outline=0.005)},
-        r"closer together than the kerf of 5 mm; make the spacing larger",
+        {"cut": lambda: CutParams(kerf_outline=0.005), "spiral": lambda: SpiralParams(slot_min=0.005)},
+        r"Kerf, outlines 5 mm is above Spacing 3 mm; .* make the spacing larger",
         False,
     ),
     "clearance larger than a connector": (
@@ -68,14 +76,19 @@ REFUSED = {
         False,
     ),
     "no thickness": ({"spiral": lambda: SpiralParams(thickness=0.0)}, r"Thickness 0 mm", False),
-    "mill thicker than the slots": (
+    "mill thicker than the smallest slot": (
         {"cut": lambda: CutParams(mill=0.002)},
+        r"Mill 2 mm is above Smallest slot 0\.3 mm; .* make the smallest slot at least as wide",
+        False,
+    ),
+    "mill thicker than the slots": (
+        {"cut": lambda: CutParams(mill=0.002), "spiral": lambda: SpiralParams(slot_min=0.002)},
         r"mill of 2 mm does not fit into the slots of \d+ spirals.*make the smallest slot at least 2 mm and the fillet 1 mm",
         True,
     ),
     "mill thicker than the spacing": (
-        {"cut": lambda: CutParams(mill=0.004)},
-        r"closer together than the mill of 4 mm is thick; make the spacing larger",
+        {"cut": lambda: CutParams(mill=0.004), "spiral": lambda: SpiralParams(slot_min=0.005)},
+        r"Mill 4 mm is above Spacing 3 mm; .* make the spacing larger",
         False,
     ),
     "corners sharper than the cutter": (

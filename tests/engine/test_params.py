@@ -8,7 +8,19 @@ from functools import partial
 
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import ObjectSettings, RegulariseParams, SheetParams, SpiralParams, changed, shown_values
+from flexmaps.engine.params import (
+    BOUNDS,
+    ObjectSettings,
+    RegulariseParams,
+    SheetParams,
+    SpiralParams,
+    changed,
+    refuse_crossed,
+    shown_values,
+)
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 FIELDS = [(block, f) for block in fields(ObjectSettings) for f in fields(block.default_factory)]
 NAMES = [f"{block.name}.{f.name}" for block, f in FIELDS]
@@ -84,6 +96,33 @@ def test_settings_that_bound_each_other():
     _refused(lambda: SheetParams(sheet_width=0.01), "nothing but margin")
     # both change at once: the order does not matter
     assert changed(ObjectSettings(), {"spiral.width_min": 5, "spiral.width_max": 6}).spiral.width_max == 0.006
+
+
+@pytest.mark.parametrize(("low", "high", "remedy"), BOUNDS, ids=[f"{low} {high}" for low, high, _ in BOUNDS])
+def test_settings_of_two_sections_that_bound_each_other(low, high, remedy):
+    least = shown_values(ObjectSettings())[high.split(".")[0]][high.split(".")[1]]
+    wide = {"spiral.slot_min": 10} if high != "spiral.slot_min" else {}  # or that bound would be met first
+    there = {
+        name: changed(ObjectSettings(), wide | {low: least * factor}) for name, factor in (("same", 1), ("above", 1.5))
+    }
+    blocks = {name: {f.name: getattr(s, f.name) for f in fields(s)} for name, s in there.items()}
+    sections = {low.split(".")[0], high.split(".")[0]}
+    refuse_crossed(blocks["same"], sections)
+    refuse_crossed(blocks["above"], {"layout"})  # what has nothing to do with either goes on
+    for section in sections:
+        text = _refused(partial(refuse_crossed, blocks["above"], {section}), remedy)
+        label = {name: f.metadata["label"] for name, (_, f) in zip(NAMES, FIELDS)}
+        assert text.startswith(label[low])
+        assert label[high] in text
+
+
+def test_a_stage_that_makes_something_refuses_settings_that_cross_before_it_begins():
+    crossed = changed(ObjectSettings(), {"cut.kerf_holes": 0.5})
+    flat = job.run(
+        PolygonMesh.of(shapes.make("strip")), crossed, stop_after="split"
+    )  # has nothing to do with the cutter
+    with pytest.raises(FlexMapsError, match=r"Kerf, holes 0\.5 mm is above Smallest slot 0\.3 mm"):
+        job.go_on(flat, crossed, ["spirals"])
 
 
 def test_what_the_message_says_of_bounds():
