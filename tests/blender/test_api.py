@@ -1,11 +1,10 @@
-"""The functions for scripts: on files, arrays and objects, and the examples that the guide and ``examples/`` show."""
+"""The functions for scripts: on files, arrays and objects, and the example that the guide shows."""
 
 from __future__ import annotations
 
 import contextlib
 import os
 import re
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -270,38 +269,6 @@ def test_the_example_of_the_guide(root: Path, tmp_path: Path, monkeypatch: pytes
     exec(compile(code.group(1), "guide.md", "exec"), {})
     found = {path.name for path in (tmp_path / "out" / "strip").iterdir()}
     assert {"report.html", "report.json", "model.blend", "sheet-01.svg", "sheet-assembly.pdf"} <= found
-
-
-def example(root: Path, name: str) -> dict[str, Any]:
-    return runpy.run_path(str(root / "examples" / name), run_name=f"example_{name}")
-
-
-def test_the_example_for_artists(root: Path, add: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    add(shapes.make("strip"), "arch")
-    example(root, "artist.py")
-    assert "arch: 108 spirals on" in capsys.readouterr().out
-    assert "FlexMaps equilibrium" in bpy.data.objects["arch"].data.shape_keys.key_blocks
-
-
-def test_the_example_for_makers(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    meshes = tmp_path / "meshes"
-    meshes.mkdir()
-    obj_file(meshes / "arch.obj", PolygonMesh.of(shapes.make("strip")))
-    (meshes / "broken.stl").write_text("solid nothing")
-    script = example(root, "maker.py")
-    script["SETTINGS"] |= FEW
-    script["main"]([str(meshes), str(tmp_path / "out"), "20"])
-    assert (tmp_path / "out" / "arch" / "sheet-01.svg").is_file()
-    out = capsys.readouterr().out
-    assert re.search(r"arch.obj: \d+ sheets", out) and "1 refused: broken.stl" in out
-
-
-def test_the_example_for_researchers(root: Path, tmp_path: Path) -> None:
-    rows = example(root, "researcher.py")["main"](["shape:strip", str(tmp_path), "1.5", "3"])
-    assert [row["thickness_mm"] for row in rows] == [1.5, 3.0]
-    lines = (tmp_path / "sweep.csv").read_text().splitlines()
-    assert len(lines) == 3 and lines[0].startswith("thickness_mm")
-    assert (tmp_path / "3mm" / "report.html").is_file()
 
 
 def test_import_by_name_from_a_folder_above(root: Path, tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """For the maker: a folder of meshes in, nested sheets out, one folder for each mesh.
 
-    blender -b --python examples/maker.py -- MESHES OUT [EDGE] [SHEET_WIDTH SHEET_HEIGHT]
+    blender -b --python examples/14_maker_folder_of_meshes.py -- MESHES OUT [EDGE] [SHEET_WIDTH SHEET_HEIGHT]
 
 EDGE is the length of the quads in millimetres, 20 if it is not given. A mesh that is not made of quads gets new ones first. What
 cannot be made is named at the end and does not stop the rest.

@@ -1,6 +1,6 @@
 """For the researcher: the same layout in sheets of several thicknesses, compared in a table and a CSV file.
 
-    blender -b --python examples/researcher.py -- shape:vault sweep 1.5 2 3
+    blender -b --python examples/15_researcher_thicknesses.py -- shape:vault sweep 1.5 2 3
 
 The first word is a mesh (or shape:NAME), the second a folder, the rest are thicknesses in millimetres. Each variant goes on from the
 same flat patches, so that only the thickness differs; every variant also gets its own report.html.

@@ -1,0 +1,148 @@
+"""The scripts of ``examples/``: each runs as it stands, and does what it says."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from flexmaps.engine.surface import shapes
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
+FOR_SOMEBODY = 13  # from this number on they are programs with words behind "--"
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", text)]
+
+
+def one_panel(out: str) -> None:
+    text = Path("one_quad/sheet-01.svg").read_text()
+    assert text.startswith("<?xml") and "<path" in text
+
+
+def near_the_saddle(out: str) -> None:
+    assert 0.0 < numbers(out)[-1] < 10.0
+
+
+def sheets_for_a_laser(out: str) -> None:
+    assert {path.suffix for path in Path("sheets").iterdir()} == {".svg", ".dxf", ".pdf"}
+
+
+def stiffness_of_the_strip(out: str) -> None:
+    # a cantilever: F L^3 / (3 E I) with I = b t^3 / 12
+    youngs = 9.81 * 0.05 * 0.10**3 / (3 * 0.0047 * 0.02 * 0.002**3 / 12)
+    assert numbers(out)[:2] == pytest.approx([youngs / 1e9, 0.0051 / (0.1 * 0.02 * 0.002)], rel=2e-3)
+
+
+def sags(out: str) -> None:
+    assert numbers(out)[0] > 0.0
+
+
+def better(out: str) -> None:
+    (before, _), (after, _) = (numbers(line) for line in out.splitlines()[-2:])
+    assert after < before
+
+
+def cut_in_the_middle(out: str) -> None:
+    assert numbers(out)[0] == 2
+
+
+def every_kind(out: str) -> None:
+    assert [line.split()[0] for line in out.splitlines()[-3:]] == ["dovetail", "key", "tab"]
+
+
+def three_test_cuts(out: str) -> None:
+    texts = {path.read_text() for path in Path().glob("clearance_*mm/sheet-01.svg")}
+    assert len(texts) == 3  # each another one
+
+
+def beds(out: str) -> None:
+    for path in Path("beds").glob("*.3mf"):
+        assert "3D/3dmodel.model" in zipfile.ZipFile(path).namelist()
+
+
+def areas(out: str) -> None:
+    assert all(numbers(line)[1] > 0.0 for line in out.splitlines() if line.startswith("panel"))
+
+
+def stopped(out: str) -> None:
+    assert out.rstrip().endswith("stopped; the piece is as it was before")
+
+
+CHECKS: dict[int, Callable[[str], None]] = {
+    1: one_panel,
+    2: near_the_saddle,
+    3: sheets_for_a_laser,
+    4: stiffness_of_the_strip,
+    5: sags,
+    6: better,
+    7: cut_in_the_middle,
+    8: every_kind,
+    9: three_test_cuts,
+    10: beds,
+    11: areas,
+    12: stopped,
+}
+
+
+def number(path: Path) -> int:
+    return int(path.name[:2])
+
+
+def example(number: int) -> dict[str, Any]:
+    """A script that is a program, loaded but not run."""
+    path = SCRIPTS[number - 1]
+    return runpy.run_path(str(path), run_name=path.stem)
+
+
+def test_they_are_numbered_and_the_guide_shows_them_all() -> None:
+    assert [number(path) for path in SCRIPTS] == list(range(1, len(SCRIPTS) + 1))
+    guide = (ROOT / "docs" / "guide.md").read_text(encoding="utf-8")
+    assert [path.name for path in SCRIPTS if f"examples/{path.name})" not in guide] == []
+
+
+@pytest.mark.parametrize("path", SCRIPTS[: FOR_SOMEBODY - 1], ids=lambda path: path.stem)
+def test_short_ones(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["blender"])
+    runpy.run_path(str(path), run_name="__main__")
+    CHECKS[number(path)](capsys.readouterr().out)
+
+
+def test_for_artists(add: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    add(shapes.make("strip"), "arch")
+    example(13)
+    assert "arch: 108 spirals on" in capsys.readouterr().out
+    assert "FlexMaps equilibrium" in bpy.data.objects["arch"].data.shape_keys.key_blocks
+
+
+def test_for_makers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    meshes = tmp_path / "meshes"
+    meshes.mkdir()
+    arch = shapes.make("strip")
+    lines = [f"v {x} {y} {z}" for x, y, z in arch.vertices] + [f"f {a} {b} {c} {d}" for a, b, c, d in arch.quads + 1]
+    (meshes / "arch.obj").write_text("\n".join(lines))
+    (meshes / "broken.stl").write_text("solid nothing")
+    script = example(14)
+    script["SETTINGS"] |= {"optimise.iterations": 2, "sheet.nesting": "FAST"}
+    script["main"]([str(meshes), str(tmp_path / "out"), "20"])
+    assert (tmp_path / "out" / "arch" / "sheet-01.svg").is_file()
+    out = capsys.readouterr().out
+    assert re.search(r"arch.obj: \d+ sheets", out) and "1 refused: broken.stl" in out
+
+
+def test_for_researchers(tmp_path: Path) -> None:
+    rows = example(15)["main"](["shape:strip", str(tmp_path), "1.5", "3"])
+    assert [row["thickness_mm"] for row in rows] == [1.5, 3.0]
+    lines = (tmp_path / "sweep.csv").read_text().splitlines()
+    assert len(lines) == 3 and lines[0].startswith("thickness_mm")
+    assert (tmp_path / "3mm" / "report.html").is_file()
