@@ -241,7 +241,7 @@ def export(
 
     formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
     """
-    from .bridge.hosts import main_job
+    from .bridge.hosts import job_folder
     from .engine import files
     from .engine.fabrication.writers import export as exporting
 
@@ -250,8 +250,8 @@ def export(
     assert ready.result.sheets is not None
     base = Path(folder) / name
     with files.replacing_many(exporting.stale(base, ready.result.sheets.count), base.parent) as new:
-        title, guide, rest = Path(piece.name).stem, main_job.guide_of(base), told.part(0.8, 1.0)
-        return main_job.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
+        title, guide, rest = Path(piece.name).stem, job_folder.guide_of(base), told.part(0.8, 1.0)
+        return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
 def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:
@@ -297,15 +297,15 @@ def run(
     Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
     earlier run's files in the folder stay as they are unless everything succeeds.
     """
-    from .bridge.hosts import main_job
+    from .bridge.hosts import job_folder
 
     told = _progress(progress)
     names = job.stages(stop_after, optimised)
-    with main_job.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
+    with job_folder.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
         piece = load(source, edge=edge, height=height, up=up, quads=quads, settings=settings, supports=supports)
         piece = replace(piece, made=stages.without(piece.result, {"layout"}))
         piece = _go_on(piece, names[1:], told.part(0.0, 0.6), lenient=True)
-        return main_job.write(
+        return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
         )
 
@@ -353,11 +353,11 @@ def _to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
 
 
 def _from_blender(source: Any) -> Piece:
-    from .bridge.store import stored
+    from .bridge.store import snapshot
     from .bridge.view import scene
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
-    found = stored.read(obj)
+    found = snapshot.read(obj)
     name = obj.name if obj is source else Path(source).name
     return Piece(name, found.source, found.settings, made=found.result, uid=found.uid, seams=found.seams)
 

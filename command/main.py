@@ -39,7 +39,7 @@ def main(argv: list[str]) -> int:
     error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
     the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
-    from ..bridge.hosts.main_job import quiet_blender
+    from ..bridge.hosts.job_folder import quiet_blender
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.hosts import job
+from ..bridge.hosts import background
 from . import (
     animate,
     check,
@@ -50,7 +50,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    job.stop_current()
+    background.stop_current()
     presets.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)
@@ -60,4 +60,4 @@ def unregister() -> None:
 
 @bpy.app.handlers.persistent
 def _before_load(*_: object) -> None:
-    job.stop_current()
+    background.stop_current()

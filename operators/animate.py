@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Animate(JobStage, bpy.types.Operator):
+class Animate(ContinuedStage, bpy.types.Operator):
     """Animate the assembly: the panels fly from the table to their places and are joined seam by seam, and what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
@@ -24,12 +24,12 @@ class Animate(JobStage, bpy.types.Operator):
 
     needs = "simulation"
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import pose
         from ..bridge.view import animation, preview
         from ..engine.runs import stages
 
-        settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
+        settings, found = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
         if found is None:
             raise FlexMapsError(stages.MISSING["simulation"])
         if settings.preview.colour != "MATERIAL":
@@ -51,24 +51,26 @@ class Animate(JobStage, bpy.types.Operator):
         return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge.view import animation, beside, preview
+        from ..bridge.view import animation, collection, preview
 
         film, found, settings = result
         colour, scene = settings.preview.colour, context.scene
         rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
         place = preview.shift(obj, scene, found.centres.min(axis=0), found.centres.max(axis=0))
-        beside.clear(obj, (preview.KIND,))
+        collection.clear(obj, (preview.KIND,))
         _, last = animation.show(
             obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
         )
         scene.frame_end = max(scene.frame_end, last)
         frames, skipped = last - scene.frame_start + 1, film.stages.skipped
-        text = told("{} panels in {} frames; play them with the space bar", len(film.tracks), frames)
+        text = translate("{} panels in {} frames; play them with the space bar", len(film.tracks), frames)
         if not skipped:
             return text
         self.level = "WARNING"
         names = ", ".join(f"{panel}-{seam}" for panel, seam in skipped[:4]) + ", ..." * (len(skipped) > 4)
-        blended = told("{} half-finished pieces (panel-seam {}) find no rest; blends stand in", len(skipped), names)
+        blended = translate(
+            "{} half-finished pieces (panel-seam {}) find no rest; blends stand in", len(skipped), names
+        )
         return f"{text}. {blended}"
 
 

@@ -6,17 +6,17 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import warm
+from ..bridge.hosts import preload
 from ..bridge.store import notes
+from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
-from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work, reveal
+from .stage import StageOperator, Work, reveal
 
 
-class Check(Stage, bpy.types.Operator):
+class Check(StageOperator, bpy.types.Operator):
     """Look for everything that would stop the job or spoil the piece"""
 
     bl_idname = "flexmaps.check"
@@ -38,9 +38,9 @@ class Check(Stage, bpy.types.Operator):
             raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
         count = len(surface.polygons.sizes)
         return (
-            told("{} quads, {} warnings", count, len(result))
+            translate("{} quads, {} warnings", count, len(result))
             if result
-            else told("{} quads, nothing to complain about", count)
+            else translate("{} quads, nothing to complain about", count)
         )
 
 
@@ -59,11 +59,11 @@ class ShowFinding(bpy.types.Operator):
         if problem is None and not notes.read(context.object.data).get("checks"):
             problem = "There is nothing to show; press Check first"
         if problem is not None:
-            cls.poll_message_set(told(problem))
+            cls.poll_message_set(translate(problem))
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        warm.wait()
+        preload.wait()
         from ..bridge.store import mesh
 
         obj = context.object

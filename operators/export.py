@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import ExportParams
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
-from .spirals import Drawn
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Export(JobStage, bpy.types.Operator):
+class Export(ContinuedStage, bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
@@ -31,22 +30,22 @@ class Export(JobStage, bpy.types.Operator):
     needs = "design"
     loaded = True
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import equilibrium
-        from ..bridge.view import beside
+        from ..bridge.view import flat_panels
 
-        settings = taken.settings
-        formats, look = _formats(settings.export), Drawn.look_of(settings)
+        settings = snapshot.settings
+        formats, look = _formats(settings.export), flat_panels.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
-        stale = any(o.get(beside.LOOK, look) != look for o in beside.panels_of(obj))
-        base = _folder(settings.export.folder) / _file_name(taken.name)
+        stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
+        base = _folder(settings.export.folder) / _file_name(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
-        rest = equilibrium.resting(obj, bpy.context.scene, taken.surface) if settings.export.guide else None
+        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if settings.export.guide else None
         once = replace(settings, simulate=replace(settings.simulate, restarts=0))
         names = ("sheets",) if rest is None else ("simulate", "sheets")
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..bridge.hosts import main_job
+            from ..bridge.hosts import job_folder
             from ..engine import files
             from ..engine.fabrication import estimates, sheets
             from ..engine.fabrication.writers import export
@@ -59,21 +58,25 @@ class Export(JobStage, bpy.types.Operator):
             assert made.assembly is not None
             progress(0.85, "Writing files")
             with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
-                guide = main_job.guide_of(base) if settings.export.guide else None
-                written = main_job.write_sheets(made, taken.name, base, formats, new, guide, progress.part(0.85, 1.0))
+                guide = job_folder.guide_of(base) if settings.export.guide else None
+                written = job_folder.write_sheets(
+                    made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)
+                )
             block = sheets.sheets_report(made.sheets) | estimates.estimates_report(made.estimates)
-            drawn = Drawn.made_of(made.design, made.sheets.connections, settings) if stale else None
-            return block | {"files": [file.name for file in written]}, base.parent, drawn, made.assembly.warnings
+            drawing = (
+                flat_panels.PanelDrawing.connected(made.design, made.sheets.connections, settings) if stale else None
+            )
+            return block | {"files": [file.name for file in written]}, base.parent, drawing, made.assembly.warnings
 
         return go_on
 
-    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
-        return iter(()) if result[2] is None else result[2].show(context, surface)
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+        return iter(()) if result[2] is None else result[2].show(obj, context.scene)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         block, folder, _, warnings = result
         notes.write(obj.data, "sheets", block)
-        text = told("{} in {}", ", ".join(block["files"]), folder)
+        text = translate("{} in {}", ", ".join(block["files"]), folder)
         if not warnings:
             return text
         self.level = "WARNING"

@@ -8,33 +8,33 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
 
 
-class LayoutStage(JobStage):
+class LayoutStage(ContinuedStage):
     """What these stages write: seams, the flat patches, and what they cost."""
 
     shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh
-        from ..bridge.view import beside
+        from ..bridge.view import flat_panels
         from ..engine.display import arrange
 
         flat, block = result
         centres = arrange.side_by_side(flat)
         mesh.write_flat(obj, surface, flat, centres)
         mesh.shelve_design(obj)
-        beside.show_flat(obj, context.scene, flat, centres)
+        flat_panels.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
-        return told("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
+        return translate("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
 
 
 def _reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
@@ -51,11 +51,11 @@ class Trace(LayoutStage, bpy.types.Operator):
     bl_idname = "flexmaps.trace"
     bl_label = "Trace"
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            made = job.go_on(result, taken.settings, ("trace",), progress)
+            made = job.go_on(result, snapshot.settings, ("trace",), progress)
             assert made.layout is not None
             return _reported(made, **{notes.TRACED: len(made.layout.patches) > 1})
 
@@ -69,12 +69,12 @@ class Merge(LayoutStage, bpy.types.Operator):
     bl_label = "Merge"
     loaded = True
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            begun = replace(result, seams=taken.seams(result))
-            return _reported(job.go_on(begun, taken.settings, ("trace", "merge", "split"), progress))
+            begun = replace(result, seams=snapshot.seams(result))
+            return _reported(job.go_on(begun, snapshot.settings, ("trace", "merge", "split"), progress))
 
         return go_on
 
@@ -84,7 +84,7 @@ class FlattenStage(LayoutStage):
 
     reuse = False
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import mesh
 
         reuse = self.reuse
@@ -92,8 +92,10 @@ class FlattenStage(LayoutStage):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            previous = mesh.flat_of(taken.surface, result.mesh) if reuse else None
-            return _reported(job.flattened(result, taken.seams(result), taken.settings.layout, progress, previous))
+            previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None
+            return _reported(
+                job.flattened(result, snapshot.seams(result), snapshot.settings.layout, progress, previous)
+            )
 
         return go_on
 
@@ -114,7 +116,7 @@ class UpdateFromSeams(FlattenStage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "layout" in notes.read(obj.data) else "Trace, merge or flatten first"
+        return notes.missing(obj.data, "flat")
 
 
 CLASSES = (Trace, Merge, Flatten, UpdateFromSeams)

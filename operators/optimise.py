@@ -10,20 +10,19 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.errors import Cancelled
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
-from .spirals import Drawn
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
-    from ..bridge.view.live import Moving
+    from ..bridge.store.snapshot import Snapshot
+    from ..bridge.view.live_shape import LiveShape
     from ..engine.optimisation.optimise import Look
     from ..engine.runs.result import Result
 
 
-class Optimise(JobStage, bpy.types.Operator):
+class Optimise(ContinuedStage, bpy.types.Operator):
     """Change width and twist of every spiral until the assembled panels take the target's shape as well as they can. Begins with the spirals that are there; press again to go on"""
 
     bl_idname = "flexmaps.optimise"
@@ -36,30 +35,27 @@ class Optimise(JobStage, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         from ..bridge.store import attributes
 
-        blocks = notes.read(obj.data)
-        if "layout" not in blocks:
-            return "Merge or flatten first"
-        if "spirals" in blocks or attributes.has(obj, "flexmaps_last_width"):
-            return None
-        return "Press Spirals first"
+        start = None if attributes.has(obj, "flexmaps_last_width") else notes.missing(obj.data, "design")
+        return notes.missing(obj.data, "flat") or start
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.view import designing
+        from ..bridge.view.flat_panels import PanelDrawing
 
         unit = bpy.context.scene.unit_settings.scale_length
-        once = replace(taken.settings, simulate=replace(taken.settings.simulate, restarts=0))
+        once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening import flatten
             from ..engine.runs import job
             from ..engine.spirals import design
 
-            start = taken.start(result)
+            start = snapshot.start(result)
             began, history = time.perf_counter(), list[tuple[float, float]]()
 
-            def seen(look: Look) -> Moving:
+            def seen(look: Look) -> LiveShape:
                 history.append((time.perf_counter() - began, look.rmse))
-                spiral = taken.settings.spiral
+                spiral = snapshot.settings.spiral
                 return designing.Designing(look, result.mesh.quads, spiral, tuple(history)).prepared(unit)
 
             made = job.go_on(start, once, ("optimise",), progress.part(0.0, 0.95).showing(seen))
@@ -67,19 +63,19 @@ class Optimise(JobStage, bpy.types.Operator):
             assert found is not None
             try:
                 progress(0.95, "Drawing outlines")
-                panels = Drawn.of(found, taken.settings, progress.part(0.95, 0.98))
+                panels = PanelDrawing.of(found, snapshot.settings, progress.part(0.95, 0.98))
                 spirals = design.design_report(found, progress.part(0.98, 1.0))
                 made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
-                panels, spirals = Drawn.plain(found), design.design_report(found, measured=False)
+                panels, spirals = PanelDrawing.plain(found), design.design_report(found, measured=False)
             layout = None if made.flat is result.flat or made.flat is None else flatten.layout_report(made.flat)
             assert made.optimisation is not None
             return panels, made, made.optimisation.report(), spirals, layout
 
         return go_on
 
-    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
-        return result[0].show(context, surface)
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+        return result[0].show(obj, context.scene)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import equilibrium, mesh
@@ -97,8 +93,8 @@ class Optimise(JobStage, bpy.types.Operator):
         self.level = "WARNING" if warning else "INFO"
         better = report["laplacian_rmse_mm_before"], report["laplacian_rmse_mm"], report["iterations"]
         lines = [
-            *([] if report["finished"] else [told("Stopped; the best so far is kept")]),
-            told("RMSE {:.3g} to {:.3g} mm in {} steps", *better),
+            *([] if report["finished"] else [translate("Stopped; the best so far is kept")]),
+            translate("RMSE {:.3g} to {:.3g} mm in {} steps", *better),
             *([text] if warning else []),
         ]
         return ". ".join(lines)

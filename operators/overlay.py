@@ -6,9 +6,9 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import warm
+from ..bridge.hosts import background, preload
+from ..bridge.store.i18n import button_name, translate
 from ..bridge.store.objects import unusable
-from ..bridge.store.words import named, told
 
 STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
 
@@ -41,7 +41,7 @@ class Overlay(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = unusable(context.object)
         if problem is not None:
-            cls.poll_message_set(told(problem))
+            cls.poll_message_set(translate(problem))
         return problem is None
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
@@ -50,12 +50,12 @@ class Overlay(bpy.types.Operator):
         return self.execute(context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        warm.wait()
-        from ..bridge.view import overlay
+        preload.wait()
+        from ..bridge.view import colouring, overlay
 
-        if self.kind != "NONE" and not overlay.store(context.object, self.kind):
-            stage = "Simulate" if self.kind in overlay.SIMULATED else STAGES.get(self.kind, "Merge")
-            self.report({"ERROR"}, told("There is nothing to show yet; press {} first", named(stage)))
+        if self.kind != "NONE" and not colouring.store(context.object, self.kind):
+            stage = "Simulate" if self.kind in colouring.SIMULATED else STAGES.get(self.kind, "Merge")
+            self.report({"ERROR"}, translate("There is nothing to show yet; press {} first", button_name(stage)))
             return {"CANCELLED"}
         overlay.switch(self.kind)
         return {"FINISHED"}
@@ -64,7 +64,7 @@ class Overlay(bpy.types.Operator):
 def register() -> None:
     from ..bridge.view import overlay
 
-    overlay.register()
+    overlay.register(background.shown)
 
 
 def unregister() -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 from bl_operators.presets import AddPresetBase
 
+from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
-from ..bridge.store.words import told
 from ..engine.params import ObjectSettings
 
 FOLDER = Path(__file__).resolve().parent.parent
@@ -63,7 +63,7 @@ class ApplyPreset(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not Path(self.filepath).is_file():
-            self.report({"ERROR"}, told("There is no preset {}; choose another one", self.filepath))
+            self.report({"ERROR"}, translate("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
         # Blender's operator does it, which leaves no step to undo when it is called by itself
         return bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
@@ -72,7 +72,7 @@ class ApplyPreset(bpy.types.Operator):
 def _usable(cls: type, context: bpy.types.Context) -> bool:
     problem = unusable(context.object)
     if problem is not None:
-        cls.poll_message_set(told(problem))  # type: ignore[attr-defined]
+        cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
     return problem is None
 
 

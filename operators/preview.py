@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Preview(JobStage, bpy.types.Operator):
+class Preview(ContinuedStage, bpy.types.Operator):
     """Show the assembled piece with every spiral in its true shape, bent as the last simulation found"""
 
     bl_idname = "flexmaps.preview"
@@ -23,11 +23,11 @@ class Preview(JobStage, bpy.types.Operator):
 
     needs = "design"
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import pose
         from ..bridge.view import preview
 
-        settings, found = taken.settings, pose.read(obj, taken.surface.to_metres)
+        settings, found = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)  # asked for before the work, not after
 
@@ -55,12 +55,12 @@ class Preview(JobStage, bpy.types.Operator):
         states.stamp_beside(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
-        text = told("{} spirals, {} triangles in {:.1f} s", *amounts)
+        text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)
         if not simulated:
-            return f"{text}. {told('Not simulated yet: the hubs lie on the target')}"
+            return f"{text}. {translate('Not simulated yet: the hubs lie on the target')}"
         if equilibrium.out_of_date(obj, context.scene):
             self.level = "WARNING"
-            return f"{text}. {told('The mesh or a setting was changed since; press Simulate again')}"
+            return f"{text}. {translate('The mesh or a setting was changed since; press Simulate again')}"
         return text
 
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Regularise(JobStage, bpy.types.Operator):
+class Regularise(ContinuedStage, bpy.types.Operator):
     """Move the vertices along the surface so that the quads become squarer; flat patches made before are dropped"""
 
     bl_idname = "flexmaps.regularise"
@@ -28,13 +28,13 @@ class Regularise(JobStage, bpy.types.Operator):
 
         return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
             from ..engine.surface.checking import check
             from ..engine.surface.mesh import PolygonMesh
 
-            after = job.go_on(result, taken.settings, ("regularise",), progress).mesh
+            after = job.go_on(result, snapshot.settings, ("regularise",), progress).mesh
             return result.mesh, after, check.findings(PolygonMesh.of(after))
 
         return go_on
@@ -43,17 +43,17 @@ class Regularise(JobStage, bpy.types.Operator):
         import numpy as np
 
         from ..bridge.store import mesh, states
-        from ..bridge.view import beside
+        from ..bridge.view import collection
 
         before, after, findings = result
         mesh.write_vertices(obj, surface, after)
         mesh.forget(obj, mesh.NAMES)
-        beside.clear(obj)
+        collection.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
         states.stamp_beside(obj, context.scene, "regularise")
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
-        return told("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)
+        return translate("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)
 
 
 CLASSES = (Regularise,)

@@ -7,17 +7,17 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import job, warm
+from ..bridge.hosts import background, preload
 from ..bridge.store import notes, settings
+from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find, unusable
-from ..bridge.store.words import told
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import Stage, Work, redraw, still_running
+from .stage import StageOperator, Work, redraw, still_running
 
 
-class QuadRemesh(Stage, bpy.types.Operator):
+class QuadRemesh(StageOperator, bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"
@@ -28,17 +28,17 @@ class QuadRemesh(Stage, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         obj = context.object
-        running = job.current()
+        running = background.current()
         problem = unusable(obj) if running is None else still_running(running)
         if problem is None and obj.mode != "OBJECT":
             problem = "Go to Object Mode: a new object is made"
         if problem is not None:
-            cls.poll_message_set(told(problem))
+            cls.poll_message_set(translate(problem))
         return problem is None
 
     def _read(self, context: bpy.types.Context) -> Work:
         """Of what is seen: modifiers are no obstacle, other than to stages that write into the mesh itself."""
-        warm.wait()
+        preload.wait()
         from ..bridge.hosts import remesh
 
         self._source = context.object.session_uid
@@ -54,7 +54,7 @@ class QuadRemesh(Stage, bpy.types.Operator):
         made = remesh.as_object(result.polygons, obj, context.scene)
         _take_over(context, obj, made)
         edge = check.median_edge(result.polygons)
-        said = [told("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
+        said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
         redraw(context)
@@ -63,10 +63,10 @@ class QuadRemesh(Stage, bpy.types.Operator):
 
 def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
     """The new object takes the place of the old one, with its settings."""
-    from ..bridge.view import beside
+    from ..bridge.view import collection
 
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
-    beside.clear(obj)
+    collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)
     obj.hide_render = True
@@ -74,7 +74,7 @@ def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.type
     made.select_set(True)
 
 
-class SetSize(Stage, bpy.types.Operator):
+class SetSize(StageOperator, bpy.types.Operator):
     """Scale the object so that the median edge of its quads has the length that is set. Seams stay; flat patches go"""
 
     bl_idname = "flexmaps.set_size"
@@ -99,16 +99,16 @@ class SetSize(Stage, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh
-        from ..bridge.view import beside
+        from ..bridge.view import collection
 
         factor, findings = result
         obj.scale = [s * factor for s in obj.scale]
         context.view_layer.update()
         mesh.forget(obj, mesh.NAMES)
-        beside.clear(obj)
+        collection.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
-        return told("Scaled by {:.4g}", factor)
+        return translate("Scaled by {:.4g}", factor)
 
 
 CLASSES = (QuadRemesh, SetSize)

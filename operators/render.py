@@ -8,13 +8,13 @@ from typing import Any
 import bpy
 
 from ..bridge.store import notes
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import RenderParams
-from .stage import Stage
+from .stage import StageOperator
 
 
-class Render(Stage, bpy.types.Operator):
+class Render(StageOperator, bpy.types.Operator):
     """Take a picture of the target, the assembled piece and its flat panels, with light and materials of its own; your scene is left alone"""
 
     bl_idname = "flexmaps.render"
@@ -22,7 +22,7 @@ class Render(Stage, bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        return None if "spirals" in notes.read(obj.data) else "Press Spirals first"
+        return notes.missing(obj.data, "design")
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         return self.execute(context)  # Blender renders on its main thread
@@ -38,7 +38,7 @@ class Render(Stage, bpy.types.Operator):
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 count = picture.film(context.object, path, params)
-                self.report({"INFO"}, told("{} frames in {}", count, path.parent))
+                self.report({"INFO"}, translate("{} frames in {}", count, path.parent))
                 return {"FINISHED"}
             with files.replacing(path) as new:
                 picture.together(context.object, new, params)
@@ -46,7 +46,7 @@ class Render(Stage, bpy.types.Operator):
             return self._refused(context, error)
         shown = bpy.data.images.load(str(path), check_existing=True)
         shown.reload()
-        self.report({"INFO"}, told("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))
+        self.report({"INFO"}, translate("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))
         return {"FINISHED"}
 
 

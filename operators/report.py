@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store.words import told
+from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
+from .continued import Continuation, ContinuedStage
 from .export import _file_name, _folder
-from .job_stage import GoOn, JobStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Report(JobStage, bpy.types.Operator):
+class Report(ContinuedStage, bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -37,15 +37,15 @@ class Report(JobStage, bpy.types.Operator):
     needs = "flat"
     loaded = True
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.view import raster
         from ..bridge.view import report as pages
 
-        found = pages.read(obj, taken)
+        found = pages.read(obj, snapshot)
         letters = self._letters = Future()
-        given, folder = taken.settings.export.folder, None
+        given, folder = snapshot.settings.export.folder, None
         if self.files and not (given.startswith("//") and not bpy.data.filepath):
-            folder = _folder(given) / f"{_file_name(taken.name)}-report"
+            folder = _folder(given) / f"{_file_name(snapshot.name)}-report"
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
@@ -61,7 +61,7 @@ class Report(JobStage, bpy.types.Operator):
             if folder is not None:
                 with files.replacing_many(pages.stale(folder)) as new:
                     pages.write(described, drawn, folder, new, progress=progress.part(0.9, 1.0))
-            return taken.name, shown, folder
+            return snapshot.name, shown, folder
 
         return go_on
 
@@ -76,13 +76,13 @@ class Report(JobStage, bpy.types.Operator):
         _, shown, folder = result
         if folder is None:
             text = "{} pictures for the image editor; save the .blend file to get the page too"
-            return told(text, len(shown))
+            return translate(text, len(shown))
         page = folder / pages.PAGE
         if self.browse and not bpy.app.background:
             bpy.ops.wm.url_open(url=page.as_uri())
-        return told("{} pictures for the image editor; {}", len(shown), page)
+        return translate("{} pictures for the image editor; {}", len(shown), page)
 
-    def after(self, context: bpy.types.Context, surface: Any, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
         from ..bridge.view import raster
 
         name, shown, _ = result

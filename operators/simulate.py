@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..engine.progress import Progress
-from .job_stage import GoOn, JobStage
+from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
-    from ..bridge.store.stored import Taken
+    from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Simulate(JobStage, bpy.types.Operator):
+class Simulate(ContinuedStage, bpy.types.Operator):
     """Find the shape that the assembled panels take. The mesh gets it as a shape key, to slide to from the target"""
 
     bl_idname = "flexmaps.simulate"
@@ -22,14 +22,14 @@ class Simulate(JobStage, bpy.types.Operator):
     needs = "design"
     loaded = True
 
-    def going_on(self, obj: bpy.types.Object, taken: Taken) -> GoOn:
-        from ..bridge.view import live
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.view import live_shape
 
         def go_on(result: Result, progress: Progress) -> Result:
             from ..engine.runs import job
 
-            moving = progress.showing(lambda vertices: live.Moving(vertices, result.mesh.quads))
-            return job.go_on(result, taken.settings, ("simulate",), moving)
+            moving = progress.showing(lambda vertices: live_shape.LiveShape(vertices, result.mesh.quads))
+            return job.go_on(result, snapshot.settings, ("simulate",), moving)
 
         return go_on
 

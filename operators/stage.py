@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.hosts import job, warm
-from ..bridge.store.words import named, told
+from ..bridge.hosts import background, preload
+from ..bridge.store.i18n import button_name, translate
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -51,7 +51,7 @@ class Pace:
         return True
 
 
-class Stage:
+class StageOperator:
     """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
 
     A stage gives ``prepare``, which returns the engine work as a function of a ``Progress``, and ``finish``, which writes
@@ -65,7 +65,7 @@ class Stage:
     on_stop = "nothing is changed then"  # what becomes of the work when it is stopped
     level = "INFO"  # how ``finish`` wants its line to be told: "WARNING" where the result is not what was hoped for
 
-    _job: job.Job | None = None
+    _job: background.Job | None = None
     _timer: Any = None
     _pace: Any = None  # a Pace
     _helped = False  # whether ``meanwhile`` was called
@@ -91,7 +91,7 @@ class Stage:
         """Write the result, on the main thread; everything that can fail comes before the first write."""
         raise NotImplementedError
 
-    def after(self, context: bpy.types.Context, surface: Surface, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
         """Draw what stands beside the model, in pieces so short that a window stays alive; the result is written by then."""
         return iter(())
 
@@ -101,14 +101,14 @@ class Stage:
     def poll(cls, context: bpy.types.Context) -> bool:
         problem = why_not(cls, context.object)
         if problem:
-            cls.poll_message_set(told(problem))  # type: ignore[attr-defined]
+            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
         return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
             work = self._read(context)
             self.meanwhile()
-            for _ in self._write(context, job.run_here(self.bl_label, work)):
+            for _ in self._write(context, background.run_here(self.bl_label, work)):
                 pass
             return {"FINISHED"}
         except Cancelled:
@@ -123,7 +123,7 @@ class Stage:
             work = self._read(context)
         except FlexMapsError as error:
             return self._refused(context, error)
-        self._job = job.Job(self.bl_label, work, self.on_stop)
+        self._job = background.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
         self._timer = manager.event_timer_add(TICK, window=context.window)
@@ -178,7 +178,7 @@ class Stage:
     # -- the steps ---------------------------------------------------------------------------------------------------------
 
     def _read(self, context: bpy.types.Context) -> Work:
-        warm.wait()
+        preload.wait()
         from ..bridge.store import mesh, settings, states
 
         obj = context.object
@@ -207,7 +207,7 @@ class Stage:
         redraw(context)
         yield
         with suppress(FlexMapsError):  # where the object is gone there is nothing more to draw
-            for _ in self.after(context, self._surface, result):
+            for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
         self.report({self.level}, message)
@@ -226,7 +226,7 @@ class Stage:
         redraw(context)
 
     def _cancelled(self) -> set[str]:
-        self.report({"WARNING"}, told("{} was stopped; nothing was changed", named(self.bl_label)))
+        self.report({"WARNING"}, translate("{} was stopped; nothing was changed", button_name(self.bl_label)))
         return {"CANCELLED"}
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
@@ -240,11 +240,11 @@ class Stage:
         return {"CANCELLED"}
 
 
-def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
+def why_not(stage: type[StageOperator], obj: bpy.types.Object | None) -> str | None:
     """Why a stage cannot run on the object now, as a sentence; ``None`` if it can."""
     from ..bridge.store.objects import changed_by_modifiers, unusable
 
-    running = job.current()
+    running = background.current()
     if running is not None:
         return still_running(running)
     problem = unusable(obj)
@@ -253,8 +253,8 @@ def why_not(stage: type[Stage], obj: bpy.types.Object | None) -> str | None:
     return problem
 
 
-def still_running(running: job.Job) -> str:
-    return told("{} is running; wait for it, or stop it with ESC", named(running.title))
+def still_running(running: background.Job) -> str:
+    return translate("{} is running; wait for it, or stop it with ESC", button_name(running.title))
 
 
 def reveal(
@@ -276,18 +276,18 @@ def reveal(
     attributes.select(obj, np.asarray(faces, dtype=int), surface.edge_of[culprits] if len(culprits) else culprits)
 
 
-def show_progress(context: bpy.types.Context, running: job.Job) -> None:
+def show_progress(context: bpy.types.Context, running: background.Job) -> None:
     """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
-        context.workspace.status_text_set(progress_line(running) + "    " + told("ESC: stop"))
+        context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
     redraw(context, "UI" if running.shown is None else "")
 
 
-def progress_line(running: job.Job) -> str:
+def progress_line(running: background.Job) -> str:
     if running.stopping:
-        return told("{}: stopping", named(running.title))
-    return f"{named(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+        return translate("{}: stopping", button_name(running.title))
+    return f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge.hosts import job
+from ..bridge.hosts import background
 from ..bridge.store import notes, states
 from ..bridge.view import plot
 from ..engine.params import OptimiseParams
@@ -24,7 +24,7 @@ class OptimisePanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        running = job.current()
+        running = background.current()
         history = getattr(running.shown, "history", None) if running is not None else None
         if history:
             seconds, rmse = history[-1]

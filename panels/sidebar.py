@@ -7,10 +7,10 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-from ..bridge.hosts import job, warm
+from ..bridge.hosts import background, preload
 from ..bridge.store import notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
-from ..bridge.view import beside
+from ..bridge.view import flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import optimise, presets, simulate
 from .export import ExportPanel
@@ -31,10 +31,10 @@ class MainPanel(Sidebar, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        running = job.current()
+        running = background.current()
         obj = context.object
         problem = unusable(obj)
-        warm.warm_up()
+        preload.start()
         if problem is None:
             look(context, afresh=True)
         if running is not None:
@@ -171,7 +171,7 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         number(grid, "Width", span(block, "width_mm", " mm"))
         number(grid, "Twist", span(block, "twist_deg", "\N{DEGREE SIGN}"))
         number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
-        if any(panels.get(beside.LOOK) == beside.PLAIN for panels in beside.panels_of(obj)):
+        if any(panels.get(flat_panels.LOOK) == flat_panels.PLAIN for panels in flat_panels.panels_of(obj)):
             wrapped(layout, context, UNDRAWN, icon="INFO")
         choice_row(layout, context.window_manager, "flexmaps_overlay", (("WIDTH", "Width"), ("TWIST", "Twist")))
 

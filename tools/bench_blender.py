@@ -175,10 +175,12 @@ def progress(_: argparse.Namespace) -> Iterator[Row]:
 def _first_sight(cls: type) -> float:
     """Seconds from ``invoke`` to the job that the sidebar shows, as with a window."""
     import bpy
-    from flexmaps.bridge.hosts import job
+    from flexmaps.bridge.hosts import background
     from flexmaps.operators import stage
 
-    body = {k: v for base in reversed(cls.__mro__) if issubclass(base, stage.Stage) for k, v in vars(base).items()}
+    body = {
+        k: v for base in reversed(cls.__mro__) if issubclass(base, stage.StageOperator) for k, v in vars(base).items()
+    }
     plain = type(cls.__name__, (), {k: v for k, v in body.items() if k not in {"__dict__", "__weakref__"}})
     manager = SimpleNamespace(windows=[], event_timer_add=lambda *_, **__: 0, modal_handler_add=lambda *_: None)
     for name in ("event_timer_remove", "progress_begin", "progress_update", "progress_end"):
@@ -195,7 +197,7 @@ def _first_sight(cls: type) -> float:
         return time.perf_counter() - started
     finally:
         stage.bpy = kept
-        job.stop_current()
+        background.stop_current()
 
 
 def _piece() -> Any:

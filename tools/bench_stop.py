@@ -60,7 +60,7 @@ def stages(wanted: list[str]) -> Iterator[Row]:
 @contextmanager
 def listening() -> Iterator[list[tuple[float, str, str]]]:
     """Collects (seconds, the words before it, the place after it) for every time between two looks for a stop."""
-    from flexmaps.bridge.hosts import job
+    from flexmaps.bridge.hosts import background
     from flexmaps.engine.progress import Progress
 
     gaps: list[tuple[float, str, str]] = []
@@ -89,11 +89,11 @@ def listening() -> Iterator[list[tuple[float, str, str]]]:
         finally:
             note("its end")
 
-    kept, job.run_here = job.run_here, run_here
+    kept, background.run_here = background.run_here, run_here
     try:
         yield gaps
     finally:
-        job.run_here = kept
+        background.run_here = kept
 
 
 def _place(frame: FrameType | None) -> str:

@@ -111,8 +111,8 @@ def make(name: str) -> None:
     """One object: all stages, its sheets, its picture, its figures."""
     import bpy
     from flexmaps import api
-    from flexmaps.bridge.hosts import main_job
-    from flexmaps.bridge.hosts.job import Ticks
+    from flexmaps.bridge.hosts import job_folder
+    from flexmaps.bridge.hosts.background import Ticks
     from flexmaps.bridge.view import picture
     from flexmaps.engine.params import RenderParams
 
@@ -129,7 +129,7 @@ def make(name: str) -> None:
     obj = api.show(replace(piece, uid=None))
     view = {"azimuth": item.azimuth, "elevation": item.elevation}
     shown = api.change(piece, {f"render.{key}": value for key, value in view.items()}).settings.render
-    with main_job.quiet_blender():
+    with job_folder.quiet_blender():
         picture.together(obj, folder / "picture.png", replace(shown, pixels_x=WIDTH, samples=16))
     assert isinstance(shown, RenderParams)
     api.report(piece, folder)
@@ -141,7 +141,7 @@ def film(obj: Any, folder: Path, view: Any) -> None:
     """The assembly of an object, which is there with its simulated shape, as frames and as one file that a page can show."""
     import bpy
     import numpy as np
-    from flexmaps.bridge.hosts import main_job
+    from flexmaps.bridge.hosts import job_folder
     from flexmaps.bridge.view import picture
     from PIL import Image
 
@@ -151,7 +151,7 @@ def film(obj: Any, folder: Path, view: Any) -> None:
     bpy.ops.flexmaps.animate()
     frames = folder / "film"
     frames.mkdir()
-    with main_job.quiet_blender():
+    with job_folder.quiet_blender():
         picture.film(obj, frames / "frame.png", replace(view, pixels_x=FILM[0], pixels_y=FILM[1], samples=8))
     pictures = np.stack([np.array(Image.open(file).convert("RGB")) for file in sorted(frames.glob("*.png"))])
     ground = np.median(pictures[0], axis=(0, 1))

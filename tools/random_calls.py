@@ -19,7 +19,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from flexmaps.bridge.hosts import job
+from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import notes, states
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
@@ -127,7 +127,7 @@ def _call(rng: random.Random, name: str, log: Log) -> str:
     options = _options(rng, operator)
     log.lines.append(f"bpy.ops.flexmaps.{name}({', '.join(f'{k}={v!r}' for k, v in options.items())})")
     began = time.monotonic()
-    kept, job.run_here = job.run_here, _impatient(began)
+    kept, background.run_here = background.run_here, _impatient(began)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             result = operator(**options)
@@ -140,12 +140,12 @@ def _call(rng: random.Random, name: str, log: Log) -> str:
             return "fault"
         return "refused"
     finally:
-        job.run_here = kept
+        background.run_here = kept
     return "stopped" if result == {"CANCELLED"} else "done"
 
 
 def _impatient(began: float) -> Any:
-    """``job.run_here`` with somebody who presses ESC."""
+    """``background.run_here`` with somebody who presses ESC."""
 
     def run_here(title: str, work: Any) -> Any:
         return work(Progress(lambda fraction, text: None, lambda: time.monotonic() - began > PATIENCE))
@@ -327,7 +327,7 @@ def _meddle_in_object_mode(rng: random.Random, obj: Any, what: str) -> None:
 
 def _faults() -> list[str]:
     found = []
-    if job.current() is not None:
+    if background.current() is not None:
         found.append("a job is left running")
     if len(bpy.data.scenes) > 1:
         found.append("the scene of a picture is left")

@@ -10,8 +10,8 @@ from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
 from ..store.mesh import read_evaluated, to_metres
-from ..view import beside
-from .second import SecondBlender
+from ..view import meshes
+from .second_blender import SecondBlender
 
 
 def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
@@ -34,7 +34,7 @@ def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene)
     if np.linalg.det(frame[:3, :3]) < 0:  # a mirrored object is seen from the other side
         corners = corners[:, ::-1]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
-    mesh = beside.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
+    mesh = meshes.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
     made = bpy.data.objects.new(mesh.name, mesh)
     made.matrix_world = obj.matrix_world.copy()
     for collection in obj.users_collection or (scene.collection,):

@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 from . import attributes, notes, pose, states
-from .words import told
+from .i18n import translate
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
@@ -167,12 +167,12 @@ def sound(block: dict[str, Any]) -> bool:
 
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """What a simulation found, for people, and whether that is a warning."""
-    away = told("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
+    away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
     text = f"{block['status']} {away}"
     strain = block.get("strain_share_max", 0.0)
     if strain > 1.0:
         broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
-        text += f" {told(broken, 100 * strain)}"
+        text += f" {translate(broken, 100 * strain)}"
     said = remarks(block)
     return " ".join([text, *said]), strain > 1.0 or bool(said) or not sound(block)
 

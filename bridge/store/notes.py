@@ -72,6 +72,11 @@ def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
     return {} if not found or _get(mesh, MADE_FROM) is None else found
 
 
+def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
+    """Why a member of the engine's ``Result`` is not there, as a sentence; ``None`` where a stage has told of it."""
+    return None if stages.blocks_of((member,)) & read(mesh).keys() else stages.MISSING[member]
+
+
 def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
     """Of every stage and part the checksum of what it was made from; do not change the returned dict."""
     return {} if unsound(mesh) else _get(mesh, MADE_FROM) or {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...engine.errors import FlexMapsError
-from .words import told
+from .i18n import translate
 
 # modifiers that leave the surface where it is
 HARMLESS = {
@@ -25,9 +25,9 @@ def unusable(obj: bpy.types.Object | None) -> str | None:
     if obj is None:
         return "Select a mesh object"
     if obj.type != "MESH":
-        return told("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
+        return translate("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
     if obj.library is not None or obj.data.library is not None:
-        return told("'{}' is linked from another file; make it local first", obj.name)
+        return translate("'{}' is linked from another file; make it local first", obj.name)
     if obj.mode not in {"OBJECT", "EDIT"}:
         return "Go to Object Mode or Edit Mode"
     return None
@@ -38,7 +38,7 @@ def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
     for modifier in obj.modifiers:
         if modifier.show_viewport and modifier.type not in HARMLESS:
             text = "Apply or remove the modifier '{}' first: the layout lives in the mesh itself"
-            return told(text, modifier.name)
+            return translate(text, modifier.name)
     return None
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...engine.display import arrange
 from ..store import attributes
-from . import beside, looks, preview
+from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
     from ...engine.assembling.film import Film, Track
@@ -52,7 +52,7 @@ def show(
     root.empty_display_size = 0.05
     unit = scene.unit_settings.scale_length
     root.location, root.scale = place / unit, (1.0 / unit,) * 3
-    beside.collection_of(obj, scene).objects.link(root)
+    collection.collection_of(obj, scene).objects.link(root)
     rate = scene.render.fps / scene.render.fps_base
     first = scene.frame_start
     pace = max(seconds - LEAD - TAIL, 0.5) / film.length
@@ -66,9 +66,9 @@ def show(
         for track in film.tracks:
             made = _panel(obj, scene, film, track, whole)
             if rgb is None:
-                made.data.materials.append(looks.of_material(obj.flexmaps.material.material))
+                made.data.materials.append(materials.of_material(obj.flexmaps.material.material))
             else:
-                beside.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
+                materials.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
             made.parent = root
             _bends(made, track, frame)
             _moves(made, track, frame)
@@ -81,7 +81,7 @@ def show(
 
 def clear(obj: bpy.types.Object) -> None:
     """Remove the film of a model."""
-    found = beside.existing(obj)
+    found = collection.existing(obj)
     for other in [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else ():
         # an object and its shape keys may share an action
         actions = {holder.animation_data.action.name for holder in _animated(other)}
@@ -102,7 +102,7 @@ def _animated(obj: bpy.types.Object) -> list[Any]:
 
 def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The objects of a model's film, the empty first; none where there is no film."""
-    found = beside.existing(obj)
+    found = collection.existing(obj)
     of_film = [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else []
     return sorted(of_film, key=lambda o: o.type != "EMPTY")
 
@@ -126,18 +126,18 @@ def _panel(
     faces = patch_of[panels.quad_of] == track.patch
     corners = np.repeat(faces, panels.sizes)
     name = f"{obj.name} {ROOT} {track.patch + 1:02d}"
-    mesh = beside.polygons(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
+    mesh = meshes.polygons(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
     uv = np.empty(2 * len(whole.loops), np.float32)
     whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)
-    preview.put(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
+    meshes.put(mesh, "flexmaps_flat", "CORNER", uv.reshape(-1, 2)[corners])
     colour = attributes.get(whole, "flexmaps_colour")
     if colour is not None:
-        preview.put(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
+        meshes.put(mesh, "flexmaps_colour", "POINT", colour[track.vertices])
         mesh.attributes.active_color_name = "flexmaps_colour"
-    preview.smooth(mesh, panels.section[track.vertices])
+    meshes.smooth(mesh, panels.section[track.vertices])
     made = bpy.data.objects.new(name, mesh)
     made["flexmaps_kind"] = KIND
-    beside.collection_of(obj, scene).objects.link(made)
+    collection.collection_of(obj, scene).objects.link(made)
     return made
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine import colours
-from .live import Moving, middle_edge
-from .overlay import Legend
+from .legend import Legend
+from .live_shape import LiveShape, middle_edge
 
 if TYPE_CHECKING:
     from ...engine.optimisation.optimise import Look
@@ -20,7 +20,7 @@ STEPS = (5, 18)  # least and most pieces of an arm
 LIFT = 0.012  # how far the arms float above the faces, in edges
 
 
-class Designing(Moving):
+class Designing(LiveShape):
     """What there is to see after a step.
 
     history : (seconds, RMSE in metres) of this step and all before it

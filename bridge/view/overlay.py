@@ -1,11 +1,11 @@
-"""Colours on the model for distortion, spirals, patches and the simulated shape, with a legend; also as a colour attribute for renders.
+"""Colours and seams of the active model, the shape of a running simulation and their legend, drawn over the 3D view.
 
-Drawn over the 3D view by a handler of our own, so that no setting of the user's viewport is touched: switched off, all is
-as it was before.
+Handlers of our own draw them, so that no setting of the user's viewport is touched: switched off, all is as it was before.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,115 +14,13 @@ import numpy as np
 
 from ...engine import colours
 from ..store import attributes, equilibrium
-from . import live
+from . import colouring, legend
+from .legend import Legend
+from .live_shape import LiveShape
 
-# kind -> (attribute, label, unit)
-KINDS: dict[str, tuple[str, str, str]] = {
-    "ENERGY": ("flexmaps_energy", "Distortion E", ""),
-    "SQUARE": ("flexmaps_square", "Distance from a square", ""),
-    "WIDTH": ("flexmaps_width", "Width", "mm"),
-    "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
-    "PATCH": ("flexmaps_patch", "Patches", ""),
-    "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
-    "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
-    "REACH": ("flexmaps_reach", "What limits the match", ""),
-    "SAFETY": ("flexmaps_strain", "Strain", "%"),
-}
-SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
-# what may limit a match -> its colour, sRGB, and what the legend says
-LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
-    "matched": ((0.90, 0.92, 0.88), "matches"),
-    "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
-    "stiffest": ((0.50, 0.27, 0.60), "as stiff as it may be"),
-    "unstable": ((0.76, 0.08, 0.20), "about to snap"),
-    "distorted": ((0.95, 0.78, 0.25), "distorted by flattening"),
-    "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
-    "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
-}
-SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 EDIT_ALPHA = 0.55
-LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
-ROW = 18  # height of a line of the legend, in pixels at the usual size
 SEAMS, NO_SEAM = "flexmaps_seam", -2
 LIFT = 0.005  # how far the colours float above the surface, in edges
-
-
-@dataclass(frozen=True)
-class Legend:
-    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar.
-
-    entries : sRGB colours with what they stand for, from top to bottom
-    """
-
-    title: str
-    low: str = ""
-    high: str = ""
-    scale: np.ndarray | None = None
-    entries: tuple[tuple[tuple[float, ...], str], ...] = ()
-
-
-def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
-    """(F, 3) linear colours of the quads, and their legend."""
-    _, label, unit = KINDS[kind]
-    if kind == "PATCH":
-        count = int(values.max()) + 1
-        return colours.of_patches(count)[values.astype(int)], Legend(f"{count} patches")
-    if kind == "REACH":
-        return _limits(values.astype(int))
-    if kind in {"ENERGY", "SQUARE"}:
-        high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
-        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
-        return colours.on_scale(values, 0.0, high, colours.BAD), legend
-    if kind == "SAFETY":
-        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
-        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
-    low, high = float(values.min()), float(values.max())
-    if kind == "DISTANCE":
-        high = max(high, LEAST_DISTANCE)
-        legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
-        return colours.on_scale(values, 0.0, high, colours.BAD), legend
-    if kind == "STRAIN_ENERGY":
-        low = 0.0
-    gap = "" if unit == "\N{DEGREE SIGN}" else " "
-    legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
-    return colours.on_scale(values, low, high, colours.MUCH), legend
-
-
-def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
-    """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
-    from ...engine.optimisation.reach import NAMES
-
-    looks = [LIMITS.get(name, ((0.6, 0.6, 0.6), name)) for name in NAMES]
-    count = np.bincount(kinds, minlength=len(looks))
-    entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
-    rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
-    return rgb[kinds], Legend(KINDS["REACH"][1], entries=entries)
-
-
-def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
-    """The legend of an overlay that ``store`` has written."""
-    with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind][0])
-    assert values is not None
-    return painted(obj, kind, values)[1]
-
-
-def store(obj: bpy.types.Object, kind: str) -> bool:
-    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run."""
-    if not _current(obj, kind):
-        return False
-    with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind][0])
-        sizes = np.empty(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("loop_total", sizes)
-    if values is None or len(values) != len(sizes):
-        return False
-    rgb, _ = painted(obj, kind, values)
-    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
-    attributes.put(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
-    if not obj.data.is_editmode:
-        obj.data.attributes.active_color_name = "flexmaps_colour"
-    return True
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
@@ -132,9 +30,9 @@ def renew(obj: bpy.types.Object, made: str = "") -> None:
     """
     manager = bpy.context.window_manager
     shown = manager.flexmaps_overlay
-    if shown != "NONE" and store(obj, shown):
+    if shown != "NONE" and colouring.store(obj, shown):
         _redraw(manager)
-    elif made and not manager.flexmaps_plain and store(obj, made):
+    elif made and not manager.flexmaps_plain and colouring.store(obj, made):
         manager.flexmaps_overlay = made
 
 
@@ -145,20 +43,16 @@ def switch(kind: str) -> None:
     manager.flexmaps_overlay = kind
 
 
-def _current(obj: bpy.types.Object, kind: str) -> bool:
-    """Colours of a simulation that the mesh has left behind are not shown."""
-    return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)
-
-
 # -- drawing in the 3D view --------------------------------------------------------------------------------------------
 
 _handles: list[Any] = []
 _cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 
 
-def register() -> None:
+def register(running: Callable[[], Any]) -> None:
+    """Draw from now on; ``running`` gives what the job of now shows of its work, which is drawn if it is a ``LiveShape``."""
     items = [("NONE", "None", "No colours")]
-    items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in KINDS.items()]
+    items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in colouring.KINDS.items()]
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_redraw)
     bpy.types.WindowManager.flexmaps_plain = bpy.props.BoolProperty(name="Colours were switched off")
     handlers = bpy.app.handlers
@@ -169,8 +63,8 @@ def register() -> None:
     if not bpy.app.background:
         view = bpy.types.SpaceView3D
         _handles.append(view.draw_handler_add(_draw_colours, (), "WINDOW", "POST_VIEW"))
-        _handles.append(view.draw_handler_add(live.draw, (), "WINDOW", "POST_VIEW"))
-        _handles.append(view.draw_handler_add(_draw_legend, (), "WINDOW", "POST_PIXEL"))
+        _handles.append(view.draw_handler_add(_draw_live, (running,), "WINDOW", "POST_VIEW"))
+        _handles.append(view.draw_handler_add(_draw_legend, (running,), "WINDOW", "POST_PIXEL"))
 
 
 def unregister() -> None:
@@ -221,10 +115,10 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    quads = _quads(obj, KINDS[kind][0])
-    if quads is None or not len(quads.values) or not _current(obj, kind):
+    quads = _quads(obj, colouring.KINDS[kind][0])
+    if quads is None or not len(quads.values) or not colouring.current(obj, kind):
         return None
-    rgb, legend = painted(obj, kind, quads.values)
+    rgb, said = colouring.painted(obj, kind, quads.values)
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up[quads.corners]
@@ -244,7 +138,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
         look = {"pos": ends[sides].reshape(-1, 3), "color": np.repeat(_seam_colours(seams[sides], kind), 2, axis=0)}
         lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
-    return faces, lines, legend
+    return faces, lines, said
 
 
 def _seam_colours(seams: np.ndarray, kind: str) -> np.ndarray:
@@ -342,75 +236,15 @@ def _draw_colours() -> None:
     gpu.state.blend_set("NONE")
 
 
-def _draw_legend() -> None:
-    """Lower left: the title, below it a bar with its ends or a list, on a dark plate that any view lets read."""
-    import blf
-
-    moving, shown = live.shown(), _shown(bpy.context)
-    legend = moving.legend if moving is not None else None if shown is None else shown[3]
-    if legend is None:
-        return
-    unit = bpy.context.preferences.system.ui_scale
-    x, y, width = 90 * unit, 30 * unit + _covered(bpy.context), 180 * unit
-    blf.size(0, 12 * unit)
-    blf.color(0, 1.0, 1.0, 1.0, 1.0)
-    below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
-    broad = blf.dimensions(0, legend.title)[0]
-    if legend.scale is not None:
-        broad = max(broad, width)
-    for _, text in legend.entries:
-        broad = max(broad, 20 * unit + blf.dimensions(0, text)[0])
-    _rectangle(x - 10 * unit, y - 10 * unit, broad + 20 * unit, below + 32 * unit, (0.1, 0.1, 0.1), 0.5)
-    _text(x, y + below, legend.title)
-    for k, (rgb, text) in enumerate(reversed(legend.entries)):
-        _rectangle(x, y + ROW * k * unit, 12 * unit, 12 * unit, rgb)
-        _text(x + 20 * unit, y + (ROW * k + 1) * unit, text)
-    if legend.scale is not None:
-        _bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
-        _text(x, y, legend.low)
-        _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+def _draw_live(running: Callable[[], Any]) -> None:
+    shape = running()
+    if isinstance(shape, LiveShape):
+        shape.draw()
 
 
-def _covered(context: bpy.types.Context) -> int:
-    """How many pixels from below Blender's panel of the last operator covers."""
-    region = context.region
-    tops = [r.y + r.height - region.y for r in context.area.regions if r.type == "HUD" and r.height > 1]
-    return max(tops, default=0)
-
-
-def _bar(x: float, y: float, width: float, height: float, scale: np.ndarray) -> None:
-    """A scale (n, 3) of sRGB colours from left to right."""
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    steps, anchors = np.linspace(0.0, 1.0, 25), np.linspace(0.0, 1.0, len(scale))
-    rgb = np.stack([np.interp(steps, anchors, scale[:, k]) for k in range(3)], axis=1)
-    points = np.zeros((2 * len(steps), 3), np.float32)
-    points[:, 0], points[:, 1] = np.repeat(x + width * steps, 2), np.tile([y, y + height], len(steps))
-    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0).astype(np.float32)
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
-    batch_for_shader(shader, "TRI_STRIP", {"pos": points, "color": rgba}).draw(shader)
-
-
-def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...], alpha: float = 1.0) -> None:
-    import gpu
-    from gpu_extras.batch import batch_for_shader
-
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    corners = [(x, y, 0), (x + width, y, 0), (x, y + height, 0), (x + width, y + height, 0)]
-    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": corners})
-    shader.bind()
-    shader.uniform_float("color", (*rgb, alpha))
-    gpu.state.blend_set("ALPHA")
-    batch.draw(shader)
-    gpu.state.blend_set("NONE")
-
-
-def _text(x: float, y: float, text: str) -> None:
-    import blf
-
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
-    blf.position(0, x, y, 0)
-    blf.draw(0, text)
-    blf.disable(0, blf.SHADOW)
+def _draw_legend(running: Callable[[], Any]) -> None:
+    """That of the running shape, or else that of the model's colours."""
+    shape, shown = running(), _shown(bpy.context)
+    wanted = shape.legend if isinstance(shape, LiveShape) else None if shown is None else shown[3]
+    if wanted is not None:
+        legend.draw(wanted)

@@ -14,8 +14,9 @@ from ...engine import colours
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
-from ..store import attributes, equilibrium, mesh, pose, settings, stored
-from . import animation, beside, looks, overlay, preview
+from ..store import attributes, equilibrium, mesh, pose, settings, snapshot
+from . import animation, collection, colouring, curves, materials, meshes, preview
+from .legend import Legend
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
-        found = beside.existing(obj)
+        found = collection.existing(obj)
         shown = [o for o in found.objects if not o.hide_render] if found is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
@@ -74,7 +75,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
     with studio(size or SIZE, samples or SAMPLES) as place:
         _assembled(place, obj, design, "DISTANCE")
         place.set_up(ASIDE)
-        _legend(place, overlay.legend_of(obj, "DISTANCE"))
+        _legend(place, colouring.legend_of(obj, "DISTANCE"))
         place.take(path)
 
 
@@ -101,7 +102,7 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
         if params.assembled or params.panels
         else ()
     )
-    with studio(size, params.samples, "GREY" if finish in looks.LOOKS else "WHITE") as place:
+    with studio(size, params.samples, "GREY" if finish in materials.LOOKS else "WHITE") as place:
         standing = []
         if params.target:
             standing.append(_target(place, obj, finish))
@@ -112,8 +113,8 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
             flat = _panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
             _before(flat, wide, depth, params.azimuth)
         place.set_up(_direction(params), tight=not params.pixels_y)
-        if finish in overlay.KINDS and finish != "PATCH":
-            _legend(place, overlay.legend_of(obj, finish))
+        if finish in colouring.KINDS and finish != "PATCH":
+            _legend(place, colouring.legend_of(obj, finish))
         place.take(path)
 
 
@@ -143,7 +144,7 @@ def _direction(params: RenderParams) -> tuple[float, float, float]:
 
 def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
     """The spirals that an object holds, ``None`` where there are none that can be used."""
-    result = stored.read(obj).result
+    result = snapshot.read(obj).result
     return None if result is None else result.design
 
 
@@ -194,27 +195,27 @@ def _before(flat: Group, wide: float, depth: float, azimuth: float) -> None:
 
 def _finished(data: bpy.types.ID, finish: str) -> None:
     """Give data the material of a finish: that of a sheet, or that of its own colours."""
-    found = looks.of_material(finish) if finish in looks.LOOKS else beside.material("FlexMaps panel", None)
+    found = materials.of_material(finish) if finish in materials.LOOKS else materials.material("FlexMaps panel", None)
     data.materials.append(found)
 
 
 def _colours(obj: bpy.types.Object, finish: str) -> np.ndarray | None:
     """(F, 3) linear, of every quad, or ``None`` where a material has the say."""
-    return None if finish in looks.LOOKS else preview.quad_colours(obj, finish)
+    return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
 
 
 def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     """The target, in its patches' colours or plain, with its quads and seams as lines."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
-    data = beside.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
+    data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
     with attributes.readable(obj) as own:
-        known = attributes.get(own, overlay.KINDS["PATCH"][0]) is not None
+        known = attributes.get(own, colouring.KINDS["PATCH"][0]) is not None
     if known and finish == "PATCH":
-        beside.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
-        data.materials.append(beside.material("FlexMaps panel", None))
+        meshes.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
+        data.materials.append(materials.material("FlexMaps panel", None))
     else:
-        data.materials.append(beside.material("FlexMaps clay", colours.linear(np.array(CLAY))))
+        data.materials.append(materials.material("FlexMaps clay", colours.linear(np.array(CLAY))))
     made = place.put(data)
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
     sides, used = np.unique(_sides(polygons.corners, polygons.sizes) @ count, return_counts=True)
@@ -276,13 +277,13 @@ def _lines(place: Studio, points: np.ndarray, pairs: np.ndarray, bold: np.ndarra
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
-        curve = beside.lines(f"FlexMaps {name} lines", [points[p] for p in _chains(pairs[chosen])], radius)
+        curve = curves.lines(f"FlexMaps {name} lines", [points[p] for p in _chains(pairs[chosen])], radius)
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
-        curve.materials.append(beside.material(f"FlexMaps {name} line", colour))
+        curve.materials.append(materials.material(f"FlexMaps {name} line", colour))
         yield place.put(curve, framed=False)
 
 
-def _legend(studio: Studio, legend: overlay.Legend) -> None:
+def _legend(studio: Studio, legend: Legend) -> None:
     """A colour bar with its numbers in the picture's upper left corner, close before the camera; lit by nothing."""
     scene = studio.scene
     camera = scene.camera
@@ -303,19 +304,19 @@ def _legend(studio: Studio, legend: overlay.Legend) -> None:
     ):
         letters = bpy.data.curves.new("FlexMaps legend", "FONT")
         letters.body, letters.size, letters.align_x = text, 1.9, align
-        letters.materials.append(beside.glowing("FlexMaps ink", colours.linear(colours.SEAM)))
+        letters.materials.append(materials.glowing("FlexMaps ink", colours.linear(colours.SEAM)))
         place(letters, x, y)
     if legend.scale is not None:
         steps = np.linspace(0.0, 1.0, 41)
         low, high = np.c_[20.0 * steps, 0 * steps, 0 * steps], np.c_[20.0 * steps, 0 * steps + 1.6, 0 * steps]
         index = np.arange(40)
-        bar = beside.quads(
+        bar = meshes.quads(
             "FlexMaps legend",
             np.concatenate([low, high]),
             np.stack([index, index + 1, index + 42, index + 41], axis=1),
         )
-        beside.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
-        bar.materials.append(beside.glowing("FlexMaps scale", None))
+        meshes.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
+        bar.materials.append(materials.glowing("FlexMaps scale", None))
         place(bar, left, top - 2.4)
 
 

@@ -18,7 +18,7 @@ from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
 from ..store import attributes
-from . import beside, looks, overlay
+from . import collection, colouring, curves, materials, meshes
 
 if TYPE_CHECKING:
     from ...engine.display.panel_mesh import PanelMesh
@@ -95,7 +95,7 @@ def wires(design: SpiralDesign, arms: BentArms) -> np.ndarray:
 
 def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
     """The assembled piece of a model, if it is there."""
-    found = beside.existing(obj)
+    found = collection.existing(obj)
     return next((o for o in found.objects if o.get("flexmaps_kind") == KIND), None) if found is not None else None
 
 
@@ -121,11 +121,11 @@ def show(
     else:
         data = piece_mesh(name, built.panels, moved.vertices, rgb)
         for kind, domain_values in _face_values(obj, built.panels.quad_of).items():
-            put(data, kind, "FACE", domain_values)
+            meshes.put(data, kind, "FACE", domain_values)
     if rgb is None:
-        data.materials.append(looks.of_material(obj.flexmaps.material.material))
+        data.materials.append(materials.of_material(obj.flexmaps.material.material))
     else:
-        beside.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
+        materials.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
     place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
     triangles = 0 if built.panels is None else built.panels.triangles
@@ -141,7 +141,10 @@ def show(
 
 def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """(3,) metres: what brings a piece between these corners (3,) to the left of its model, onto the same ground."""
-    box = np.array([obj.matrix_world @ v for v in map(beside.vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    box = (
+        np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
+        * scene.unit_settings.scale_length
+    )
     gap = 0.15 * float(np.linalg.norm(high - low))
     middle = 0.5 * (box.min(axis=0) + box.max(axis=0) - low - high)
     return np.array([box[:, 0].min() - gap - high[0], middle[1], box[:, 2].min() - low[2]])
@@ -153,10 +156,10 @@ def _put_object(
     """The object with this data; one of an earlier time keeps what else it had."""
     made = existing(obj)
     if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
-        beside.clear(obj, (KIND,))
+        collection.clear(obj, (KIND,))
         made = None
     if made is None:
-        return beside.add(obj, scene, KIND, NAME, data, place)
+        return collection.add(obj, scene, KIND, NAME, data, place)
     before, made.data = made.data, data
     if before.users == 0:
         bpy.data.batch_remove([before])
@@ -168,10 +171,10 @@ def _put_object(
 def quad_colours(obj: bpy.types.Object, kind: str) -> np.ndarray:
     """(F, 3) linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
     with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, overlay.KINDS[kind][0])
+        values = attributes.get(mesh, colouring.KINDS[kind][0])
     if values is None:
-        raise FlexMapsError(f"There is no {overlay.KINDS[kind][1].lower()} to show yet; press Simulate first")
-    return overlay.painted(obj, kind, values)[0]
+        raise FlexMapsError(f"There is no {colouring.KINDS[kind][1].lower()} to show yet; press Simulate first")
+    return colouring.painted(obj, kind, values)[0]
 
 
 def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.ndarray]:
@@ -190,41 +193,19 @@ def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.nda
 
 def piece_mesh(name: str, panels: PanelMesh, vertices: np.ndarray, rgb: np.ndarray | None) -> bpy.types.Mesh:
     """The panels with their vertices (V, 3) metres as a mesh with UV map, colours (F, 3) and smooth arms between sharp edges."""
-    mesh = beside.polygons(name, vertices, panels.corners, panels.sizes)
+    mesh = meshes.polygons(name, vertices, panels.corners, panels.sizes)
     centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
-    put(mesh, "flexmaps_flat", "CORNER", uv)
+    meshes.put(mesh, "flexmaps_flat", "CORNER", uv)
     if rgb is not None:
         rgba = np.ones((len(panels.vertex_quad), 4), np.float32)
         rgba[:, :3] = rgb[panels.vertex_quad]
-        put(mesh, "flexmaps_colour", "POINT", rgba)
+        meshes.put(mesh, "flexmaps_colour", "POINT", rgba)
         mesh.attributes.active_color_name = "flexmaps_colour"
-    smooth(mesh, panels.section)
+    meshes.smooth(mesh, panels.section)
     return mesh
-
-
-def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
-    """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
-    pairs = np.empty(2 * len(mesh.edges), np.int32)
-    mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
-    ends = section[pairs.reshape(-1, 2)]
-    put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
-    mesh.shade_smooth()
-
-
-def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
-    """A new attribute of a kind that its values tell; pairs at corners are a UV map."""
-    kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
-    if values.ndim == 2:
-        kind = {2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[values.shape[1]]
-    prop, _, dtype, _ = attributes.KINDS[kind]
-    if kind == "FLOAT2":
-        mesh.uv_layers.new(name=name, do_init=False)
-    elif name not in mesh.attributes:
-        mesh.attributes.new(name, kind, domain)
-    mesh.attributes[name].data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
 
 
 def _curve(name: str, built: Built) -> bpy.types.Curve:
     """The arms as wires as thick as they are wide in the mean, from hub to joint; of four sides, for there are thousands."""
-    return beside.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)
+    return curves.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

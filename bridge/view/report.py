@@ -18,12 +18,12 @@ from ...engine.progress import SILENT, Progress
 from ...engine.runs import report, report_page, report_plots, stages
 from ...engine.runs.report_plots import Measured
 from ...engine.runs.result import Result
-from . import overlay
+from . import colouring
 
 if TYPE_CHECKING:
     import bpy
 
-    from ..store.stored import Taken
+    from ..store.snapshot import Snapshot
 
 SIMULATED = ("equilibrium", "reach", "optimise")
 PAGE, PLOTS = "report.html", "plots"
@@ -33,7 +33,7 @@ def drawings(result: Result, described: dict[str, Any], settings: Settings) -> d
     """The plots of a job, by name."""
     centres = None if result.flat is None else arrange.side_by_side(result.flat)
     measured = Measured.of(result, centres)
-    return report_plots.drawings(measured, described, overlay.LIMITS, settings.layout.distortion_limit)
+    return report_plots.drawings(measured, described, colouring.LIMITS, settings.layout.distortion_limit)
 
 
 def write(
@@ -74,7 +74,7 @@ class Reported:
     values : (F,) arrays of that simulation, or None, by the names of ``Measured``
     """
 
-    taken: Taken
+    taken: Snapshot
     blocks: dict[str, Any]
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
@@ -87,15 +87,15 @@ def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]
     """
     import bpy
 
-    from ..store import mesh, stored
+    from ..store import mesh, snapshot
     from ..store import settings as properties
 
     surface = mesh.read_surface(obj, bpy.context.scene)
-    taken = stored.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
+    taken = snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
     return drawn(taken.result(), read(obj, taken))
 
 
-def read(obj: bpy.types.Object, taken: Taken) -> Reported:
+def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
     import bpy
 
@@ -136,4 +136,6 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
         measured = replace(measured, shape=world[used], **found.values)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
-    return described, report_plots.drawings(measured, described, overlay.LIMITS, taken.settings.layout.distortion_limit)
+    return described, report_plots.drawings(
+        measured, described, colouring.LIMITS, taken.settings.layout.distortion_limit
+    )

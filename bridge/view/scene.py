@@ -20,7 +20,7 @@ from ...engine.spirals.design import design_report
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import equilibrium, mesh, notes, settings, states, supports
 from ..store.surface import Surface
-from . import beside, overlay
+from . import collection, colouring, flat_panels, materials, meshes
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
@@ -123,16 +123,17 @@ def _put_flat(
     progress(0.1, "flat patches in the Blender file")
     mesh.write_flat(obj, surface, result.flat, centres)
     notes.write(obj.data, "layout", layout_report(result.flat))
-    overlay.store(obj, "PATCH")
+    colouring.store(obj, "PATCH")
     if result.design is None:
         mesh.shelve_design(obj)
-        beside.show_flat(obj, scene, result.flat, centres)
+        flat_panels.show_flat(obj, scene, result.flat, centres)
         return
     mesh.write_design(obj, result.design)
     notes.write(obj.data, "spirals", design_report(result.design))
     progress(0.2, "solids of the panels")
     shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
-    for _ in beside.show_spirals(obj, scene, result.design, shape, _outlines(result), centres):
+    drawing = flat_panels.PanelDrawing(result.design, "", centres, shape, _outlines(result))
+    for _ in drawing.show(obj, scene):
         progress(0.6, "panels in the Blender file")
 
 
@@ -145,8 +146,8 @@ def _outlines(result: Result) -> list[tuple[Any, ...]]:
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
     """The surface as a mesh object, selected and active, in the scene's units."""
-    data = beside.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
-    data.materials.append(beside.material("FlexMaps panel", None))
+    data = meshes.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
+    data.materials.append(materials.material("FlexMaps panel", None))
     obj = bpy.data.objects.new(name, data)
     scene.collection.objects.link(obj)
     layer = scene.view_layers[0]
@@ -195,7 +196,7 @@ def _everything() -> set[bpy.types.ID]:
 def _frame_views() -> None:
     """Whoever opens the file sees everything at once, small pieces included."""
     objects = bpy.context.scene.objects
-    boxes = [np.array([o.matrix_world @ beside.vector(c) for c in o.bound_box]) for o in objects]
+    boxes = [np.array([o.matrix_world @ collection.vector(c) for c in o.bound_box]) for o in objects]
     if not boxes:
         return
     points = np.concatenate(boxes)

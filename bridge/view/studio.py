@@ -16,7 +16,7 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.errors import FlexMapsError
-from . import beside
+from . import collection, meshes
 
 MARGIN = 1.06
 UNDENOISED = 4  # times as many samples where there is no denoiser
@@ -68,7 +68,7 @@ class Studio:
 
     def points(self) -> np.ndarray:
         """(N, 3): points that enclose all that was put in tightly enough to frame it."""
-        boxes = [np.array([o.matrix_world @ beside.vector(v) for v in o.bound_box]) for o in self._theirs]
+        boxes = [np.array([o.matrix_world @ collection.vector(v) for v in o.bound_box]) for o in self._theirs]
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> np.ndarray:
@@ -146,7 +146,7 @@ class Studio:
             self.keep(sun, lamp)
         reach = 60 * radius
         square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=float)
-        ground = beside.quads("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
+        ground = meshes.quads("FlexMaps ground", reach * square, np.array([[0, 1, 2, 3]]))
         paper = bpy.data.materials.new("FlexMaps ground")
         paper.use_nodes = True
         shader = paper.node_tree.nodes["Principled BSDF"]

@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.hosts import job
+from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import attributes, mesh, notes, states
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -292,7 +292,7 @@ def test_a_linked_piece_is_refused_by_name(piece: Any, tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def running(piece: Any) -> Iterator[job.Job]:
+def running(piece: Any) -> Iterator[background.Job]:
     """Spirals, computed in the background; nothing is written before the test does it."""
     from flexmaps.bridge.store import settings
     from flexmaps.engine.params import ObjectSettings
@@ -300,15 +300,17 @@ def running(piece: Any) -> Iterator[job.Job]:
 
     press("flatten")
     surface = mesh.read_surface(piece, bpy.context.scene)
-    operator = SimpleNamespace(needs=Spirals.needs, loaded=False, going_on=partial(Spirals.going_on, None))
+    operator = SimpleNamespace(needs=Spirals.needs, loaded=False, continuation=partial(Spirals.continuation, None))
     work = Spirals.prepare(operator, surface, settings.read(piece.flexmaps, ObjectSettings))
-    made = job.Job("Spirals", work)
+    made = background.Job("Spirals", work)
     made.start()
     yield made
     made.end()
 
 
-def test_saving_meanwhile_keeps_the_file_as_it_was(running: job.Job, piece: Any, tmp_path: Path, content: Any) -> None:
+def test_saving_meanwhile_keeps_the_file_as_it_was(
+    running: background.Job, piece: Any, tmp_path: Path, content: Any
+) -> None:
     before, found = content(piece), kinds(piece)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "meanwhile.blend"))
     running._thread.join()
@@ -317,11 +319,11 @@ def test_saving_meanwhile_keeps_the_file_as_it_was(running: job.Job, piece: Any,
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "meanwhile.blend"))
     again = bpy.data.objects["piece"]
     assert content(again) == before and kinds(again) == found
-    assert job.current() is None
+    assert background.current() is None
     press("spirals")
 
 
-def test_every_button_says_why_it_waits(running: job.Job, piece: Any) -> None:
+def test_every_button_says_why_it_waits(running: background.Job, piece: Any) -> None:
     for name in ("check", "quad_remesh", "set_size", "regularise", "trace", "merge", "flatten", "spirals", "export"):
         assert not getattr(bpy.ops.flexmaps, name).poll()
     with pytest.raises(RuntimeError, match="is running"):

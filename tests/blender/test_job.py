@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.bridge.hosts import job
+from flexmaps.bridge.hosts import background
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.operators import stage
@@ -62,7 +62,7 @@ class Window:
         return getattr(bpy.context, name)
 
 
-class Move(stage.Stage):
+class Move(stage.StageOperator):
     """A stage that takes as long as the test wants, and marks the first edge."""
 
     bl_label = "Move"
@@ -107,7 +107,7 @@ def move(dome: Any) -> Any:
     operator = Move()
     yield operator
     operator.go.set()
-    job.stop_current()
+    background.stop_current()
 
 
 def drive(operator: Any, window: Window) -> set[str]:
@@ -126,7 +126,7 @@ def clean(window: Window) -> bool:
 
 def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -> None:
     assert move.invoke(window, None) == {"RUNNING_MODAL"}
-    assert job.current() is not None and window.window_manager.handlers == [move]
+    assert background.current() is not None and window.window_manager.handlers == [move]
     assert "ESC" in (window.status[-1] or "")
     move.begun.wait(5)
     assert move.modal(window, TIMER) == {"PASS_THROUGH"}
@@ -136,7 +136,7 @@ def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -
     assert drive(move, window) == {"FINISHED"}
     assert dome.data.edges[0].use_seam
     assert move.said == [("INFO", "got 7")]
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
 
 
 def test_escape_stops_and_changes_nothing(move: Any, window: Window, dome: Any, content: Any) -> None:
@@ -147,7 +147,7 @@ def test_escape_stops_and_changes_nothing(move: Any, window: Window, dome: Any, 
     assert drive(move, window) == {"CANCELLED"}
     assert content(dome) == before
     assert move.said[0][0] == "WARNING"
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
 
 
 def test_an_error_of_the_engine_is_reported(move: Any, window: Window, dome: Any, content: Any) -> None:
@@ -157,7 +157,7 @@ def test_an_error_of_the_engine_is_reported(move: Any, window: Window, dome: Any
     move.invoke(window, None)
     assert drive(move, window) == {"CANCELLED"}
     assert move.said == [("ERROR", "Face 3 is wrong; mend it")]
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
     assert dome.mode == "EDIT"  # where the culprits are seen
     dome.update_from_editmode()
     assert [f.index for f in dome.data.polygons if f.select] == [3]
@@ -170,7 +170,7 @@ def test_a_bug_propagates_and_leaves_nothing_running(move: Any, window: Window) 
     move.invoke(window, None)
     with pytest.raises(ZeroDivisionError):
         drive(move, window)
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
 
 
 def test_the_object_may_be_renamed_meanwhile(move: Any, window: Window, dome: Any) -> None:
@@ -187,7 +187,7 @@ def test_the_object_may_be_deleted_meanwhile(move: Any, window: Window, dome: An
     move.go.set()
     assert drive(move, window) == {"CANCELLED"}
     assert "deleted" in move.said[0][1]
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
 
 
 @pytest.mark.parametrize("change", ["vertex", "scale", "seam", "face"])
@@ -221,10 +221,10 @@ def test_a_mesh_changed_meanwhile_is_not_overwritten(
 def test_another_file_is_loaded_meanwhile(move: Any, window: Window) -> None:
     move.invoke(window, None)
     move.begun.wait(5)
-    running = job.current()
+    running = background.current()
     assert running is not None
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # load_pre stops the job and waits for it
-    assert running.finished and job.current() is None
+    assert running.finished and background.current() is None
     move.cancel(window)  # what Blender then calls
     assert clean(window)
 
@@ -233,7 +233,7 @@ def test_only_one_job_at_a_time(move: Any, window: Window, dome: Any) -> None:
     move.invoke(window, None)
     assert "is running" in (stage.why_not(Move, dome) or "")
     with pytest.raises(RuntimeError):
-        job.Job("Other", lambda progress: None).start()
+        background.Job("Other", lambda progress: None).start()
 
 
 def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
@@ -241,19 +241,19 @@ def test_a_failing_read_starts_nothing(window: Window, dome: Any) -> None:
     operator = Move()
     assert operator.invoke(window, None) == {"CANCELLED"}
     assert "Fine" in operator.said[0][1]
-    assert job.current() is None and not window.window_manager.timers
+    assert background.current() is None and not window.window_manager.timers
 
 
 def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -> None:
     """The same result as at once."""
     from flexmaps.operators import layout
-    from flexmaps.operators.job_stage import JobStage
+    from flexmaps.operators.continued import ContinuedStage
 
     class Merge(layout.Merge.__mro__[1], Move):  # type: ignore[misc]  # LayoutStage without bpy.types.Operator
         bl_label = "Merge"
         loaded = layout.Merge.loaded
-        prepare = JobStage.prepare
-        going_on = layout.Merge.going_on
+        prepare = ContinuedStage.prepare
+        continuation = layout.Merge.continuation
         finish = layout.LayoutStage.finish
 
     here = add(shapes.make("cubesphere"), "here")
@@ -272,7 +272,7 @@ def test_ticks_are_one_line_a_step(capsys: pytest.CaptureFixture[str]) -> None:
         progress(0.9, "second")
         return 3
 
-    assert job.run_here("Merge", work) == 3
+    assert background.run_here("Merge", work) == 3
     assert [line.split("% ")[1] for line in capsys.readouterr().out.splitlines()] == ["first: 0", "second"]
 
 
@@ -281,7 +281,7 @@ def test_control_c_becomes_cancelled() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(Cancelled):
-        job.run_here("Merge", work)
+        background.run_here("Merge", work)
 
 
 # -- quad remesh ---------------------------------------------------------------------------------------------------------
@@ -296,35 +296,37 @@ def remesh(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     obj = add((mesh.vertices, [face for q in mesh.quads.tolist() for face in (q[:3], [q[0], q[2], q[3]])]))
     obj.flexmaps.remesh.quads = 150
     monkeypatch.setattr(module, "bpy", stage.bpy, raising=False)
-    body = {k: v for base in (stage.Stage, module.QuadRemesh) for k, v in vars(base).items()}
+    body = {k: v for base in (stage.StageOperator, module.QuadRemesh) for k, v in vars(base).items()}
     hidden = {"__dict__", "__weakref__", "bl_rna"}
     operator = type("QuadRemesh", (), {k: v for k, v in body.items() if k not in hidden})()
     operator.said = []
     operator.report = lambda kind, text: operator.said.append((*kind, text))
     yield operator
-    job.stop_current()
+    background.stop_current()
 
 
 def test_a_remesh_runs_beside_the_window(remesh: Any, window: Window) -> None:
     objects = len(bpy.data.objects)
     assert remesh.invoke(window, None) == {"RUNNING_MODAL"}
-    assert job.current() is not None and "ESC" in (window.status[-1] or "") and len(bpy.data.objects) == objects
+    assert background.current() is not None and "ESC" in (window.status[-1] or "") and len(bpy.data.objects) == objects
     assert not bpy.ops.flexmaps.check.poll()
     assert remesh.modal(window, MOUSE) == {"PASS_THROUGH"}  # the user goes on working
     remesh._job._thread.join()
     assert drive(remesh, window) == {"FINISHED"}
     assert remesh.said[0][0] == "INFO" and bpy.context.object.name == "piece quads"
-    assert clean(window) and job.current() is None
+    assert clean(window) and background.current() is None
 
 
 def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
     """Though QuadriFlow itself cannot be stopped, and here never comes back."""
-    from flexmaps.bridge.hosts import second
+    from flexmaps.bridge.hosts import second_blender
 
-    started, start = [], second._started
-    monkeypatch.setattr(second, "_started", lambda folder: started.append(start(folder)) or started[-1])
-    monkeypatch.setattr(second.json, "dumps", lambda wanted: "[")  # nothing is ever asked: Blender waits for the rest
-    monkeypatch.setattr(second, "LIMIT", 1e6)
+    started, start = [], second_blender._started
+    monkeypatch.setattr(second_blender, "_started", lambda folder: started.append(start(folder)) or started[-1])
+    monkeypatch.setattr(
+        second_blender.json, "dumps", lambda wanted: "["
+    )  # nothing is ever asked: Blender waits for the rest
+    monkeypatch.setattr(second_blender, "LIMIT", 1e6)
     before = {o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}
     remesh.invoke(window, None)
     while not started:
@@ -334,30 +336,30 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     assert drive(remesh, window) == {"CANCELLED"}
     assert ({o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}) == before
     assert remesh.said == [("WARNING", "Quad remesh was stopped; nothing was changed")]
-    assert bpy.context.object.name == "piece" and clean(window) and job.current() is None
+    assert bpy.context.object.name == "piece" and clean(window) and background.current() is None
     assert all(process.poll() is not None for process in started)
 
 
 def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window) -> None:
     remesh.invoke(window, None)
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    assert job.current() is None
+    assert background.current() is None
     remesh.cancel(window)
     assert clean(window)
 
 
 def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexmaps.bridge.hosts import warm
+    from flexmaps.bridge.hosts import preload
 
-    monkeypatch.setattr(warm, "_begun", [])
-    warm.warm_up()
-    assert not warm._begun  # this Blender has no window
-    monkeypatch.setattr(warm, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
-    warm.warm_up()
-    warm.warm_up()
-    warm.wait()
-    assert len(warm._begun) == 1 and not warm._begun[0].is_alive()
-    assert {f"flexmaps.{name}" for name in warm.MODULES} <= set(sys.modules)
+    monkeypatch.setattr(preload, "_begun", [])
+    preload.start()
+    assert not preload._begun  # this Blender has no window
+    monkeypatch.setattr(preload, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    preload.start()
+    preload.start()
+    preload.wait()
+    assert len(preload._begun) == 1 and not preload._begun[0].is_alive()
+    assert {f"flexmaps.{name}" for name in preload.MODULES} <= set(sys.modules)
 
 
 # -- what is made for a job that goes on ---------------------------------------------------------------------------------
@@ -367,17 +369,17 @@ def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pyte
 def report(dome: Any) -> Any:
     """Report as a window runs it, on a dome with patches."""
     from flexmaps.operators import report as module
-    from flexmaps.operators.job_stage import JobStage
+    from flexmaps.operators.continued import ContinuedStage
 
     assert bpy.ops.flexmaps.trace() == {"FINISHED"}
     dome.flexmaps.export.folder = "//"
-    body = {k: v for base in (stage.Stage, JobStage, module.Report) for k, v in vars(base).items()}
+    body = {k: v for base in (stage.StageOperator, ContinuedStage, module.Report) for k, v in vars(base).items()}
     hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
     operator = type("Report", (), {k: v for k, v in body.items() if k not in hidden} | {"files": False})()
     operator.said = []
     operator.report = lambda kind, text: operator.said.append((*kind, text))
     yield operator
-    job.stop_current()
+    background.stop_current()
 
 
 def test_a_report_is_seen_before_its_letters_are_made(
@@ -396,8 +398,8 @@ def test_a_report_is_seen_before_its_letters_are_made(
 
 def test_a_report_that_waits_for_letters_can_be_stopped(report: Any, window: Window) -> None:
     report.invoke(window, None)
-    job.stop_current()  # as when another file is loaded: the letters never come
-    assert job.current() is None
+    background.stop_current()  # as when another file is loaded: the letters never come
+    assert background.current() is None
 
 
 def test_while_a_job_runs_the_window_need_not_wait_long_for_python(move: Any, window: Window) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from flexmaps import panels
 from flexmaps.bridge.store import notes
-from flexmaps.bridge.view import beside
+from flexmaps.bridge.view import collection
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 
@@ -648,12 +648,12 @@ def test_the_sidebar_tells_a_simulation_as_it_is(dome: Any, sides: Any) -> None:
 
 
 def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> None:
-    from flexmaps.bridge.hosts import job
+    from flexmaps.bridge.hosts import background
 
     obj = add(shapes.make("dome"))
     notes.write_checks(obj.data, [check.Finding("x", "warning", "Quads are small", faces=(1,))])
     assert {"Quads are small", "Show faces"} <= set(sides())
-    running = job.Job("Merge", lambda progress: None)
+    running = background.Job("Merge", lambda progress: None)
     running.text = "Merging: 12 patches"
     running.start()
     try:
@@ -681,7 +681,7 @@ def test_the_sidebar_shows_the_first_remark_on_a_layout(dome: Any, sides: Any) -
 def test_the_report_on_the_mesh_is_plain_json(dome: Any) -> None:
     press("merge")
     assert json.loads(dome.data["flexmaps_report"])["layout"]["patches"] >= 1
-    assert beside.existing(dome) is not None
+    assert collection.existing(dome) is not None
 
 
 def test_merge_cuts_what_is_larger_than_the_sheet(dome: Any) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.hosts import job
+from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import equilibrium, mesh, notes, settings
-from flexmaps.bridge.view import designing, overlay, plot
+from flexmaps.bridge.view import colouring, designing, plot
 from flexmaps.command import main as command
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import Cancelled
@@ -176,12 +176,12 @@ def test_undo_and_redo_in_one_step(piece: Any, all_of: Any, mode: str) -> None:
 # -- stopped -----------------------------------------------------------------------------------------------------------
 
 
-class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # JobStage without bpy.types.Operator
+class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator
     """The operator without Blender's part of it."""
 
     bl_label = "Optimise"
     needs, loaded = operators.Optimise.needs, operators.Optimise.loaded
-    going_on, finish, after = (getattr(operators.Optimise, name) for name in ("going_on", "finish", "after"))
+    continuation, finish, after = (getattr(operators.Optimise, name) for name in ("continuation", "finish", "after"))
 
     def __init__(self) -> None:
         self.said: list[tuple[str, str]] = []
@@ -190,10 +190,10 @@ class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]
         self.said.append((*kind, text))
 
 
-def background(obj: Any, enough: Callable[[Any], bool]) -> tuple[Button, job.Job]:
+def in_background(obj: Any, enough: Callable[[Any], bool]) -> tuple[Button, background.Job]:
     """Press it, and stop it as soon as ``enough`` of it was seen; what it has made is written."""
     button = Button()
-    running = job.Job("Optimise", button._read(bpy.context))
+    running = background.Job("Optimise", button._read(bpy.context))
     running.start()
     try:
         while not running.finished and not enough(running):
@@ -207,7 +207,7 @@ def background(obj: Any, enough: Callable[[Any], bool]) -> tuple[Button, job.Job
 
 
 def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
-    button, running = background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
+    button, running = in_background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
     found = block(piece)
     assert not found["finished"] and "best so far" in button.said[-1][1]
     assert found["laplacian_rmse_mm"] < found["laplacian_rmse_mm_before"]
@@ -221,7 +221,7 @@ def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
 def test_who_stops_it_does_not_wait_for_the_true_panels(
     piece: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexmaps.bridge.view import beside
+    from flexmaps.bridge.view import flat_panels
     from flexmaps.engine.fabrication.connectors import connect as connectors
 
     def unwanted(*_: Any, **__: Any) -> None:
@@ -229,10 +229,10 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
 
     with monkeypatch.context() as patch:
         patch.setattr(connectors, "connect", unwanted)
-        background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
-    (plain,) = beside.panels_of(piece)
+        in_background(piece, lambda job: job.shown is not None and len(job.shown.history) > 2)
+    (plain,) = flat_panels.panels_of(piece)
     # they stand where the new spirals are, and tell that they are not the last word
-    assert plain[beside.LOOK] == beside.PLAIN
+    assert plain[flat_panels.LOOK] == flat_panels.PLAIN
     assert not [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
     assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in notes.read(piece.data)
     light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
@@ -240,28 +240,28 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     press("report")  # with what is known
     piece.flexmaps.export.folder = str(tmp_path)
     press("export")
-    (drawn,) = beside.panels_of(piece)
-    assert drawn[beside.LOOK] != beside.PLAIN
+    (drawn,) = flat_panels.panels_of(piece)
+    assert drawn[flat_panels.LOOK] != flat_panels.PLAIN
     assert [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
 
 
 def test_stopped_at_any_moment_the_scene_is_sound(piece: Any, all_of: Any, tmp_path: Path) -> None:
     piece.flexmaps.optimise.iterations = 6
     began = time.monotonic()
-    background(piece, lambda running: False)
+    in_background(piece, lambda running: False)
     whole = time.monotonic() - began
     random = np.random.default_rng(5)
     kept = 0
     for k in range(20):
         piece.flexmaps.optimise.smoothness = 0.01 * (k % 3)  # so that there is always something to do
         before, start, wait = all_of(piece), time.monotonic(), random.uniform(0.0, whole)
-        _, running = background(piece, lambda _, until=start + wait: time.monotonic() > until)
+        _, running = in_background(piece, lambda _, until=start + wait: time.monotonic() > until)
         if running.error is not None:
             assert isinstance(running.error, Cancelled)
             assert all_of(piece) == before
         else:
             kept += 1
-        assert job.current() is None
+        assert background.current() is None
         assert not piece.data.validate(verbose=False)
         assert not len(outside(design(piece)))
         assert len(equilibrium.keys_of(piece.data)) == 1
@@ -422,12 +422,12 @@ def test_limits_as_colours(piece: Any, attribute: Any) -> None:
         found = block(piece, "reach")
         assert sum(found["spirals"].values()) == QUADS and found["advice"].endswith(".")
         press("overlay", kind="REACH")
-        legend = overlay.legend_of(piece, "REACH")
+        legend = colouring.legend_of(piece, "REACH")
         shown = {name: n for name, n in found["spirals"].items() if n}
         assert sorted(int(text.rpartition(": ")[2]) for _, text in legend.entries) == sorted(shown.values())
         rgb = np.round(attribute(piece, "flexmaps_colour", "color", 4)[::4, :3], 5)
         assert len(np.unique(rgb, axis=0)) == len(shown)
-    assert set(overlay.LIMITS) == set(NAMES)
+    assert set(colouring.LIMITS) == set(NAMES)
     piece.flexmaps.material.material = "birch"
     with pytest.raises(RuntimeError, match="nothing to show"):
         bpy.ops.flexmaps.overlay(kind="REACH")
@@ -495,7 +495,7 @@ def test_a_running_optimisation_touches_nothing(piece: Any, all_of: Any) -> None
     before = all_of(piece)
     surface = mesh.read_surface(piece, bpy.context.scene)
     work = Button().prepare(surface, settings.read(piece.flexmaps, ObjectSettings))
-    running = job.Job("Optimise", work)
+    running = background.Job("Optimise", work)
     running.start()
     running.end()
     assert all_of(piece) == before

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, mesh, notes, pose, states
-from flexmaps.bridge.view import beside, preview
+from flexmaps.bridge.view import materials, preview
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 
@@ -126,7 +126,7 @@ def test_wires_have_the_colours_of_their_patches(piece: Any) -> None:
     piece.flexmaps.preview.colour = "DISTANCE"
     press("preview")
     made = preview.existing(piece).data
-    assert 3 < len(made.materials) <= beside.FEW
+    assert 3 < len(made.materials) <= materials.FEW
 
 
 def test_colours_that_are_not_there_are_refused(piece: Any) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.view import looks, picture, studio
+from flexmaps.bridge.view import materials, picture, studio
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RenderParams
 
@@ -83,10 +83,10 @@ def test_finishes(piece: Any, tmp_path: Path, finish: str) -> None:
 def test_every_material_has_a_look() -> None:
     from flexmaps.engine.materials import MATERIALS
 
-    assert set(MATERIALS) | {"custom"} == set(looks.LOOKS)
-    for key in looks.LOOKS:
-        made = looks.of_material(key)
-        assert made is looks.of_material(key)
+    assert set(MATERIALS) | {"custom"} == set(materials.LOOKS)
+    for key in materials.LOOKS:
+        made = materials.of_material(key)
+        assert made is materials.of_material(key)
         assert made.node_tree.nodes["Principled BSDF"].outputs["BSDF"].is_linked
 
 

@@ -318,13 +318,13 @@ def test_the_button_in_a_file_that_was_never_saved(dome: Any) -> None:
 
 def test_drawing_for_the_report_needs_no_blender(strip: api.Piece) -> None:
     """What is taken from an object stays true while Blender goes on: the window is alive meanwhile."""
-    from flexmaps.bridge.store import mesh, stored
+    from flexmaps.bridge.store import mesh, snapshot
     from flexmaps.bridge.store import settings as properties
     from flexmaps.engine.params import ObjectSettings
 
     obj = api.show(strip)
     surface = mesh.read_surface(obj, bpy.context.scene)
-    found = pages.read(obj, stored.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
+    found = pages.read(obj, snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
     wanted = pages.of_object(obj)
     bpy.data.objects.remove(obj)
     described, drawn = pages.drawn(found.taken.result(), found)

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import mesh, settings
-from flexmaps.bridge.view import beside, picture, scene
+from flexmaps.bridge.view import curves, picture, scene
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
@@ -169,13 +169,13 @@ def test_bezier_curves_are_arcs() -> None:
 
     quarter = np.tan(np.pi / 8)
     circle = Curve(np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]), np.full(4, quarter))
-    knots, left, right = beside.bezier(circle)
+    knots, left, right = curves.bezier(circle)
     t = np.linspace(0, 1, 20)[:, None, None]
     a, b, c, d = knots, right, np.roll(left, -1, axis=0), np.roll(knots, -1, axis=0)
     points = (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d
     assert np.linalg.norm(points, axis=-1) == pytest.approx(1.0, abs=3e-4)
     straight = Curve(np.array([[0.0, 0], [3, 0], [3, 3]]), np.zeros(3))
-    knots, left, right = beside.bezier(straight)
+    knots, left, right = curves.bezier(straight)
     assert right[0] == pytest.approx([1.0, 0.0]) and left[1] == pytest.approx([2.0, 0.0])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.hosts import remesh, second
+from flexmaps.bridge.hosts import remesh, second_blender
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -27,27 +27,27 @@ def test_it_has_user_files_of_its_own(dome: PolygonMesh, monkeypatch: pytest.Mon
     monkeypatch.setenv("BLENDER_USER_RESOURCES", str(tmp_path))
     monkeypatch.setenv("BLENDER_USER_EXTENSIONS", str(tmp_path / "extensions"))
     given: list[dict[str, str]] = []
-    popen = second.subprocess.Popen
+    popen = second_blender.subprocess.Popen
 
     def noting(*words: Any, env: dict[str, str], **options: Any) -> Any:
         given.append(env)
         return popen(*words, env=env, **options)
 
-    monkeypatch.setattr(second.subprocess, "Popen", noting)
-    with second.SecondBlender() as tool:
+    monkeypatch.setattr(second_blender.subprocess, "Popen", noting)
+    with second_blender.SecondBlender() as tool:
         assert tool.triangles(dome, 1e-9) is not None
         assert not any(str(tmp_path) in value for name, value in given[0].items() if name.startswith("BLENDER_USER"))
     assert not os.listdir(tmp_path)
 
 
 def test_what_hangs_is_ended_and_the_next_one_starts_anew(dome: PolygonMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    with second.SecondBlender() as tool:
+    with second_blender.SecondBlender() as tool:
         triangles = tool.triangles(dome, 1e-9)
         assert triangles is not None and (triangles.sizes == 3).all() and len(triangles.sizes) == 2 * len(dome.sizes)
         first = tool._process
-        monkeypatch.setattr(second, "LIMIT", 0.0)
+        monkeypatch.setattr(second_blender, "LIMIT", 0.0)
         assert tool.quads(triangles, 100, 0) is None and first.poll() is not None
-        monkeypatch.setattr(second, "LIMIT", 60.0)
+        monkeypatch.setattr(second_blender, "LIMIT", 60.0)
         quads = tool.quads(triangles, 100, 0)
         assert quads is not None and (quads.sizes == 4).all() and tool._process is not first
         assert np.ptp(quads.vertices, axis=0) == pytest.approx(np.ptp(dome.vertices, axis=0), rel=0.15)
@@ -70,6 +70,6 @@ def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
 
 
 def test_a_blender_that_does_not_start_is_named(dome: PolygonMesh, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(second, "SCRIPT", Path(__file__).with_name("nothing.py"))
-    with second.SecondBlender() as tool, pytest.raises(FlexMapsError, match="second Blender"):
+    monkeypatch.setattr(second_blender, "SCRIPT", Path(__file__).with_name("nothing.py"))
+    with second_blender.SecondBlender() as tool, pytest.raises(FlexMapsError, match="second Blender"):
         tool.triangles(dome, 1e-9)

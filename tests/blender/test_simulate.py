@@ -12,9 +12,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.hosts import job
+from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import equilibrium, mesh, notes, settings
-from flexmaps.bridge.view import live, scene
+from flexmaps.bridge.view import live_shape, scene
 from flexmaps.command import main as command
 from flexmaps.engine.assembling import check as assembly_check
 from flexmaps.engine.assembling import sheet as assembly_sheet
@@ -42,12 +42,12 @@ def press(name: str, **properties: Any) -> None:
     assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
 
 
-class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]  # JobStage without bpy.types.Operator
+class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator
     """The operator without Blender's part of it."""
 
     bl_label = "Simulate"
     needs, loaded = operators.Simulate.needs, operators.Simulate.loaded
-    going_on, finish = operators.Simulate.going_on, operators.Simulate.finish
+    continuation, finish = operators.Simulate.continuation, operators.Simulate.finish
 
 
 @pytest.fixture
@@ -376,14 +376,14 @@ def test_a_running_simulation_shows_its_shape_and_touches_nothing(
     before = all_of(piece)
     surface = mesh.read_surface(piece, bpy.context.scene)
     work = Button().prepare(surface, settings.read(piece.flexmaps, ObjectSettings))
-    running = job.Job("Simulate", work)
+    running = background.Job("Simulate", work)
     running.start()
     try:
         until, said = time.monotonic() + 20.0, ""
         while (running.shown is None or "residual" not in said) and time.monotonic() < until:
             said = running.text
             time.sleep(0.001)
-        assert isinstance(running.shown, live.Moving)
+        assert isinstance(running.shown, live_shape.LiveShape)
         points, rgba, lines = running.shown.drawn(1.0)
         assert points.shape == (12 * LENGTH * WIDTH, 3) and len(lines) == 8 * LENGTH * WIDTH
         assert np.isfinite(points).all() and ((rgba >= 0) & (rgba <= 1)).all()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import attributes, notes, pose, states
-from flexmaps.bridge.view import beside
+from flexmaps.bridge.view import collection
 from flexmaps.engine.optimisation import reach
 
 NOTES = {
@@ -129,16 +129,16 @@ def test_every_attribute_of_ours_is_known(simulated: Any) -> None:
 
 def test_properties_of_another_kind(spiralled: Any) -> None:
     """By these the pieces beside the model are found; without them new ones are made."""
-    found = beside.existing(spiralled)
+    found = collection.existing(spiralled)
     assert found is not None
     for value in (5, "x", [1, 2], {"a": 1}):
         for owner, name in ((found, "flexmaps_owner"), *((o, "flexmaps_kind") for o in found.objects)):
             owner[name] = value
-        beside.existing(spiralled)
-        beside.clear(spiralled)
+        collection.existing(spiralled)
+        collection.clear(spiralled)
     for value in (5, "x", [1, 2], {"a": 1}):
         spiralled["flexmaps_collection"] = value
-        assert beside.existing(spiralled) is None
+        assert collection.existing(spiralled) is None
     assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from flexmaps import operators, panels
 from flexmaps.bridge.store import states
-from flexmaps.bridge.store.words import told
+from flexmaps.bridge.store.i18n import translate
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.panels import translations
 
@@ -133,11 +133,11 @@ def test_told_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
     played = SimpleNamespace(
         app=SimpleNamespace(translations=SimpleNamespace(pgettext_rpt=lambda text: german.get(text, text)))
     )
-    assert told("{} frames in {}", 3, "{x}") == "3 frames in {x}"
-    monkeypatch.setattr("flexmaps.bridge.store.words.bpy", played)
-    assert told("{} frames in {}", 3, "{x}") == "3 Bilder in {x}"
-    assert told("Press Spirals first") == "Erst Spiralen drücken"
-    assert told("'{x}' has a name of its own") == "'{x}' has a name of its own"
+    assert translate("{} frames in {}", 3, "{x}") == "3 frames in {x}"
+    monkeypatch.setattr("flexmaps.bridge.store.i18n.bpy", played)
+    assert translate("{} frames in {}", 3, "{x}") == "3 Bilder in {x}"
+    assert translate("Press Spirals first") == "Erst Spiralen drücken"
+    assert translate("'{x}' has a name of its own") == "'{x}' has a name of its own"
 
 
 def test_values_keep_their_places(words: dict[str, str]) -> None:

@@ -51,7 +51,7 @@ def picture(name):
 
 
 def current():
-    return hands.module("bridge.hosts.job").current()
+    return hands.module("bridge.hosts.background").current()
 
 
 def last_operator():
@@ -80,7 +80,7 @@ def installed():
 
 def _watch_jobs():
     """Note every job that begins, for a quick one that is refused is over before anybody has looked; hold what is to be held."""
-    kind = hands.module("bridge.hosts.job").Job
+    kind = hands.module("bridge.hosts.background").Job
     start, report = kind.start, kind._report
 
     def noted(self):

@@ -109,9 +109,9 @@ def settings_used(**optimise: Any) -> Settings:
 
 def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
     """Quads by Blender's tools, as ``run --remesh`` makes them."""
-    from flexmaps.bridge.hosts import main_job, remesh
+    from flexmaps.bridge.hosts import job_folder, remesh
 
-    with main_job.quiet_blender():
+    with job_folder.quiet_blender():
         return remesh.quads_of(polygons, count, RemeshParams().smooth).polygons
 
 

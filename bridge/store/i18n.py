@@ -7,12 +7,12 @@ from typing import Any
 import bpy
 
 
-def told(text: str, *values: Any) -> str:
+def translate(text: str, *values: Any) -> str:
     """The translation of a line, as the preferences want it for reports, with the values in its places ``{}``."""
-    found: str = bpy.app.translations.pgettext_rpt(text)
-    return found.format(*values) if values else found
+    translated: str = bpy.app.translations.pgettext_rpt(text)
+    return translated.format(*values) if values else translated
 
 
-def named(button: str) -> str:
+def button_name(label: str) -> str:
     """What stands on a button, as the preferences want it for the interface."""
-    return bpy.app.translations.pgettext_iface(button, "Operator")
+    return bpy.app.translations.pgettext_iface(label, "Operator")

@@ -21,7 +21,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 
-SCRIPT = Path(__file__).with_name("remesh_tools.py")
+SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds after which there is no hope: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
 LIMIT = 60.0
 START = 120.0  # for Blender to start as well

@@ -18,7 +18,7 @@ from .surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class Snapshot:
     """What the stages need of an object, read on Blender's main thread: plain arrays and texts, safe in another thread.
 
     name : of the object; note : of the stage that made its spirals, if there is one
@@ -79,16 +79,16 @@ class Stored:
     seams: np.ndarray | None = None
 
 
-def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Taken:
+def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
     """Read what the stages need of an object, with what holds it and pulls at it if ``loaded``; milliseconds.
 
     Raises ``FlexMapsError`` where those are no groups of the object, or hold no quad.
     """
-    taken = Taken(obj.name, surface, used, note=notes.read(obj.data).get("spirals"))
+    snapshot = Snapshot(obj.name, surface, used, note=notes.read(obj.data).get("spirals"))
     if not loaded:
-        return taken
+        return snapshot
     held, force = supports.loads(obj, surface, used.loads)
-    return replace(taken, held=held, force=force)
+    return replace(snapshot, held=held, force=force)
 
 
 def read(obj: bpy.types.Object) -> Stored:
@@ -101,10 +101,12 @@ def read(obj: bpy.types.Object) -> Stored:
     if objects.changed_by_modifiers(obj):
         return Stored(mesh.read_evaluated(obj, scene, bpy.context.evaluated_depsgraph_get()), used)
     surface = mesh.read_surface(obj, scene)
-    taken = take(obj, surface, used, loaded=False)
+    snapshot = take(obj, surface, used, loaded=False)
     try:
-        result = taken.result()
+        result = snapshot.result()
     except FlexMapsError:
         return Stored(surface.polygons, used, surface.uid)
     held, force = supports.loads(obj, surface, used.loads)
-    return Stored(surface.polygons, used, surface.uid, replace(result, supports=held, force=force), taken.seams(result))
+    return Stored(
+        surface.polygons, used, surface.uid, replace(result, supports=held, force=force), snapshot.seams(result)
+    )

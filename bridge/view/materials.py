@@ -1,4 +1,4 @@
-"""How sheet materials look in renders: one Blender material each, made once per file."""
+"""Blender materials, each made once per file: of the sheets as they look in renders, of one colour, of a colour attribute."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from ...engine import colours
 
 UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
+
+FEW = 64  # colours, beyond which one material shows them all
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,68 @@ def of_material(key: str) -> bpy.types.Material:
     if look.lines:
         _strands(made.node_tree, shader, look.lines)
     return made
+
+
+def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+    """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
+    found = bpy.data.materials.get(name)
+    if found is not None:
+        return found
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    shader = made.node_tree.nodes["Principled BSDF"]
+    shader.inputs["Roughness"].default_value = 0.55
+    if rgb is None:
+        source = made.node_tree.nodes.new("ShaderNodeAttribute")
+        source.attribute_name = "flexmaps_colour"
+        source.location = (-300, 200)
+        made.node_tree.links.new(source.outputs["Color"], shader.inputs["Base Color"])
+    else:
+        colour = (*map(float, rgb), 1.0)
+        shader.inputs["Base Color"].default_value = colour
+        made.diffuse_color = colour
+    return made
+
+
+def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+    """Like ``material``, but as bright as its colour, whatever the light."""
+    known = name in bpy.data.materials
+    made = material(name, rgb)
+    if not known:
+        shader, nodes, links = made.node_tree.nodes["Principled BSDF"], made.node_tree.nodes, made.node_tree.links
+        light = nodes.new("ShaderNodeEmission")
+        for link in shader.inputs["Base Color"].links:
+            links.new(link.from_socket, light.inputs["Color"])
+        light.inputs["Color"].default_value = shader.inputs["Base Color"].default_value
+        links.new(light.outputs["Emission"], nodes["Material Output"].inputs["Surface"])
+        nodes.remove(shader)
+    return made
+
+
+def wear(data: bpy.types.Mesh | bpy.types.Curve, rgb: np.ndarray, of: np.ndarray | None = None) -> None:
+    """Give the faces, or the lines, the materials of their colours (N, 3), linear: so they are seen in solid view too.
+
+    of : (M,) int, the colour of every face or line; one each if not given
+
+    Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute of a mesh; lines have none,
+    and get fewer shades.
+    """
+    found, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
+    lines = isinstance(data, bpy.types.Curve)
+    shades = FEW
+    while lines and len(found) > FEW:
+        shades //= 2
+        found, which = np.unique(np.round(rgb * shades) / shades, axis=0, return_inverse=True)
+    if len(found) > FEW:
+        data.materials.append(material("FlexMaps panel", None))
+        return
+    for name, colour in zip(colours.hexadecimal(found), found, strict=True):
+        data.materials.append(material(f"FlexMaps {name}", colour))
+    index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
+    if lines:
+        data.splines.foreach_set("material_index", index)
+    else:  # as an attribute, which is many times as fast
+        data.attributes.new("material_index", "INT", "FACE").data.foreach_set("value", index)
 
 
 def _rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:

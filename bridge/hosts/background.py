@@ -29,6 +29,11 @@ def current() -> Job | None:
     return _running[0] if _running else None
 
 
+def shown() -> Any:
+    """What the job that runs now shows of its work, if anything, such as a shape that is still moving."""
+    return _running[0].shown if _running else None
+
+
 class Job:
     """Engine work in a thread: ``start``, then ask ``finished`` until it is, then take ``result`` or ``error``."""
 

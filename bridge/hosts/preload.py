@@ -15,12 +15,12 @@ MODULES = (
     "engine.surface.remeshing.regularise",
     "engine.patches.merging.merge",
     "bridge.store.mesh",
-    "bridge.view.beside",
+    "bridge.view.flat_panels",
 )
 _begun: list[threading.Thread] = []
 
 
-def warm_up() -> None:
+def start() -> None:
     """Begin, unless it was begun or Blender has no window. Not a daemon: Blender waits for it rather than end in an import."""
     if _begun or bpy.app.background:
         return

@@ -10,58 +10,47 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..hosts import job
+from .legend import Legend
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB
 LIFT = 0.01  # how far lines float above the faces, in edges
 _LIGHT = np.array([0.27, -0.45, 0.85])
 
 
-def shown() -> Moving | None:
-    """The shape that is to be drawn now, if any."""
-    running = job.current()
-    shape = None if running is None else running.shown
-    return shape if isinstance(shape, Moving) else None
-
-
-def draw() -> None:
-    """Draw handler, after the view's own drawing."""
-    shape = shown()
-    if shape is None:
-        return
-    import gpu
-
-    faces, bands, lines = shape.batches(bpy.context.scene.unit_settings.scale_length)
-    gpu.state.active_framebuffer_get().clear(depth=1.0)
-    gpu.state.depth_test_set("LESS_EQUAL")
-    gpu.state.depth_mask_set(True)
-    gpu.state.blend_set("ALPHA")
-    faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
-    if bands is not None:
-        ink = gpu.shader.from_builtin("UNIFORM_COLOR")
-        ink.bind()
-        ink.uniform_float("color", (*map(float, LINE), 1.0))
-        bands.draw(ink)
-    pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-    pen.bind()
-    pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
-    pen.uniform_float("lineWidth", 1.0)
-    pen.uniform_float("color", (*map(float, LINE), 0.6 if bands is None else 0.2))
-    lines.draw(pen)
-    gpu.state.depth_mask_set(False)
-    gpu.state.depth_test_set("NONE")
-    gpu.state.blend_set("NONE")
-
-
-class Moving:
+class LiveShape:
     """A shape on its way: vertices (V, 3) metres in world axes, quads (F, 4)."""
 
-    legend: Any = None  # overlay.Legend of its colours
+    legend: Legend | None = None  # of its colours
 
     def __init__(self, vertices: np.ndarray, quads: np.ndarray):
         self._vertices, self._quads = vertices, quads
         self._arrays: tuple[Any, ...] | None = None
         self._batches: tuple[Any, Any, Any] | None = None
+
+    def draw(self) -> None:
+        """In a 3D view, after the view's own drawing."""
+        import gpu
+
+        faces, bands, lines = self.batches(bpy.context.scene.unit_settings.scale_length)
+        gpu.state.active_framebuffer_get().clear(depth=1.0)
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        gpu.state.blend_set("ALPHA")
+        faces.draw(gpu.shader.from_builtin("FLAT_COLOR"))
+        if bands is not None:
+            ink = gpu.shader.from_builtin("UNIFORM_COLOR")
+            ink.bind()
+            ink.uniform_float("color", (*map(float, LINE), 1.0))
+            bands.draw(ink)
+        pen = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+        pen.bind()
+        pen.uniform_float("viewportSize", gpu.state.viewport_get()[2:])
+        pen.uniform_float("lineWidth", 1.0)
+        pen.uniform_float("color", (*map(float, LINE), 0.6 if bands is None else 0.2))
+        lines.draw(pen)
+        gpu.state.depth_mask_set(False)
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
 
     @property
     def colours(self) -> np.ndarray:
@@ -72,7 +61,7 @@ class Moving:
         """What is drawn in dark on the quads: points (N, 3) in the scene's units and triangles (T, 3)."""
         return None
 
-    def prepared(self, unit: float) -> Moving:
+    def prepared(self, unit: float) -> LiveShape:
         """The same, with all that is computed for drawing done: to be called beside the window's thread."""
         self._arrays = (*self.drawn(unit), self.bands(unit))
         return self

@@ -1,0 +1,74 @@
+"""The collection that belongs to a model: what stands beside it, made anew by every stage that changes it, never read back.
+
+Engine coordinates, metres; the objects are scaled to the scene's unit.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+
+def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
+    """The collection that belongs to the object, made where it is missing; it follows the object's name."""
+    found = existing(obj)
+    if found is None:
+        found = bpy.data.collections.new(f"FlexMaps {obj.name}")
+    if found not in scene.collection.children_recursive:  # new, or appended with the object
+        scene.collection.children.link(found)
+    if found.name != f"FlexMaps {obj.name}":
+        found.name = f"FlexMaps {obj.name}"
+    found["flexmaps_owner"] = obj.name
+    obj["flexmaps_collection"] = found
+    return found
+
+
+def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
+    """The object's collection, if it has one of its own: a duplicate of an object must not take the original's."""
+    found = obj.get("flexmaps_collection")
+    if not isinstance(found, bpy.types.Collection):
+        return None
+    name = found.get("flexmaps_owner")
+    owner = bpy.data.objects.get(name) if isinstance(name, str) else None
+    if owner is not None and owner != obj and owner.get("flexmaps_collection") == found:
+        return None
+    return found
+
+
+def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:
+    """Remove what was laid out beside the object, by kind."""
+    found = existing(obj)
+    if found is None:
+        return
+    for other in list(found.objects):
+        if other.get("flexmaps_kind") in kinds:
+            data = other.data
+            bpy.data.objects.remove(other)
+            if data is not None and data.users == 0:
+                (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
+
+
+def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> np.ndarray:
+    """(3,) metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
+    box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
+    low, high = box.min(axis=0), box.max(axis=0)
+    return np.array([high[0] + gap, high[1], low[2]])
+
+
+def vector(corner: object) -> object:
+    from mathutils import Vector
+
+    return Vector(corner)
+
+
+def add(
+    obj: bpy.types.Object, scene: bpy.types.Scene, kind: str, name: str, data: bpy.types.ID, place: np.ndarray
+) -> bpy.types.Object:
+    """Put data that is in metres into the object's collection, at a place (3,) in metres."""
+    unit = scene.unit_settings.scale_length
+    made = bpy.data.objects.new(f"{obj.name} {name}", data)
+    made["flexmaps_kind"] = kind
+    made.location = place / unit
+    made.scale = (1.0 / unit,) * 3
+    collection_of(obj, scene).objects.link(made)
+    return made

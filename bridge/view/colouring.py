@@ -1,0 +1,105 @@
+"""Which colours the quads of a model get for what is known of them, and what the legend says of these."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...engine import colours
+from ..store import attributes, equilibrium
+from .legend import Legend
+
+# kind -> (attribute, label, unit)
+KINDS: dict[str, tuple[str, str, str]] = {
+    "ENERGY": ("flexmaps_energy", "Distortion E", ""),
+    "SQUARE": ("flexmaps_square", "Distance from a square", ""),
+    "WIDTH": ("flexmaps_width", "Width", "mm"),
+    "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
+    "PATCH": ("flexmaps_patch", "Patches", ""),
+    "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
+    "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
+    "REACH": ("flexmaps_reach", "What limits the match", ""),
+    "SAFETY": ("flexmaps_strain", "Strain", "%"),
+}
+SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
+# what may limit a match -> its colour, sRGB, and what the legend says
+LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
+    "matched": ((0.90, 0.92, 0.88), "matches"),
+    "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
+    "stiffest": ((0.50, 0.27, 0.60), "as stiff as it may be"),
+    "unstable": ((0.76, 0.08, 0.20), "about to snap"),
+    "distorted": ((0.95, 0.78, 0.25), "distorted by flattening"),
+    "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
+    "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
+}
+SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
+LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
+
+
+def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
+    """(F, 3) linear colours of the quads, and their legend."""
+    _, label, unit = KINDS[kind]
+    if kind == "PATCH":
+        count = int(values.max()) + 1
+        return colours.of_patches(count)[values.astype(int)], Legend(f"{count} patches")
+    if kind == "REACH":
+        return _limits(values.astype(int))
+    if kind in {"ENERGY", "SQUARE"}:
+        high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
+        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
+        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+    if kind == "SAFETY":
+        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
+        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
+    low, high = float(values.min()), float(values.max())
+    if kind == "DISTANCE":
+        high = max(high, LEAST_DISTANCE)
+        legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
+        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+    if kind == "STRAIN_ENERGY":
+        low = 0.0
+    gap = "" if unit == "\N{DEGREE SIGN}" else " "
+    legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
+    return colours.on_scale(values, low, high, colours.MUCH), legend
+
+
+def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
+    """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
+    from ...engine.optimisation.reach import NAMES
+
+    looks = [LIMITS.get(name, ((0.6, 0.6, 0.6), name)) for name in NAMES]
+    count = np.bincount(kinds, minlength=len(looks))
+    entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
+    rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
+    return rgb[kinds], Legend(KINDS["REACH"][1], entries=entries)
+
+
+def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
+    """The legend of an overlay that ``store`` has written."""
+    with attributes.readable(obj) as mesh:
+        values = attributes.get(mesh, KINDS[kind][0])
+    assert values is not None
+    return painted(obj, kind, values)[1]
+
+
+def store(obj: bpy.types.Object, kind: str) -> bool:
+    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run."""
+    if not current(obj, kind):
+        return False
+    with attributes.readable(obj) as mesh:
+        values = attributes.get(mesh, KINDS[kind][0])
+        sizes = np.empty(len(mesh.polygons), np.int32)
+        mesh.polygons.foreach_get("loop_total", sizes)
+    if values is None or len(values) != len(sizes):
+        return False
+    rgb, _ = painted(obj, kind, values)
+    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
+    attributes.put(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)
+    if not obj.data.is_editmode:
+        obj.data.attributes.active_color_name = "flexmaps_colour"
+    return True
+
+
+def current(obj: bpy.types.Object, kind: str) -> bool:
+    """Colours of a simulation that the mesh has left behind are not shown."""
+    return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)

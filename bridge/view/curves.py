@@ -1,0 +1,63 @@
+"""Blender curves from arrays: round lines through points, and the true outlines of arcs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+if TYPE_CHECKING:
+    from ...engine.spirals.arcs import Curve
+
+
+def lines(name: str, polylines: list[np.ndarray], radius: float, sides: int = 8) -> bpy.types.Curve:
+    """A curve object's data of round lines through points (n, 3) each, closed where first and last are the same.
+
+    sides : of their sections, an even number of at least 4
+    """
+    curve = bpy.data.curves.new(name, "CURVE")
+    curve.dimensions = "3D"
+    curve.bevel_depth = radius
+    curve.bevel_resolution = sides // 2 - 2
+    for points in polylines:
+        closed = len(points) > 2 and bool((points[0] == points[-1]).all())
+        points = points[:-1] if closed else points
+        spline = curve.splines.new("POLY")
+        spline.points.add(len(points) - 1)
+        spline.points.foreach_set("co", np.c_[points, np.ones(len(points))].astype(np.float32).ravel())
+        spline.use_cyclic_u = closed
+    return curve
+
+
+def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
+    """Closed curves of arcs as Blender's Bezier curves, without thickness."""
+    made = bpy.data.curves.new(name, "CURVE")
+    made.dimensions = "2D"
+    made.fill_mode = "NONE"
+    made.resolution_u = 3
+    for curve in curves:
+        spline = made.splines.new("BEZIER")
+        spline.bezier_points.add(len(curve.points) - 1)
+        for attribute, values in zip(("co", "handle_left", "handle_right"), bezier(curve), strict=True):
+            flat = np.c_[values, np.zeros(len(values))].astype(np.float32)
+            spline.bezier_points.foreach_set(attribute, flat.ravel())
+        spline.use_cyclic_u = True
+    return made
+
+
+def bezier(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Knots, left and right handles (N, 2) of a closed curve of arcs; an arc of 90 degrees strays by 0.03 % of its radius."""
+    a, b = curve.points, np.roll(curve.points, -1, axis=0)
+    # seen from the chord, an arc's tangents lean by half its angle; handle = 4/3 tan(angle / 4) radius
+    quarter = np.arctan(curve.bulge)
+    chord = (b - a)[:, 0] + 1j * (b - a)[:, 1]
+    length = np.where(
+        np.abs(quarter) > 1e-9, 2.0 * curve.bulge / (3.0 * np.sin(np.where(quarter == 0, 1, 2 * quarter))), 1 / 3
+    )
+    out = chord * length * np.exp(-2j * quarter)
+    into = chord * length * np.exp(2j * quarter)
+    right = a + np.stack([out.real, out.imag], axis=1)
+    left = np.roll(b - np.stack([into.real, into.imag], axis=1), 1, axis=0)
+    return a, left, right

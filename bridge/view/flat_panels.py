@@ -1,0 +1,178 @@
+"""The flat patches and the panels with their spirals, laid out beside their model in the world's xy plane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ...engine import colours
+from ...engine.errors import FlexMapsError
+from ...engine.params import ConnectorParams, ObjectSettings
+from ...engine.progress import SILENT, Progress
+from ..store.objects import find
+from . import collection
+from .curves import drawing, lines
+from .materials import material, wear
+from .meshes import paint, polygons, quads
+
+if TYPE_CHECKING:
+    from ...engine.display.solids import Solid
+    from ...engine.fabrication.connectors.connect import Connections
+    from ...engine.patches.flattening.flatten import FlatPatches
+    from ...engine.spirals.arcs import Curve
+    from ...engine.spirals.design import SpiralDesign
+
+LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
+PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
+LINE = 0.03  # half the thickness of a drawn line, in quad edges
+
+
+def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """The panels that stand beside an object."""
+    found = collection.existing(obj)
+    return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
+
+
+def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: np.ndarray) -> None:
+    """The patches as one mesh, and their outlines as lines; the two sides of a seam have the same colour.
+
+    centres : (N, 2) metres, where the origin of every patch lies
+    """
+    collection.clear(obj)
+    edge = flat.layout.mesh.median_edge
+    place = collection.origin(obj, scene, 3 * edge)
+    points = np.zeros((len(flat.points), 3))
+    points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
+    mesh = quads(f"{obj.name} panels", points, flat.layout.flat_corners)
+    rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
+    paint(mesh, np.repeat(rgb, 4, axis=0))
+    wear(mesh, rgb)
+    collection.add(obj, scene, "panels", "panels", mesh, place)
+
+    sides = flat.layout.outline_sides
+    ids, starts, ends = _outline(flat, sides)
+    runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
+    curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
+    palette = colours.of_seams(len(flat.layout.seams))  # as on the assembly sheet
+    for k, colour in enumerate(palette):
+        curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colour))
+    curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
+    for spline, (_, seam) in zip(curve.splines, runs, strict=True):
+        spline.material_index = seam if seam >= 0 else len(palette)
+    collection.add(obj, scene, "seams", "seams", curve, place)
+
+
+def _outline(flat: FlatPatches, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
+    quad, side = np.nonzero(sides)
+    corners = flat.layout.flat_corners
+    seam = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]
+    return seam, corners[quad, side], corners[quad, (side + 1) % 4]
+
+
+def _runs(ids: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
+    """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
+    at = {int(s): i for i, s in enumerate(starts)}
+    following = np.array([at.get(int(e), -1) for e in ends], int)  # none where a closed body has no cut
+    same = (following >= 0) & (ids[following] == ids)
+    has_before = np.zeros(len(ids), bool)
+    has_before[following[same]] = True
+    result, seen = [], np.zeros(len(ids), bool)
+    for first in np.concatenate([np.flatnonzero(~has_before), np.flatnonzero(has_before)]):
+        run, i = [], int(first)
+        while i >= 0 and not seen[i]:
+            seen[i] = True
+            run.append(i)
+            i = int(following[i]) if same[i] else -1
+        if run:
+            result.append(np.array(run))
+    return result
+
+
+def look_of(settings: ObjectSettings) -> str:
+    """What the connectors of drawn panels depend on."""
+    return f"{settings.connect}, mill {settings.cut.mill:g}"
+
+
+@dataclass(frozen=True, eq=False)
+class PanelDrawing:
+    """The panels of a design, ready to be shown beside the model as solids and as the true outlines.
+
+    look : the settings that their connectors were made with, ``PLAIN``, or "" where they are as the sheets have them
+    centres : (N, 2) metres, where the origin of every panel lies
+    outlines : of every panel, in its patch's own frame, the outer curve, then its holes
+    """
+
+    design: SpiralDesign
+    look: str
+    centres: np.ndarray
+    solid: Solid
+    outlines: Sequence[Sequence[Curve]]
+
+    @classmethod
+    def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
+        """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
+        from ...engine.display import solids
+        from ...engine.fabrication.connectors import connect
+
+        tolerance = max(settings.sheet.tolerance, solids.DRAWN)
+        try:
+            made = connect.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
+        except FlexMapsError:  # Export says why
+            made = connect.connect(design, ConnectorParams(connector="none"), tolerance)
+        return cls.connected(design, made, settings)
+
+    @classmethod
+    def connected(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
+        """With connectors that are there already."""
+        from ...engine.display import arrange, solids
+
+        centres = arrange.side_by_side(design.flat)
+        outlines = [(o.outer, *o.holes) for o in connections.outlines]
+        return cls(design, look_of(settings), centres, solids.light(design, centres, connections.tips), outlines)
+
+    @classmethod
+    def plain(cls, design: SpiralDesign) -> PanelDrawing:
+        """At once, without connectors and outlines; Export draws them true."""
+        from ...engine.display import arrange, solids
+
+        centres = arrange.side_by_side(design.flat)
+        return cls(design, PLAIN, centres, solids.light(design, centres), [])
+
+    def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
+        """Put them beside the model, in pieces, so that a window stays alive between them.
+
+        Raises ``FlexMapsError`` where the object was deleted meanwhile.
+        """
+        uid = obj.session_uid
+        collection.clear(obj)
+        place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
+        mesh = polygons(f"{obj.name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
+        layout = self.design.flat.layout
+        # connectors have their seam's colour, as on the assembly sheet
+        palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
+        row = np.where(
+            self.solid.seam_of < 0, layout.patch_of[self.solid.quad_of], len(layout.patches) + self.solid.seam_of
+        )
+        paint(mesh, np.repeat(palette[row], self.solid.sizes, axis=0))
+        wear(mesh, palette[row])
+        made = collection.add(obj, scene, "panels", "panels", mesh, place)
+        if self.look:
+            made[LOOK] = self.look
+        if self.solid.flat:  # thick in renders only
+            thick = made.modifiers.new("Thickness", "SOLIDIFY")
+            thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False
+        for k, curves in enumerate(self.outlines):
+            yield
+            obj = find(uid)
+            data = drawing(f"{obj.name} outline {k + 1}", curves)
+            lift = np.array([*self.centres[k], 1.02 * self.design.params.thickness])
+            made = collection.add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
+            made.hide_render = True
+            if made.name in bpy.context.view_layer.objects:  # the user may have excluded the collection
+                # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
+                made.hide_set(True)

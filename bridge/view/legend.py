@@ -1,0 +1,94 @@
+"""The legend of the colours on a model, drawn over the 3D view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+ROW = 18  # height of a line of the legend, in pixels at the usual size
+
+
+@dataclass(frozen=True)
+class Legend:
+    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar.
+
+    entries : sRGB colours with what they stand for, from top to bottom
+    """
+
+    title: str
+    low: str = ""
+    high: str = ""
+    scale: np.ndarray | None = None
+    entries: tuple[tuple[tuple[float, ...], str], ...] = ()
+
+
+def draw(legend: Legend) -> None:
+    """Lower left: the title, below it a bar with its ends or a list, on a dark plate that any view lets read."""
+    import blf
+
+    unit = bpy.context.preferences.system.ui_scale
+    x, y, width = 90 * unit, 30 * unit + _covered(bpy.context), 180 * unit
+    blf.size(0, 12 * unit)
+    blf.color(0, 1.0, 1.0, 1.0, 1.0)
+    below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
+    broad = blf.dimensions(0, legend.title)[0]
+    if legend.scale is not None:
+        broad = max(broad, width)
+    for _, text in legend.entries:
+        broad = max(broad, 20 * unit + blf.dimensions(0, text)[0])
+    _rectangle(x - 10 * unit, y - 10 * unit, broad + 20 * unit, below + 32 * unit, (0.1, 0.1, 0.1), 0.5)
+    _text(x, y + below, legend.title)
+    for k, (rgb, text) in enumerate(reversed(legend.entries)):
+        _rectangle(x, y + ROW * k * unit, 12 * unit, 12 * unit, rgb)
+        _text(x + 20 * unit, y + (ROW * k + 1) * unit, text)
+    if legend.scale is not None:
+        _bar(x, y + 14 * unit, width, 12 * unit, legend.scale)
+        _text(x, y, legend.low)
+        _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
+
+
+def _covered(context: bpy.types.Context) -> int:
+    """How many pixels from below Blender's panel of the last operator covers."""
+    region = context.region
+    tops = [r.y + r.height - region.y for r in context.area.regions if r.type == "HUD" and r.height > 1]
+    return max(tops, default=0)
+
+
+def _bar(x: float, y: float, width: float, height: float, scale: np.ndarray) -> None:
+    """A scale (n, 3) of sRGB colours from left to right."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    steps, anchors = np.linspace(0.0, 1.0, 25), np.linspace(0.0, 1.0, len(scale))
+    rgb = np.stack([np.interp(steps, anchors, scale[:, k]) for k in range(3)], axis=1)
+    points = np.zeros((2 * len(steps), 3), np.float32)
+    points[:, 0], points[:, 1] = np.repeat(x + width * steps, 2), np.tile([y, y + height], len(steps))
+    rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0).astype(np.float32)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch_for_shader(shader, "TRI_STRIP", {"pos": points, "color": rgba}).draw(shader)
+
+
+def _rectangle(x: float, y: float, width: float, height: float, rgb: tuple[float, ...], alpha: float = 1.0) -> None:
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    corners = [(x, y, 0), (x + width, y, 0), (x, y + height, 0), (x + width, y + height, 0)]
+    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": corners})
+    shader.bind()
+    shader.uniform_float("color", (*rgb, alpha))
+    gpu.state.blend_set("ALPHA")
+    batch.draw(shader)
+    gpu.state.blend_set("NONE")
+
+
+def _text(x: float, y: float, text: str) -> None:
+    import blf
+
+    blf.enable(0, blf.SHADOW)
+    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.9)
+    blf.position(0, x, y, 0)
+    blf.draw(0, text)
+    blf.disable(0, blf.SHADOW)

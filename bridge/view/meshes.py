@@ -1,0 +1,63 @@
+"""Blender meshes from arrays, with the colours and attributes that are seen on them."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..store import attributes
+
+
+def quads(name: str, points: np.ndarray, corners: np.ndarray) -> bpy.types.Mesh:
+    """A mesh of quads: points (V, 3), corners (F, 4)."""
+    return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
+
+
+def polygons(name: str, points: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> bpy.types.Mesh:
+    """A mesh of polygons: points (V, 3), corners (C,) face after face, sizes (F,).
+
+    Quickly: as attributes, values are copied at once, where vertices and loops take them one by one.
+    """
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(points))
+    mesh.attributes["position"].data.foreach_set("vector", np.ascontiguousarray(points, dtype=np.float32).ravel())
+    mesh.loops.add(len(corners))
+    mesh.attributes[".corner_vert"].data.foreach_set("value", np.ascontiguousarray(corners, dtype=np.int32))
+    mesh.polygons.add(len(sizes))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(sizes) - sizes).astype(np.int32))
+    mesh.attributes.new("sharp_face", "BOOLEAN", "FACE").data.foreach_set("value", np.ones(len(sizes), bool))
+    mesh.update(calc_edges=True)
+    return mesh
+
+
+def paint(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
+    """The colour of every corner, (C, 3) linear, as the attribute that our materials and the overlay use."""
+    attribute = mesh.attributes.get("flexmaps_colour")
+    if attribute is None:
+        attribute = mesh.attributes.new("flexmaps_colour", "FLOAT_COLOR", "CORNER")
+    rgba = np.ones((len(rgb), 4), np.float32)
+    rgba[:, :3] = rgb
+    attribute.data.foreach_set("color", rgba.ravel())
+    mesh.attributes.active_color_name = "flexmaps_colour"
+
+
+def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
+    """A new attribute of a kind that its values tell; pairs at corners are a UV map."""
+    kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
+    if values.ndim == 2:
+        kind = {2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[values.shape[1]]
+    prop, _, dtype, _ = attributes.KINDS[kind]
+    if kind == "FLOAT2":
+        mesh.uv_layers.new(name=name, do_init=False)
+    elif name not in mesh.attributes:
+        mesh.attributes.new(name, kind, domain)
+    mesh.attributes[name].data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
+
+
+def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
+    """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
+    pairs = np.empty(2 * len(mesh.edges), np.int32)
+    mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
+    ends = section[pairs.reshape(-1, 2)]
+    put(mesh, "sharp_edge", "EDGE", ends[:, 0] != ends[:, 1])
+    mesh.shade_smooth()
