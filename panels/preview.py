@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.store import states
 from ..bridge.view import preview
@@ -47,7 +48,7 @@ def _figures(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> 
         number(grid, "Triangles", f"{figures['triangles']:,}".replace(",", "\N{THIN SPACE}"))
     number(grid, "Made in", f"{figures['seconds']:.1f} s")
     if not figures["simulated"]:
-        number(grid, "Not simulated", "on the target")
+        number(grid, "Not simulated", iface_("on the target"))
 
 
 CLASSES = (PreviewPanel,)

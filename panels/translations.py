@@ -1,31 +1,38 @@
-"""Translations of the sidebar, its explanations and what stages report, as Blender keeps them: by language, context and English text."""
+"""Translations of the sidebar, its explanations and what stages report: the files ``locale/LANGUAGE.po``, given to Blender."""
 
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 
 import bpy
 
 from ..engine.params import SHOWN, ObjectSettings
-from . import german, german_messages, german_tips
 
-LANGUAGES = {"de_DE": german.WORDS | german_tips.TIPS | german_messages.MESSAGES}
-CONTEXTS = ("*", "Operator")  # of labels, and of buttons
+FOLDER = Path(__file__).parent / "locale"
+CONTEXTS = ("*", "Operator")  # Blender's names: of what stands anywhere, and of buttons
 
 
-def table(words: dict[str, str]) -> dict[tuple[str, str], str]:
-    """What Blender wants for a language: the words in both contexts, names of settings with their units."""
-    found = dict(words)
+def table(file: Path) -> dict[tuple[str, str], str]:
+    """What Blender wants of a language: (context, English text) -> translation; only what is translated and sure.
+
+    A message stands for the other context too where that has none of its own, names of settings also with their units.
+    """
+    import polib
+
+    entries = [entry for entry in polib.pofile(str(file)) if entry.translated()]
+    known = {(entry.msgctxt or CONTEXTS[0], entry.msgid): entry.msgstr for entry in entries}
     for block in fields(ObjectSettings):
         for f in fields(block.default_factory):  # type: ignore[arg-type]
             label, unit = f.metadata["label"], SHOWN[f.metadata["unit"]][1]
-            if unit and label in words:
-                found[f"{label} ({unit})"] = f"{words[label]} ({unit})"
-    return {(context, text): translated for text, translated in found.items() for context in CONTEXTS}
+            if unit and (CONTEXTS[0], label) in known:
+                known[CONTEXTS[0], f"{label} ({unit})"] = f"{known[CONTEXTS[0], label]} ({unit})"
+    return {(context, text): words for context in CONTEXTS for (_, text), words in known.items()} | known
 
 
 def register() -> None:
-    bpy.app.translations.register(__package__, {name: table(words) for name, words in LANGUAGES.items()})
+    # "de" serves German wherever it is spoken, "pt_BR" Brazil's Portuguese alone
+    bpy.app.translations.register(__package__, {file.stem: table(file) for file in sorted(FOLDER.glob("*.po"))})
 
 
 def unregister() -> None:

@@ -48,6 +48,12 @@ def build_zip() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def messages() -> ModuleType:
+    """The tool that finds what translators need."""
+    return load_tool("messages")
+
+
+@pytest.fixture(scope="session")
 def random_calls() -> ModuleType:
     """The tool that presses buttons at random."""
     return load_tool("random_calls")

@@ -40,7 +40,7 @@ import bl_ext.user_default.flexmaps as flexmaps
 heavy = {"cvxopt", "scipy", "shapely", "igl", "ezdxf", "xatlas", "spyrrow"}
 early = sorted(heavy & set(sys.modules))
 
-from bl_ext.user_default.flexmaps.bridge import scene
+from bl_ext.user_default.flexmaps.bridge.view import scene
 from bl_ext.user_default.flexmaps.engine.surface import shapes
 obj = scene.add_model(bpy.context.scene, shapes.make("dome"), "dome")
 done = {}
@@ -75,8 +75,9 @@ def test_listing(zip_file: Path) -> None:
     tops = {name.split("/")[0] for name in names}
     shipped = {"__init__.py", "api.py", "blender_manifest.toml", "LICENSE", "README.md"}
     assert shipped <= tops
-    assert tops <= shipped | {"bridge", "data", "engine", "operators", "panels", "presets", "wheels"}
+    assert tops <= shipped | {"bridge", "command", "data", "engine", "operators", "panels", "presets", "wheels"}
     assert not any("__pycache__" in name for name in names)
+    assert "panels/locale/de.po" in names
 
 
 def test_wheels(zip_file: Path) -> None:

@@ -1,0 +1,180 @@
+"""The messages that people read, for translators: ``python3 tools/dev.py python tools/messages.py``.
+
+Finds them in the code, writes the template ``panels/locale/flexmaps.pot``, and brings every language beside it up to date: new
+messages come in without a translation, those that are gone are kept at the end of the file as obsolete.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import sys
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+
+import polib
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCALE = ROOT / "panels" / "locale"
+BUTTON = "Operator"  # Blender's context of what stands on buttons; what stands elsewhere has none
+# calls in panels -> the context of the texts that they show
+SHOWING = {"number": "", "fold": "", "iface_": "", "wrapped": "", "label": "", "operator": BUTTON, "button": BUTTON}
+# the same in every language, or names of things
+SAME = {"", "FlexMaps", "SVG", "DXF", "PDF", "R2010", "R12", "3MF", "STL", "MDF", "VeroWhite", "RMSE", "Gauss-Newton",
+        "L-BFGS-B", "Delrin (POM)", "Delrin", "Delrin acetal", "mm", "E", "Esq"}  # fmt: skip
+Found = Iterator[tuple[str, str, str]]  # context, text, what it is
+
+
+def main() -> int:
+    """Write the template and bring the languages up to date; says what is left to translate."""
+    template = made()
+    template.save(str(LOCALE / "flexmaps.pot"))
+    for file in sorted(LOCALE.glob("*.po")):
+        language = polib.pofile(str(file), wrapwidth=WRAP)
+        language.merge(template)
+        language.save(str(file))
+        print(f"{file.name}: {language.percent_translated()} %, {len(language.untranslated_entries())} to translate")
+    return 0
+
+
+WRAP = 100  # characters in a line of the files
+
+
+def made() -> polib.POFile:
+    """The template: every message once in every context, with a line on what it is."""
+    template = polib.POFile(wrapwidth=WRAP)
+    template.metadata = {
+        "Project-Id-Version": "FlexMaps",
+        "MIME-Version": "1.0",
+        "Content-Type": "text/plain; charset=utf-8",
+        "Content-Transfer-Encoding": "8bit",
+    }
+    remarks: dict[tuple[str, str], list[str]] = {}
+    for context, text, what in [*_of_operators(), *_of_panels(), *_of_settings(), *_of_lines()]:
+        if text.strip() not in SAME and any(letter.isalpha() for letter in text):
+            remarks.setdefault((context, text), []).append(what)
+    for (context, text), whats in remarks.items():
+        entry = polib.POEntry(msgid=text, msgctxt=context or None, comment=", ".join(dict.fromkeys(whats)))
+        if "{" in text:
+            entry.flags.append("python-brace-format")
+        template.append(entry)
+    return template
+
+
+def _of_operators() -> Found:
+    """Names of buttons, their explanations, and what a stop leaves."""
+    from flexmaps import operators
+
+    for cls in operators.CLASSES:
+        yield BUTTON, cls.bl_label, "button"
+        yield "", (cls.__doc__ or "").strip(), f"explanation of {cls.bl_label}"
+        for prop in inspect.get_annotations(cls, eval_str=True).values():
+            options = getattr(prop, "keywords", {})
+            for text in (options.get("name", ""), options.get("description", "")):
+                yield "", text, f"option of {cls.bl_label}"
+            for _, label, explanation in options.get("items", ()):
+                yield "", label, f"option of {cls.bl_label}"
+                yield "", explanation, f"option of {cls.bl_label}"
+        if hasattr(cls, "on_stop"):
+            yield "", cls.on_stop, "after a stop"
+
+
+def _of_settings() -> Found:
+    """Names and explanations of settings and their choices; the explanations of materials name sources, which stay."""
+    from flexmaps.engine.params import ObjectSettings
+
+    for block in fields(ObjectSettings):
+        for f in fields(block.default_factory):  # type: ignore[arg-type]
+            name = f"{block.name}.{f.name}"
+            yield "", f.metadata["label"], f"setting {name}"
+            yield "", f.metadata["help"], f"explanation of {name}"
+            for key, label, explanation in f.metadata["choices"]:
+                yield "", label, f"choice of {name}"
+                yield (
+                    "",
+                    explanation if f.name != "material" or key == "custom" else "",
+                    f"explanation of a choice of {name}",
+                )
+
+
+def _of_panels() -> Found:
+    """Headings, and the texts in the sources of the sidebar."""
+    from flexmaps import panels
+
+    for cls in panels.CLASSES:
+        yield "", cls.bl_label, "heading"
+    for file in sorted((ROOT / "panels").glob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and _name(node.func) in SHOWING:
+                context = SHOWING[_name(node.func)]
+                texts = [
+                    *(() if context else node.args),
+                    *(k.value for k in node.keywords if k.arg in {"text", "label"}),
+                ]
+                for text in (t for arg in texts for t in _texts(arg)):
+                    if not text.startswith("flexmaps") and text != BUTTON:
+                        yield context, text, "sidebar"
+            elif isinstance(node, ast.Tuple) and len(node.elts) == 2 and all(map(_is_text, node.elts)):
+                kind, label = map(ast.literal_eval, node.elts)
+                if kind.isupper():  # of choice_row
+                    yield BUTTON, label, "button of colours"
+                elif kind.isidentifier() and label[:1].isupper():
+                    yield "", label, "sidebar"
+            elif isinstance(node, ast.Assign) and _name(node.targets[0]).isupper() and _is_text(node.value):
+                text = ast.literal_eval(node.value)
+                if " " in text:
+                    yield "", text, "sidebar"
+
+
+def _of_lines() -> Found:
+    """Lines that stages report, why a button is grey, and why a stage is out of date."""
+    from flexmaps.bridge.store import states
+    from flexmaps.engine.optimisation import optimise
+    from flexmaps.engine.runs import stages
+
+    for text in (*states.WHY.values(), states.SETTING, states.EARLIER):
+        yield "", text, "why a stage is out of date"
+    for text in stages.MISSING.values():
+        yield "", text, "why a button is grey"
+    for text in optimise.ENDS.values():
+        yield "", text, "how an optimisation ended"
+    for file in sorted(p for folder in ("operators", "bridge") for p in (ROOT / folder).rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _name(node.func) == "translate"]
+        named = {_name(node.args[0]) for node in calls}
+        for text in (t for node in calls for t in _texts(node.args[0])):
+            yield "", text, "report"
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Assign) and _name(node.targets[0]) in named - {""}:
+                for text in _texts(node.value):
+                    yield "", text, "report"
+            if isinstance(node, ast.FunctionDef) and node.name in {"obstacle", "unusable"}:
+                returned = (line.value for line in ast.walk(node) if isinstance(line, ast.Return) and line.value)
+                for text in (t for value in returned for t in _texts(value)):
+                    yield "", text, "why a button is grey"
+
+
+def _texts(value: ast.expr) -> Iterator[str]:
+    """Texts that an expression may be, if it is no call."""
+    if isinstance(value, ast.Constant) and isinstance(value.value, str):
+        yield value.value
+    elif isinstance(value, ast.IfExp):
+        yield from _texts(value.body)
+        yield from _texts(value.orelse)
+
+
+def _is_text(value: ast.expr) -> bool:
+    return isinstance(value, ast.Constant) and isinstance(value.value, str)
+
+
+def _name(node: ast.expr) -> str:
+    return node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+
+
+if __name__ == "__main__":
+    sys.path.append(str(ROOT / "tools"))
+    import dev
+
+    dev.load_package()
+    sys.exit(main())
