@@ -314,9 +314,7 @@ def run(
 
 
 def _progress(tell: Tell) -> Progress:
-    if tell is None:
-        return SILENT
-    return tell if isinstance(tell, Progress) else Progress(tell)
+    return tell if isinstance(tell, Progress) else SILENT if tell is None else Progress(tell)
 
 
 def _metres(millimetres: float | None) -> float | None:
@@ -397,6 +395,5 @@ def _loaded(piece: Piece, made: job.Result, wanted: ObjectSettings) -> job.Resul
     from .bridge.store import mesh, objects, supports
 
     obj = objects.find(piece.uid)
-    surface = mesh.read_surface(obj, bpy.context.scene)
-    held, force = supports.loads(obj, surface, wanted.loads)
+    held, force = supports.loads(obj, mesh.read_surface(obj, bpy.context.scene), wanted.loads)
     return replace(made, supports=held, force=force)

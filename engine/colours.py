@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-# scales from low to high, sRGB; the first for "how bad", the second for "how much"
+# scales from low to high, sRGB, chosen by eye: darker is more, so that they can be told apart without colour too
+# how bad something is
 BAD = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
+# how much there is of something
 MUCH = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
-SEAM = np.array([0.10, 0.11, 0.14])
+SEAM = np.array([0.10, 0.11, 0.14])  # of cuts, sRGB: nearly black, beside every colour of a patch
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:

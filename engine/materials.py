@@ -31,6 +31,7 @@ class Material:
     note: str = ""
 
 
+# SI units, each with its source
 MATERIALS: dict[str, Material] = {
     "pom": Material(
         "Delrin (POM)",

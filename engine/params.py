@@ -17,6 +17,7 @@ from typing import Any, ClassVar, TypeVar
 from .errors import FlexMapsError
 from .materials import MATERIALS, Material, material
 
+# of each unit: the factor to what is shown, and its symbol
 SHOWN: dict[str, tuple[float, str]] = {
     "m": (1e3, "mm"),
     "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"),

@@ -17,7 +17,9 @@ import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 TOOLS = os.path.join(ROOT, "tools")
+# Pythons that Blender comes with
 SUPPORTED = ((3, 11), (3, 13))
+# the Blender as a module for each
 BLENDER = {(3, 11): "Blender 4.5 LTS", (3, 13): "Blender 5.2 LTS"}
 USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
 

@@ -13,7 +13,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 SETTINGS = Settings(layout=LayoutParams(symmetric=False), sheet=SheetParams(nesting="FAST"))
-EDGE = 0.02
+EDGE = 0.02  # metres
 
 
 def _good(rng: np.random.Generator) -> tuple[np.ndarray, list[list[int]]]:

@@ -24,8 +24,10 @@ WRONG: tuple[Any, ...] = (
     "", "{}", "[]", "null", "5", "{", "[" * 100_000, '{"a":' * 5_000, '{"checks": 5}', '{"layout": []}', '{"spirals": {}}',
     '{"equilibrium": {"converged": true}}', "\ud7ff", b"\xff\xfe", 5, -1, 2.5, float("nan"), [1, 2, 3], [1.5], {"a": {"b": 1}}, True,
 )  # fmt: skip
+# what an attribute may hold after damage
 VALUES = (np.nan, np.inf, -np.inf, 1e30, -1e30, -1.0, 0.0, 1e-30, 1e5, 2**31 - 1, -(2**31))
 DOMAINS = ("POINT", "EDGE", "FACE", "CORNER")
+# quick: what is tried is whether damage is noticed, not how good a result is
 SETTINGS = {"simulate.iterations": 20, "optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST"}
 
 

@@ -190,8 +190,13 @@ def bare_numbers() -> list[Place]:
     return found
 
 
-def _numeric(value: ast.expr) -> bool:
-    return any(isinstance(node, ast.Constant) and type(node.value) in (int, float) for node in ast.walk(value))
+def _numeric(value: ast.AST) -> bool:
+    """Whether an expression holds a number; which member of a list it takes is none."""
+    if isinstance(value, ast.Subscript):
+        return _numeric(value.value)
+    if isinstance(value, ast.Constant):
+        return type(value.value) in (int, float)
+    return any(map(_numeric, ast.iter_child_nodes(value)))
 
 
 def _lines(path: Path) -> int:

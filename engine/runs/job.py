@@ -27,7 +27,7 @@ from .steps import STEPS
 
 __all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "run", "stages"]
 
-CHECK, CHECK_SHARE = "check", 0.05
+CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
