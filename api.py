@@ -120,14 +120,23 @@ def change(
 ) -> Piece:
     """The piece with other settings or supports; what they make out of date is dropped, and made again when it is needed."""
     wanted = settings if isinstance(settings, ObjectSettings) else changed(piece.settings, settings or {})
-    if isinstance(supports, str) and _is_group(piece, supports):
-        wanted = changed(wanted, {"loads.supports": supports})
-        supports = None
+    if isinstance(supports, str) and piece.uid is not None:
+        from .bridge.store import supports as groups
+
+        if groups.is_group(piece.uid, supports):
+            wanted, supports = changed(wanted, {"loads.supports": supports}), None
     made = piece.made
     if made is not None:
         made = stages.outdated(made, piece.settings, wanted)
         if wanted.loads != piece.settings.loads:
-            made = _loaded(piece, made, wanted)
+            if piece.uid is None:
+                raise FlexMapsError(
+                    "Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'"
+                )
+            from .bridge.store import supports as groups
+
+            held, force = groups.loads_of(piece.uid, wanted.loads)
+            made = replace(made, supports=held, force=force)
         if supports is not None:
             made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
         made = job.completed(made, wanted)
@@ -344,10 +353,9 @@ def _to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
     A mesh from elsewhere is regularised before it is cut, unless it has been; the vertices of an object move only when that
     is asked for.
     """
-    names = stages.missing(piece.result, member)
-    if "trace" in names and piece.uid is None and "regularise" not in piece.result.seconds:
-        names = ("regularise", *names)
-    return _go_on(piece, (*names, *after), progress)
+    fresh = piece.uid is None and "regularise" not in piece.result.seconds
+    made = job.go_to(piece.result, piece.settings, member, after, _progress(progress), fresh=fresh)
+    return replace(piece, made=made)
 
 
 def _from_blender(source: Any) -> Piece:
@@ -375,25 +383,3 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
     polygons = meshio.read(text)
     name = Path(text).name.encode("utf-8", "replace").decode()  # of bytes that are no text, for the report and Blender
     return Piece(name, replace(polygons, vertices=polygons.vertices[:, turned[axis]]), ObjectSettings())
-
-
-def _is_group(piece: Piece, name: str) -> bool:
-    """Whether a text names a vertex group of the piece's object."""
-    if piece.uid is None:
-        return False
-    from .bridge.store import objects
-
-    return objects.find(piece.uid).vertex_groups.get(name) is not None
-
-
-def _loaded(piece: Piece, made: job.Result, wanted: ObjectSettings) -> job.Result:
-    """The result with supports and force as an object's vertex groups have them."""
-    if piece.uid is None:
-        raise FlexMapsError("Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'")
-    import bpy
-
-    from .bridge.store import mesh, objects, supports
-
-    obj = objects.find(piece.uid)
-    held, force = supports.loads(obj, mesh.read_surface(obj, bpy.context.scene), wanted.loads)
-    return replace(made, supports=held, force=force)

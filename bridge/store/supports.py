@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from ...engine.params import LoadParams
+from . import mesh, objects
 
 if TYPE_CHECKING:
     from .surface import Surface
@@ -20,6 +21,17 @@ GROUP = "FlexMaps supports"
 def loads(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
     """What holds an object and what pulls at it, as ``supported`` and ``force`` tell; raises as these do."""
     return supported(obj, surface, params), force(obj, surface, params)
+
+
+def loads_of(uid: int, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """The same of an object that was read earlier."""
+    obj = objects.find(uid)
+    return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
+
+
+def is_group(uid: int, name: str) -> bool:
+    """Whether an object that was read earlier has a vertex group of this name."""
+    return objects.find(uid).vertex_groups.get(name) is not None
 
 
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:

@@ -22,10 +22,10 @@ from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
 from .result import Result
-from .stages import STAGES, TABLE, Stage, begun, needed, without
+from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
 from .steps import STEPS
 
-__all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "run", "stages"]
+__all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "go_to", "run", "stages"]
 
 CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
@@ -110,6 +110,24 @@ def go_on(
     where what a stage needs is not there.
     """
     return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
+
+
+def go_to(
+    result: Result,
+    settings: Settings,
+    member: str,
+    after: Sequence[str] = (),
+    progress: Progress = SILENT,
+    *,
+    fresh: bool = False,
+) -> Result:
+    """Run the stages that are missing until a member of the result is there, and then those ``after``.
+
+    fresh : the mesh is regularised before it is cut. Raises as ``go_on`` does.
+    """
+    names = missing(result, member)
+    first = ("regularise",) if fresh and "trace" in names else ()
+    return go_on(result, settings, (*first, *names, *after), progress)
 
 
 def flattened(
