@@ -39,7 +39,7 @@ class LayoutStage(ContinuedStage):
 
 def _reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
     """The flat patches and their note; of thousands of quads that takes a moment, so it is no work for the main thread."""
-    from ..engine.patches.flattening.flatten import layout_report
+    from ..engine.patches.flattening.report import layout_report
 
     assert result.flat is not None
     return result.flat, layout_report(result.flat) | more

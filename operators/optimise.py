@@ -46,7 +46,7 @@ class Optimise(ContinuedStage, bpy.types.Operator):
         once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.patches.flattening import flatten
+            from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
             from ..engine.spirals import design
 
@@ -68,7 +68,7 @@ class Optimise(ContinuedStage, bpy.types.Operator):
                 made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
                 panels, spirals = PanelDrawing.plain(found), design.design_report(found, measured=False)
-            layout = None if made.flat is result.flat or made.flat is None else flatten.layout_report(made.flat)
+            layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
             assert made.optimisation is not None
             return panels, made, made.optimisation.report(), spirals, layout
 

@@ -21,6 +21,7 @@ from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening import edit, flatten, outline
 from flexmaps.engine.patches.flattening.arap import corner_triangles, quad_energy
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.report import layout_report
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT
@@ -88,7 +89,7 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     layout = trace.trace(mesh, params)
     flat = merge.merge(layout, params)
     seconds = time.process_time() - started
-    report = flatten.layout_report(flat)
+    report = layout_report(flat)
     kind = name.removeprefix("made:")
     strict = kind not in REPORTED
     small = report["smallest_patch"] >= min(params.patch_min, len(mesh.quads)) or "forced" in report
@@ -173,7 +174,7 @@ def _overlap(flat: FlatPatches) -> float:
 
 def _isthmus(flat: FlatPatches) -> float:
     points = flat.points[:, 0] + 1j * flat.points[:, 1]
-    return min(outline.narrowness(points[loop]) for loop in flat.outlines)
+    return min(outline.isthmus_width(points[loop]) for loop in flat.outlines)
 
 
 # -- others on the same patches --------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.fabrication.estimates import estimates_report
 from ...engine.fabrication.sheets import sheets_report
 from ...engine.params import Settings
-from ...engine.patches.flattening.flatten import layout_report
+from ...engine.patches.flattening.report import layout_report
 from ...engine.progress import SILENT, Progress
 from ...engine.runs.result import Result
 from ...engine.spirals.design import design_report

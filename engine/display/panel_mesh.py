@@ -18,7 +18,7 @@ from ..mechanics.assembly import Pose
 from ..mechanics.vectors import times
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, mates
+from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, opposite_sides
 
 DRAWING = "Drawing the arms"  # what the progress says
 
@@ -310,7 +310,7 @@ def _along(
 def _joined(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
     """(points,) int: for every vertex the one that it is the same as, for two arms of a patch share the section at their joint."""
     layout, same = design.flat.layout, np.arange(points)
-    quad, side = mates(layout.mesh)
+    quad, side = opposite_sides(layout.mesh)
     blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
     second = ~blunt & (np.arange(len(first))[:, None] > quad)
     mine, theirs = 4 * first[second], 4 * first[quad, side][second]

@@ -15,7 +15,7 @@ from ..fabrication.writers.solids import places
 from ..spirals.contours import ends
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
-from ..spirals.spiral import LEFT, RIGHT, edge, mates
+from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
 # faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
@@ -175,7 +175,7 @@ def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence
 def _joined(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
     """(n,) int: for every lower vertex the one that it is the same as, for two arms end at the same two points of a joint."""
     same = np.arange(index.size)
-    quad, side = mates(design.flat.layout.mesh)
+    quad, side = opposite_sides(design.flat.layout.mesh)
     own = np.arange(len(index))[:, None]
     second = ~blunt & (own > quad)
     ends = index[..., 0]

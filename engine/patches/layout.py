@@ -168,7 +168,7 @@ class PatchLayout:
         mask[self.flat_corners[quad, (side + 1) % 4]] = True
         return mask
 
-    def necks(self, widest: int = 8, *, own: bool = True) -> np.ndarray:
+    def isthmus_widths(self, widest: int = 8, *, own: bool = True) -> np.ndarray:
         """(N,) int: quads across the narrowest isthmus of every patch, at most ``widest``.
 
         An isthmus is a straight line of uncut edges through the patch with both ends on the outline. Those from border to

@@ -18,7 +18,7 @@ from .. import PROGRAM, VERSION
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
 from ..params import Settings, shown_values
-from ..patches.flattening.flatten import layout_report
+from ..patches.flattening.report import layout_report
 from ..progress import SILENT, Progress
 from ..spirals.design import design_report
 from ..surface.mesh import QuadMesh

@@ -18,7 +18,7 @@ from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .arcs import Curve, Fitted, fit
 from .slots import PARALLEL, clockwise, slot_widths
-from .spiral import LEFT, RIGHT, Arms, centre_line, edge, mates, widening
+from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +152,7 @@ def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
     At a seam between two patches both ends meet when the panels lie side by side. At a cut inside a patch they face each
     other in one panel, and must be at least ``slot`` metres apart there.
     """
-    quad, side = mates(layout.mesh)
+    quad, side = opposite_sides(layout.mesh)
     inside = (
         layout.outline_sides
         & (quad != np.arange(len(quad))[:, None])
@@ -306,7 +306,7 @@ def _pieces(
 
 def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
     """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot."""
-    quad, side = mates(mesh)
+    quad, side = opposite_sides(mesh)
     own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4
     # corner j starts side j; the neighbour's side runs the other way, so the same vertex is its corner side + 1
     following = np.where(joined, 4 * quad + (side + 1) % 4, own).ravel().tolist()

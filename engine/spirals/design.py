@@ -27,7 +27,7 @@ from .slots import (
     twist_bound,
     twist_limit,
 )
-from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, mates, room, roomy
+from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 
@@ -213,7 +213,7 @@ def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np
 
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    widest = room(flat, params)
+    widest = widest_arms(flat, params)
     small = np.flatnonzero(widest < _THINNEST * params.width_min)
     if len(small):
         need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
@@ -227,7 +227,9 @@ def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np
             faces=small,
         )
     # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
-    wide = np.minimum(params.width_max, np.maximum(params.width_min, roomy(flat, slot_needed(params), DEPTH)))
+    wide = np.minimum(
+        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
+    )
     high = np.minimum(wide, widest)
     return np.minimum(params.width_min, high), high
 
@@ -237,7 +239,7 @@ def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) 
 
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
-    mate = mates(design.flat.layout.mesh)[0]
+    mate = opposite_sides(design.flat.layout.mesh)[0]
     thinnest = _THINNEST * design.params.width_min
     culprits = np.empty(0, dtype=np.int64)
     for turn in range(rounds):
@@ -280,7 +282,7 @@ def _relieved(
     """Widths and twists (F,), reduced where the blended joints or the neighbours leave too little room."""
     # a little more: the gap is judged at some points of every slot only
     slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
-    mate, side = mates(mesh)
+    mate, side = opposite_sides(mesh)
     rest = 1.0 / (1.0 - DEPTH) ** 2
     gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
     quads = np.arange(len(twist))

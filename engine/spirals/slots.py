@@ -19,7 +19,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
-from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, mates, width_at
+from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, opposite_sides, width_at
 
 # The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
 # loses slot at the hub: about here its arms are free over their greatest length.
@@ -96,7 +96,7 @@ def gaps_across(
     In strongly sheared quads an arm leaves its quad for a while, and may meet the two arms beside its joint in the
     neighbour; both quads are laid side by side along their edge, also at cuts. ``CLEAR`` at the border.
     """
-    mate, side = mates(mesh)
+    mate, side = opposite_sides(mesh)
     own = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
     beyond = mate[own], side[own]
     one, gap = arms.one_by_one(*own), np.full(len(own[0]), CLEAR)
@@ -104,8 +104,8 @@ def gaps_across(
         two = arms.one_by_one(beyond[0], (beyond[1] + step) % 4)
         # the frames of both quads differ by half a turn
         found = _least(
-            one, lambda p, k: _beside(p, corners, (own[0][k], own[1][k])), np.linspace(0.0, 0.4, 8),
-            two, lambda q, k: -_beside(q, corners, (beyond[0][k], beyond[1][k])), np.linspace(0.0, 0.9, 32), enough,
+            one, lambda p, k: _in_side_frame(p, corners, (own[0][k], own[1][k])), np.linspace(0.0, 0.4, 8),
+            two, lambda q, k: -_in_side_frame(q, corners, (beyond[0][k], beyond[1][k])), np.linspace(0.0, 0.9, 32), enough,
         )  # fmt: skip
         gap = np.minimum(gap, found)
     return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
@@ -118,7 +118,7 @@ def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray, enough: float
     In strongly distorted quads the arms of two quads that share no more than a vertex may meet. ``CLEAR`` where a cut or the
     border lies between them.
     """
-    mate, side = mates(layout.mesh)
+    mate, side = opposite_sides(layout.mesh)
     joined = ~layout.outline_sides
     quad, corner = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
     gap, whole = np.full(len(quad), CLEAR), np.ones(len(quad), dtype=bool)
@@ -198,7 +198,7 @@ def _as_it_is(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return points
 
 
-def _beside(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def _in_side_frame(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """Points (N, M, 2) in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
     quad, side = at
     a, b = corners[quad, side], corners[quad, (side + 1) % 4]
@@ -249,7 +249,8 @@ def twist_bound(
 def _rolled(arms: Arms, step: int) -> Arms:
     """The same arms, with arm k - step in the place of arm k."""
     rolled = {
-        name: np.roll(getattr(arms, name), step, axis=1) for name in ("radius", "angle", "joint_width", "pull", "share")
+        name: np.roll(getattr(arms, name), step, axis=1)
+        for name in ("radius", "angle", "joint_width", "blend_slope", "share")
     }
     return replace(arms, **rolled)
 

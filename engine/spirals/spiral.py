@@ -37,7 +37,7 @@ class Arms:
     wind : (F,) radians, twist with the sign of the sense of rotation
     width : (F,) metres, away from the joints
     joint_width : (F, 4) metres, at the joint
-    pull : (F, 4, 2) metres, what the blend adds to the derivative of the centre line at the joint
+    blend_slope : (F, 4, 2) metres, what the blend adds to the derivative of the centre line at the joint
     share : (F, 4), share of t over which arm and joint are blended
     """
 
@@ -47,7 +47,7 @@ class Arms:
     wind: np.ndarray
     width: np.ndarray
     joint_width: np.ndarray
-    pull: np.ndarray
+    blend_slope: np.ndarray
     share: np.ndarray
 
     def unblended(self, wind: np.ndarray) -> Arms:
@@ -55,7 +55,7 @@ class Arms:
         return replace(
             self,
             wind=wind,
-            pull=np.zeros_like(self.pull),
+            blend_slope=np.zeros_like(self.blend_slope),
             joint_width=np.broadcast_to(self.width[:, None], self.radius.shape),
         )
 
@@ -66,11 +66,13 @@ class Arms:
     def one_by_one(self, quad: np.ndarray, side: np.ndarray) -> Arms:
         """N single arms (N,), as N "quads" of one arm each, so that any choice of them can be evaluated together."""
         of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind", "width")}
-        of_arm = {n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "pull", "share")}
+        of_arm = {
+            n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "blend_slope", "share")
+        }
         return Arms(**of_quad, **of_arm)
 
 
-def mates(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
+def opposite_sides(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     """The quad (F, 4) and its side (F, 4) across every side; at the border the quad and the side themselves."""
     own = np.arange(len(mesh.quads))[:, None]
     quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
@@ -86,16 +88,16 @@ def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.n
     centre, radius, angle = _spokes(flat)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
     width = np.asarray(width, dtype=float)
-    quad, side = mates(flat.layout.mesh)
+    quad, side = opposite_sides(flat.layout.mesh)
     # a joint is as wide as both arms in the mean, if there is room for that
-    widest = np.maximum(room(flat, params), width)
+    widest = np.maximum(widest_arms(flat, params), width)
     joint = np.minimum(0.5 * (width[:, None] + width[quad]), np.minimum(widest[:, None], widest[quad]))
-    pull, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
-    pure = Arms(centre, radius, angle, wind, width, joint, pull, share)
-    return _with_room(replace(pure, pull=_pulls(pure, flat.corners, quad, side)))
+    blend_slope, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
+    pure = Arms(centre, radius, angle, wind, width, joint, blend_slope, share)
+    return _longer_blends(replace(pure, blend_slope=_blend_slopes(pure, flat.corners, quad, side)))
 
 
-def room(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
+def widest_arms(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
     """(F,) metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
     _, radius, angle = _spokes(flat)
     opening = np.diff(angle, axis=1)
@@ -104,7 +106,7 @@ def room(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
     return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
 
 
-def roomy(flat: FlatPatches, slot: float, depth: float) -> np.ndarray:
+def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> np.ndarray:
     """(F,) metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
     _, radius, angle = _spokes(flat)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
@@ -122,7 +124,7 @@ def _spokes(flat: FlatPatches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return centre, np.linalg.norm(spokes, axis=2), angle
 
 
-def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
+def _blend_slopes(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
     """What turns both arms of every joint to their common direction, (F, 4, 2) metres.
 
     The common direction is the mean of both arms' outward tangents per unit of radius, each measured against its own
@@ -142,7 +144,7 @@ def _pulls(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) 
     return -turned * np.linalg.norm(inward, axis=-1, keepdims=True) - inward
 
 
-def _with_room(blended: Arms) -> Arms:
+def _longer_blends(blended: Arms) -> Arms:
     """Lengthen the blends that turn so sharply that an arm's inner edge would come near to folding."""
     share = blended.share.copy()
     quad, side = np.nonzero(inner_radius(blended) < _INNER_RADIUS_MIN)
@@ -181,14 +183,14 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     p += _complex(arms.centre)[:, None, None]
     d1 = (1j * rw - radius) * turn
     d2 = (-wind * rw - 2j * (wind * radius)) * turn
-    if arms.pull.any():
-        share, pull = arms.share[..., None], _complex(arms.pull)[..., None]
+    if arms.blend_slope.any():
+        share, blend_slope = arms.share[..., None], _complex(arms.blend_slope)[..., None]
         u = np.minimum(t / share, 1.0)
         uu = u * u
         # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
-        p += pull * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
-        d1 += pull * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
-        d2 += pull * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
+        p += blend_slope * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
+        d1 += blend_slope * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
+        d2 += blend_slope * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
     return _pairs(p), _pairs(d1), _pairs(d2)
 
 

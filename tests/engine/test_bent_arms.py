@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, mates
+from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, opposite_sides
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
 
@@ -100,7 +100,7 @@ def test_tips_of_neighbours_coincide(dome):
     offset[..., :2] = 0.5 * (centre - centre[:, :, ::-1])
     place, turn = arms.tips
     corners = place.reshape(-1, 4, 1, 3) + np.einsum("fkij,fkej->fkei", turn.reshape(-1, 4, 3, 3), offset)
-    quad, side = mates(made.flat.layout.mesh)
+    quad, side = opposite_sides(made.flat.layout.mesh)
     inner = ~made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
     size = np.linalg.norm(np.ptp(pose.centres, axis=0))
     # what is right of one arm is left of the other
@@ -218,7 +218,7 @@ def test_torn_poses_are_closed_all_the_same(dome):
     torn = pose.moved(np.c_[rng.normal(0, 0.01, (len(made.width), 3)), rng.normal(0, 1.0, (len(made.width), 3))])
     arms = bent(made, torn)
     place, _ = arms.tips
-    quad, side = mates(made.flat.layout.mesh)
+    quad, side = opposite_sides(made.flat.layout.mesh)
     inner = ~made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
     place = place.reshape(-1, 4, 3)
     assert np.isfinite(arms.place).all()

@@ -104,7 +104,7 @@ def test_measures_of_a_rectangle() -> None:
     layout = cut_of(mesh, row_between(mesh, 8, 9, 3, 6))
     assert layout.euler.tolist() == [1, 1, 1]
     assert layout.compactness == pytest.approx(np.full(3, 22 / np.sqrt(24)))
-    assert layout.necks().tolist() == [3, 3, 3]
+    assert layout.isthmus_widths().tolist() == [3, 3, 3]
 
 
 def test_a_ribbon_is_as_compact_as_a_square_and_a_strip_cut_out_of_a_surface_is_not() -> None:
@@ -122,7 +122,7 @@ def test_an_inner_cut_counts_twice_and_narrows_the_neck() -> None:
     assert len(layout.patches) == 1
     assert layout.euler[0] == 1
     assert layout.compactness[0] == pytest.approx(4 + 8 / np.sqrt(48))  # the border is longer than that of a square
-    assert layout.necks()[0] == 2  # from the end of the cut to the border
+    assert layout.isthmus_widths()[0] == 2  # from the end of the cut to the border
     floating = cut_of(mesh, np.array(edges[1:]))
     assert floating.euler[0] == 0
 

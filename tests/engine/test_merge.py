@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import LayoutParams, RegulariseParams
-from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.report import layout_report
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -37,7 +37,7 @@ def layouts() -> dict[str, FlatPatches]:
 def checked(flat: FlatPatches) -> dict[str, Any]:
     """Everything that any layout must fulfil; the report, for what is particular."""
     shapely = pytest.importorskip("shapely")
-    report = flatten.layout_report(flat)
+    report = layout_report(flat)
     assert report["energy_max"] <= PARAMS.distortion_limit
     assert report["compactness_max"] <= PARAMS.compactness_limit * (1 + 1e-9)
     assert report["disks"]
@@ -98,7 +98,7 @@ def test_a_tighter_limit_gives_less_distortion() -> None:
 
 def test_a_wider_neck_is_kept() -> None:
     flat = merged(shapes.make("three_holes"), LayoutParams(neck_min=4, symmetric=False))
-    assert flat.layout.necks().min() >= 4 or "forced" in flat.layout.notes
+    assert flat.layout.isthmus_widths().min() >= 4 or "forced" in flat.layout.notes
 
 
 def test_it_can_be_stopped() -> None:
@@ -119,7 +119,7 @@ def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
     polygons = check.scaled(meshio.read(shared_meshes / name), edge=0.02)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
     flat = merged(mesh)
-    report = flatten.layout_report(flat)
+    report = layout_report(flat)
     assert report["patches"] <= patches
     if name != "amo_quad.off":
         checked(flat)

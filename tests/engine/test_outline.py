@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.flattening.outline import narrowness, simple
+from flexmaps.engine.patches.flattening.outline import isthmus_width, simple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,7 +40,7 @@ def test_isthmus_of_rectangles(length: int, expected: float) -> None:
     steps = np.arange(10) / 10
     long = np.arange(10 * length) / 10
     outline = np.concatenate([long, length + 1j * steps, length - long + 1j, 1j * (1 - steps)])
-    assert narrowness(outline) == pytest.approx(expected)
+    assert isthmus_width(outline) == pytest.approx(expected)
 
 
 def test_a_gap_is_no_isthmus() -> None:
@@ -48,7 +48,7 @@ def test_a_gap_is_no_isthmus() -> None:
     outline = np.array([0, 5, 5 + 3j, 2.6 + 3j, 2.6 + 2j, 2.4 + 2j, 2.4 + 3j, 3j], dtype=complex)
     fine = np.concatenate([a + (b - a) * np.arange(8) / 8 for a, b in zip(outline, np.roll(outline, -1), strict=True)])
     # the bridge under the gap is 2 wide with 9 behind it; the gap itself would give less than 0.1
-    assert narrowness(fine) == pytest.approx(2 / 9)
+    assert isthmus_width(fine) == pytest.approx(2 / 9)
 
 
 def test_patches_side_by_side_are_looked_at_by_themselves() -> None:

@@ -11,6 +11,7 @@ from flexmaps.engine.params import LayoutParams, RegulariseParams, Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.arap import PatchProblem, settle
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.flattening.report import layout_report
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
@@ -70,7 +71,7 @@ def merged(mesh: QuadMesh, *, held: bool = False) -> FlatPatches:
 
 
 def sound(made: FlatPatches) -> dict[str, object]:
-    report = flatten.layout_report(made)
+    report = layout_report(made)
     assert report["overlaps"] == report["flips"] == 0
     assert report["disks"]
     assert made.energy.max() <= PARAMS.distortion_limit
@@ -204,7 +205,7 @@ def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
 def test_one_panel_stays_whole_where_it_is_flat_or_held() -> None:
     assert not merged(grid(10, flat)).layout.cut.any()
     assert not merged(grid(10, bowl), held=True).layout.cut.any()
-    remarks = flatten.layout_report(merged(grid(10, bowl)))["remarks"]
+    remarks = layout_report(merged(grid(10, bowl)))["remarks"]
     assert any("supports" in text for text in remarks)  # type: ignore[attr-defined]
 
 
@@ -251,6 +252,6 @@ def test_foreign_meshes(shared_meshes: Path, name: str, most: int) -> None:
     mesh = check.as_quad_mesh(check.scaled(meshio.read(path), edge=0.02))
     mesh = regularise.regularise(mesh, RegulariseParams())
     made = merged(mesh)
-    assert flatten.layout_report(made)["overlaps"] == 0
+    assert layout_report(made)["overlaps"] == 0
     assert len(made.layout.patches) <= most
     assert min(len(quads) for quads in made.layout.patches) > 1

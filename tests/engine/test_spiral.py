@@ -57,7 +57,7 @@ def test_derivatives_agree_with_differences(shaken):
 def test_edges_run_on_smoothly_across_every_edge_and_seam(shaken):
     flat, arms = shaken
     mesh, corners = flat.layout.mesh, flat.corners
-    quad, side = spiral.mates(mesh)
+    quad, side = spiral.opposite_sides(mesh)
     zero = np.zeros((*arms.radius.shape, 1))
     left, d_left = (x[:, :, 0] for x in spiral.edge(arms, zero, spiral.LEFT))
     right, d_right = (x[:, :, 0] for x in spiral.edge(arms, zero, spiral.RIGHT))

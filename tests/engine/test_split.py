@@ -58,7 +58,7 @@ def test_a_large_plate_needs_several_rounds(flat_grid):
     assert 4 <= len(made.layout.patches) <= 8
     assert all(_fits(p, sheet) for p in _pieces(made))
     assert (made.layout.euler == 1).all()
-    assert made.layout.necks().min() >= LAYOUT.neck_min
+    assert made.layout.isthmus_widths().min() >= LAYOUT.neck_min
 
 
 def test_other_patches_stay_as_they_are(flat_grid):

@@ -75,7 +75,7 @@ def test_one_of_several_mirrored_runs_leads_the_others() -> None:
     mesh = shapes.make("cubesphere")
     board = Board(trace.trace(mesh, LayoutParams()), LayoutParams())
     edges = np.arange(len(mesh.edges))
-    assert all(board.leads([e]) for e in edges.tolist())
+    assert all(board.is_first_image([e]) for e in edges.tolist())
     board.symmetries = symmetries(mesh)
     orbits = {frozenset([e, *(int(s.edges[e]) for s in board.symmetries)]) for e in edges.tolist()}
-    assert sorted(e for e in edges.tolist() if board.leads([e])) == sorted(min(orbit) for orbit in orbits)
+    assert sorted(e for e in edges.tolist() if board.is_first_image([e])) == sorted(min(orbit) for orbit in orbits)

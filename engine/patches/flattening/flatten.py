@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -16,8 +14,6 @@ from ..layout import PatchLayout
 from .arap import corner_triangles, quad_energy, square_energy
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
-
-REMARKS = 3  # patches beyond a limit that are named one by one
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,41 +165,3 @@ def flips(corners: np.ndarray) -> np.ndarray:
     """(F,) int: how many of the four corner triangles of flat quads (F, 4), complex, are not positively oriented."""
     d = np.roll(corners, -1, axis=1) - corners
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)
-
-
-def layout_report(flat: FlatPatches) -> dict[str, Any]:
-    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers.
-
-    ``flips`` counts corner triangles, four a quad; ``overlaps`` counts patches; ``remarks`` are sentences for the user.
-    """
-    layout = flat.layout
-    mismatch = seam_mismatch(flat)
-    points = (flat.points[:, 0] + 1j * flat.points[:, 1])[layout.flat_corners]
-    report: dict[str, object] = {
-        "patches": len(layout.patches),
-        "cut_edges": int(layout.cut.sum()),
-        "energy_max": float(flat.energy.max()),
-        "energy_median": float(np.median(flat.energy)),
-        "square_max": float(flat.square.max()),
-        "square_median": float(np.median(flat.square)),
-        "flips": int(flips(points).sum()),
-        "overlaps": len(overlapping(flat)),
-        "disks": bool(layout.planar.all()),
-        "compactness_max": float(layout.compactness.max()),
-        "neck_min_quads": int(layout.necks(own=False).min()),
-        "smallest_patch": min(len(quads) for quads in layout.patches),
-        "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
-        "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,
-    }
-    return report | layout.notes | remarks(layout.notes)
-
-
-def remarks(notes: Mapping[str, object]) -> dict[str, object]:
-    """What of a layout's notes everyone should read: ``remarks``, a few sentences; nothing if there are none."""
-    said = [str(notes["halved"])] if "halved" in notes else []
-    forced = notes.get("forced")
-    if isinstance(forced, list):
-        said += forced[:REMARKS]
-        if len(forced) > REMARKS:
-            said.append(f"{len(forced) - REMARKS} patches more go beyond a limit in such a way; the report names them")
-    return {"remarks": said} if said else {}

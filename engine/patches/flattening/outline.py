@@ -78,7 +78,7 @@ def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
-def narrowness(outline: np.ndarray, rim: np.ndarray | None = None) -> float:
+def isthmus_width(outline: np.ndarray, rim: np.ndarray | None = None) -> float:
     """The narrowest isthmus of a polygon (m,) complex: its width over the shorter part of the outline behind it.
 
     rim : (m,) bool, points on the border of the surface; an isthmus between two of them is the surface's own and left out.

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .board import NOTHING, Board, Change, Piece
+from .board import NOTHING, Board, Change
+from .sketch import Piece
 from .straighten import badness, gain_of
 
 DRAWN = 1e-3  # what an edge of cut counts beside a patch
@@ -51,7 +52,7 @@ def _best(board: Board, piece: Piece) -> Change | None:
         change = board.attempt(opens, closes)
         if change is None:
             continue
-        old = np.unique(board.sides_of(np.concatenate([change.opens, change.closes]))).tolist()
+        old = np.unique(board.pieces_at(np.concatenate([change.opens, change.closes]))).tolist()
         gain = badness(board, [board.pieces[n] for n in old]) - badness(board, change.pieces)
         gain += DRAWN * gain_of(board, change.opens, change.closes)
         if gain > 0:

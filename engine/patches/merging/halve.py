@@ -28,7 +28,7 @@ SMALLEST = 0.25  # smallest share of the panel on either side of a cut
 APART = 0.03  # how far apart the ends of two cuts are, as a share of the outline
 
 
-def springs_by_itself(board: Board) -> bool:
+def leaves_plane(board: Board) -> bool:
     """Is there a cut, or nothing that would have to leave the plane?"""
     pieces = list(board.pieces.values())
     return len(pieces) != 1 or bool(board.cut.any()) or pieces[0].flat.worst <= FLAT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, replace
-from functools import partial as bound
+from functools import partial
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from ...progress import SILENT, Progress
 from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
+from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
-from .board import WAIST, Board, Change, Effort
+from .board import BOTTLENECK, Board, Change, Effort
 from .dissolve import rescue
-from .halve import halved, springs_by_itself
+from .halve import halved, leaves_plane
 from .ranking import Ranking, split_long, worth
 from .reroute import reroute
 from .straighten import natural_stops, tidy, widen
@@ -88,7 +89,7 @@ def _merge_body(
     """The merged layout, and what is to be said about its symmetry."""
     found = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
-    tick = bound(progress, 0.0, "Flattening the first patches")
+    tick = partial(progress, 0.0, "Flattening the first patches")
     ranking = Ranking(found)
     start = Board(layout, params, effort=effort, tick=tick)
     ranked = _merged(start, layout.origin, found, bodies, progress.part(0.02, 0.5))
@@ -113,7 +114,7 @@ def _merge_body(
         if effort.over or not ranking.better(again, board, progress):
             break
         board = again
-    if seamless or springs_by_itself(board):
+    if seamless or leaves_plane(board):
         return board, symmetry_notes(found, keeping(found, layout.cut), ranked, board)
     board = halved(board, found, progress.part(0.95, 1.0))
     said: dict[str, object] = {"halved": HALVED}
@@ -128,7 +129,7 @@ def _merge_body(
 def _merged(
     start: Board, origin: str, found: list[Symmetry], bodies: int, progress: Progress
 ) -> list[tuple[float, int, Board]]:
-    """A layout merged in several ways, each with its worth and a number."""
+    """A layout merged in several strategies, each with its worth and a number."""
     layout = start.layout
     kept = keeping(found, layout.cut)
     if not origin:
@@ -141,14 +142,14 @@ def _merged(
     most = 0 if dear else max(TRIES // bodies, 3)
     groups = [*_worth_trying(subgroups(kept, 60), most), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
-    ways = WAYS if not dear and len(start.pieces) > 1 else WAYS[:1]
-    for way in [replace(w, redraw=origin == "regions") for w in ways]:
+    strategies = STRATEGIES if not dear and len(start.pieces) > 1 else STRATEGIES[:1]
+    for strategy in [replace(w, redraw=origin == "regions") for w in strategies]:
         for group in groups:
             # where trying is dear, go on from what the larger group has left
             again = bool(ranked) and dear
             board = (ranked[-1][2] if again else start).copy()
-            board.symmetries, board.waist = group, way.waist
-            run(board, LAST if again else way, progress.part(len(ranked) / 16, (len(ranked) + 1) / 16))
+            board.symmetries, board.bottleneck = group, strategy.bottleneck
+            run(board, LAST if again else strategy, progress.part(len(ranked) / 16, (len(ranked) + 1) / 16))
             ranked.append((round(worth(board), 9), len(ranked), board))
     return ranked
 
@@ -158,7 +159,7 @@ def _best(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Pr
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
     board = next((b for b in ordered if ranking.fits(b, progress)), ordered[0])
     tighter = board.copy()
-    tighter.room = 1.0
+    tighter.distortion_share = 1.0
     run(tighter, LAST, progress)
     return tighter if len(tighter.pieces) < len(board.pieces) and ranking.fits(tighter, progress) else board
 
@@ -172,31 +173,6 @@ def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry
     return (groups[:1] + sorted(rest, key=len))[:most]
 
 
-def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
-    """Where a limit could not be kept, because every change within the other limits was tried and refused."""
-    layout = flat.layout
-    mesh, necks = layout.mesh, layout.necks(own=False)
-    listed = []
-    for patch, quads in enumerate(layout.patches):
-        reasons = []
-        if len(quads) < params.patch_min:
-            reasons.append("one quad" if len(quads) == 1 else f"{len(quads)} quads")
-        if necks[patch] < params.neck_min:
-            reasons.append(f"a neck of {necks[patch]}")
-        if layout.compactness[patch] > params.compactness_limit:
-            reasons.append(f"compactness {layout.compactness[patch]:.1f}")
-        if (worst := flat.energy[quads].max()) > params.distortion_limit:
-            reasons.append(f"a distortion of {worst:.3f}")
-        if reasons:
-            x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
-            name = f"Patch {patch + 1}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
-            listed.append(
-                f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
-                "every change to it would go beyond another limit"
-            )
-    return {"forced": listed} if listed else {}
-
-
 HALVED = (
     "The surface would lie flat in one panel, but nothing would make that leave the plane; its seam does. "
     'Give it supports, or choose "One panel without a cut", to keep it whole'
@@ -204,62 +180,62 @@ HALVED = (
 
 
 @dataclass(frozen=True)
-class Way:
+class Strategy:
     """One order of doing things.
 
-    shared : how much a long common seam counts; waist : see Board;
+    shared : how much a long common seam counts; bottleneck : see Board;
     short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion;
     redraw : draw seams anew from end to end, for layouts whose seams follow no lines;
     again : on a layout that was merged before: nothing more is done if nothing more can be merged
     """
 
     shared: float = 3.0
-    waist: float = WAIST
+    bottleneck: float = BOTTLENECK
     short: bool = False
     redraw: bool = False
     again: bool = False
 
 
-WAYS = (Way(), Way(waist=2 * WAIST, short=True))
+STRATEGIES = (Strategy(), Strategy(bottleneck=2 * BOTTLENECK, short=True))
 
-FACES = Way(redraw=True)
-LAST = Way(again=True)
+FACES = Strategy(redraw=True)
+LAST = Strategy(again=True)
 
 
-def run(board: Board, way: Way, progress: Progress) -> None:
+def run(board: Board, strategy: Strategy, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
     board.tick = lambda: progress(0.0, f"Merging: {len(board.pieces)} patches")
-    merged = greedy(board, way, progress.part(0.0, 0.5))
-    if way.again:
-        merged |= open_parts(board, way, progress.part(0.5, 0.6))
+    merged = greedy(board, strategy, progress.part(0.0, 0.5))
+    if strategy.again:
+        merged |= open_parts(board, strategy, progress.part(0.5, 0.6))
         if not merged:
             return
-    _in_turns(board, way, progress.part(0.6, 0.9))
+    _in_turns(board, strategy, progress.part(0.6, 0.9))
     widen(board)
     if rescue(board):
         # the patches that are left have other neighbours now
-        greedy(board, way, progress.part(0.9, 0.95))
-        _in_turns(board, way, progress.part(0.95, 1.0))
+        greedy(board, strategy, progress.part(0.9, 0.95))
+        _in_turns(board, strategy, progress.part(0.95, 1.0))
 
 
-def _in_turns(board: Board, way: Way, progress: Progress) -> None:
+def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
     for turn in range(4):
         part = progress.part(turn / 4, (turn + 1) / 4)
-        changed = tidy(board, part, darts=not way.short or turn == 3)
-        changed |= way.redraw and reroute(board)
-        changed |= open_parts(board, way, part)
+        changed = tidy(board, part, darts=not strategy.short or turn == 3)
+        changed |= strategy.redraw and reroute(board)
+        changed |= open_parts(board, strategy, part)
         if not changed:
             break
-        greedy(board, way, part)
+        greedy(board, strategy, part)
     tidy(board, progress, darts=True)
 
 
-def open_parts(board: Board, way: Way, progress: Progress) -> bool:
+def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
     """Open parts of seams, and then whole ones again, while that goes."""
     changed = False
-    while partial(board, way, progress):
+    while open_best_part(board, strategy, progress):
         changed = True
-        greedy(board, way, progress)
+        greedy(board, strategy, progress)
     return changed
 
 
@@ -282,15 +258,7 @@ def symmetry_notes(
     return said | {"symmetry": text}
 
 
-def symmetry_kept(found: list[Symmetry], rest: list[Symmetry]) -> tuple[dict[str, object], str]:
-    """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
-    names = sorted({s.name for s in rest})
-    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
-    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
-    return {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}, text
-
-
-def greedy(board: Board, way: Way, progress: Progress) -> bool:
+def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
     """Open whole seams, best first, until no seam can be opened."""
     mesh = board.mesh
     tried: dict[tuple[int, ...], Change | None] = {}
@@ -300,17 +268,17 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
     while True:
         current: dict[tuple[int, ...], np.ndarray] = {}
         layout = board.layout
-        for edges in layout.short_seam_edges if way.short else layout.seam_edges:
-            a, b = sorted(board.sides_of(edges[:1])[0].tolist())
+        for edges in layout.short_seam_edges if strategy.short else layout.seam_edges:
+            a, b = sorted(board.pieces_at(edges[:1])[0].tolist())
             key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
-            if a == b and (way.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
+            if a == b and (strategy.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
                 continue  # without an inner cut that has no free end the patch would be a ring
-            if not board.leads(edges):
+            if not board.is_first_image(edges):
                 continue
             current[key] = edges
             if key not in tried:
                 tried[key] = None
-                heapq.heappush(heap, (_score(board, edges, 0.0, way), key, False))
+                heapq.heappush(heap, (_score(board, edges, 0.0, strategy), key, False))
         while heap:
             _, key, known = heapq.heappop(heap)
             if key not in current:
@@ -320,7 +288,7 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
             change = tried[key] = board.attempt(current[key])
             if change is not None:
                 worst = max(p.flat.worst for p in change.pieces)
-                heapq.heappush(heap, (_score(board, current[key], worst, way), key, True))
+                heapq.heappush(heap, (_score(board, current[key], worst, strategy), key, True))
         else:
             return changed
         found = tried[key]
@@ -329,25 +297,25 @@ def greedy(board: Board, way: Way, progress: Progress) -> bool:
         progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} patches")
 
 
-def _score(board: Board, edges: np.ndarray, worst: float, way: Way) -> float:
+def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
     """Priority of opening a seam, the smallest first: distortion against the share of the outline that goes."""
-    sides = [board.pieces[n] for n in set(board.sides_of(edges[:1])[0].tolist())]
+    sides = [board.pieces[n] for n in set(board.pieces_at(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
     worst = max(worst, *(p.flat.worst for p in sides))
-    return worst / board.params.distortion_limit - way.shared * shared / min(p.sketch.perimeter for p in sides)
+    return worst / board.params.distortion_limit - strategy.shared * shared / min(p.sketch.perimeter for p in sides)
 
 
-def partial(board: Board, way: Way, progress: Progress) -> bool:
+def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool:
     """Open the best part of a seam between two patches that cannot be opened as a whole; the rest stays as a dart."""
     best: tuple[float, int, Change] | None = None
     for number, edges in enumerate(board.layout.seams):
-        a, b = board.sides_of(edges[:1])[0].tolist()
-        if a == b or not board.leads(edges):
+        a, b = board.pieces_at(edges[:1])[0].tolist()
+        if a == b or not board.is_first_image(edges):
             continue
         change = longest_part(board, edges)
         if change is not None:
             worst = max(p.flat.worst for p in change.pieces)
-            score = _score(board, change.opens, worst, way)
+            score = _score(board, change.opens, worst, strategy)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
     progress(0.5, f"Merging: {len(board.pieces)} patches")
@@ -356,7 +324,7 @@ def partial(board: Board, way: Way, progress: Progress) -> bool:
 
 def longest_part(board: Board, edges: np.ndarray) -> Change | None:
     """The longest part of a seam, between two natural stops, that can be opened."""
-    few = min(len(board.pieces[n].quads) for n in board.sides_of(edges[:1])[0]) < 2 * board.params.patch_min
+    few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
     # a seam without straight parts has stops everywhere
     stops = stops[:: -(-len(stops) // STOPS)] + ([] if len(stops) <= STOPS else stops[-1:])

@@ -41,7 +41,7 @@ class Ranking:
     def poor(self, board: Board) -> bool:
         """Does a merged layout leave so much to be desired that another way is worth trying?"""
         sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
-        necks = sum(p.sketch.necks for p in board.pieces.values())
+        necks = sum(p.sketch.isthmuses for p in board.pieces.values())
         # what is symmetric would have to be beaten by half as many patches
         few = FEW * (HALF if keeping(self.found, board.cut) else 1.0)
         return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < few)

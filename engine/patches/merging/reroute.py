@@ -53,11 +53,11 @@ def reroute(board: Board) -> bool:
     """Draw every seam between two patches anew where that makes the cuts shorter or straighter; True if any changed."""
     changed = False
     for seam in board.layout.seams:
-        names = board.sides_of(seam[:1])[0]
-        around = np.sort(board.sides_of(seam), axis=1)
+        names = board.pieces_at(seam[:1])[0]
+        around = np.sort(board.pieces_at(seam), axis=1)
         if names[0] == names[1] or not board.cut[seam].all() or (around != np.sort(names)).any():
             continue  # an inner cut, or one that is no longer there
-        if not board.leads(seam):
+        if not board.is_first_image(seam):
             continue
         listed = []
         for slide in SLIDES:
@@ -79,7 +79,7 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> np.nd
     mesh = board.mesh
     quads = np.concatenate([board.pieces[n].quads for n in names.tolist()])
     edges = np.unique(mesh.quad_edges[quads])
-    inner = edges[~mesh.border[edges] & np.isin(board.sides_of(edges), names).all(axis=1)]
+    inner = edges[~mesh.border[edges] & np.isin(board.pieces_at(edges), names).all(axis=1)]
     inner = np.union1d(inner[~board.cut[inner]], seam)
     outline = np.setdiff1d(edges, inner)
     ends = _ends(mesh.edges[seam])

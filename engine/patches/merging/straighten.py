@@ -14,7 +14,8 @@ import numpy as np
 from ...progress import Progress
 from ...surface.corners import corner_cost, rings
 from ..layout import PatchLayout
-from .board import NOTHING, WAIST, Board, Piece
+from .board import BOTTLENECK, NOTHING, Board
+from .sketch import Piece
 
 PATCH = 15.0  # what a patch less is worth, in edges of cut
 SMALL = 5.0  # what a quad more is worth in a patch that is too small
@@ -63,7 +64,7 @@ def _slide_all(board: Board) -> bool:
 
 def attempted(board: Board, opens: np.ndarray, closes: np.ndarray) -> bool:
     """Make a change unless it was refused before or is now; True if it is made."""
-    names = np.unique(board.sides_of(np.concatenate([opens, closes])))
+    names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
     if key in board.refused:
         return False
@@ -95,7 +96,7 @@ def widen(board: Board) -> bool:
     """Take away isthmuses that are too narrow and patches that are too small, at the price of a longer seam if need be."""
     changed = False
     for _ in range(10):
-        poor = {n for n, p in board.pieces.items() if p.sketch.necks or len(p.quads) < board.params.patch_min}
+        poor = {n for n, p in board.pieces.items() if p.sketch.isthmuses or len(p.quads) < board.params.patch_min}
         if not poor or not _widen_one(board, poor):
             break
         changed = True
@@ -112,7 +113,7 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
             gain = gain_of(board, *flipped) + size_gain(board, slide)
             listed.append((-round(gain, 6), len(listed), flipped))
     for _, _, (opens, closes) in sorted(listed, key=lambda item: item[:2])[:60]:
-        names = set(board.sides_of(np.concatenate([opens, closes])).ravel().tolist())
+        names = set(board.pieces_at(np.concatenate([opens, closes])).ravel().tolist())
         before = _poverty(board, [board.pieces[n] for n in names])
         change = board.attempt(opens, closes)
         if change is not None and _poverty(board, change.pieces) < before and board.apply(change):
@@ -121,7 +122,7 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
 
 
 def _poverty(board: Board, pieces: list[Piece]) -> int:
-    return sum(p.sketch.necks + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
+    return sum(p.sketch.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 
 def badness(board: Board, pieces: Iterable[Piece]) -> float:
@@ -129,8 +130,8 @@ def badness(board: Board, pieces: Iterable[Piece]) -> float:
     params = board.params
     total = 0.0
     for p in pieces:
-        total += 1.0 + 0.5 * (p.sketch.necks + (len(p.quads) < params.patch_min))
-        total += 0.1 * max(p.sketch.waist - WAIST, 0.0)
+        total += 1.0 + 0.5 * (p.sketch.isthmuses + (len(p.quads) < params.patch_min))
+        total += 0.1 * max(p.sketch.bottleneck - BOTTLENECK, 0.0)
         total += LONG * max(p.sketch.compactness - params.compactness_limit, 0.0)
     return total
 
@@ -199,11 +200,11 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
     """
     mesh = board.mesh
     border = mesh.border
-    for vertices, edges, stops in bars(board.layout):
-        if not board.leads(edges):
+    for vertices, edges, stops in straight_cut_runs(board.layout):
+        if not board.is_first_image(edges):
             continue
         if fresh:
-            around = frozenset(board.sides_of(np.array(edges)).ravel().tolist())
+            around = frozenset(board.pieces_at(np.array(edges)).ravel().tolist())
             key = (edges[0], edges[-1], tuple(stops), around)
             if key in board.swept:
                 continue
@@ -246,7 +247,7 @@ def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarr
     return edge_sides[edges, column]
 
 
-def bars(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
+def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
     """Longest straight runs of cut edges: their vertices, edges, and the positions where they end or meet another cut."""
     mesh = layout.mesh
     cut, ring = layout.cut, rings(mesh)
@@ -288,8 +289,8 @@ def _close_inner(board: Board) -> bool:
     mesh = board.mesh
     layout = board.layout
     for edges in layout.seams:
-        names = board.sides_of(edges[:1])[0]
-        if names[0] != names[1] or not board.cut[edges].all() or not board.leads(edges):
+        names = board.pieces_at(edges[:1])[0]
+        if names[0] != names[1] or not board.cut[edges].all() or not board.is_first_image(edges):
             continue
         free = [layout.cut_degree[v] == 1 for v in _run_ends(mesh.edges[edges])]
         if not any(free):

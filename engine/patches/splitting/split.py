@@ -19,8 +19,8 @@ from ...progress import SILENT, Progress
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
+from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
-from ..merging.merge import forced_notes, symmetry_kept
 from .runs import Runs, chord_areas, straight_runs
 
 ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet
@@ -41,14 +41,14 @@ def split(
     """
     if sheet.oversize != "split":
         return flat
-    room = usable(sheet)
-    _refuse_large_quads(flat, room, sheet)
+    box = usable(sheet)
+    _refuse_large_quads(flat, box, sheet)
     first, before = len(flat.layout.patches), flat.layout.cut
     found: list[Symmetry] | None = None if params.symmetric else []
     for turn in range(rounds):
         part = progress.part(turn / rounds, (turn + 1) / rounds)
         cut = flat.layout.cut.copy()
-        large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0]
+        large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0]
         if not large:
             break
         if found is None:
@@ -61,7 +61,7 @@ def split(
             tick()
             if patch in done:
                 continue  # as the mirror image of another one
-            run = _best_run(flat, patch, params, (1.0 - CHANGE) * room, sheet, tick)
+            run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
             if run is not None:
                 for edges in (run, *(image.edges[run] for image in mirrored)):
                     done |= _cut_once(flat.layout, edges, cut, done)
@@ -92,10 +92,10 @@ def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> N
     """
     if sheet.oversize != "split":
         return
-    room = usable(sheet)
-    _refuse_large_quads(flat, room, sheet)
-    large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), room, sheet) > 1.0 + ROUNDING]
-    able = [p for p in large if _best_run(flat, p, params, (1.0 - CHANGE) * room, sheet) is not None]
+    box = usable(sheet)
+    _refuse_large_quads(flat, box, sheet)
+    large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0 + ROUNDING]
+    able = [p for p in large if _best_run(flat, p, params, (1.0 - CHANGE) * box, sheet) is not None]
     if able:
         raise FlexMapsError(
             f"{len(able)} of {len(flat.layout.patches)} panels are larger than the sheet of {sheet.sheet_width * 1e3:g} x "
@@ -105,10 +105,10 @@ def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> N
         )
 
 
-def _refuse_large_quads(flat: FlatPatches, room: np.ndarray, sheet: SheetParams) -> None:
+def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) -> None:
     size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
     widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
-    large = np.flatnonzero(_ratios(widths, room, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
+    large = np.flatnonzero(_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
     if len(large):
         raise FlexMapsError(
             f"{size} has no room for {len(large)} single quads; use a larger sheet or smaller quads, or let too large "
@@ -123,9 +123,9 @@ def usable(sheet: SheetParams) -> np.ndarray:
     return size - 2.0 * sheet.margin - SLACK * size.max()
 
 
-def excess(points: np.ndarray, room: np.ndarray, sheet: SheetParams) -> float:
+def excess(points: np.ndarray, box: np.ndarray, sheet: SheetParams) -> float:
     """How many times too large points (M, 2) are for a box (2,), in the best allowed direction; at most 1 fits."""
-    return float(_ratios(_widths(points)[:, None], room, sheet.rotation).max(axis=1).min())
+    return float(_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
 
 
 def _points(flat: FlatPatches, patch: int) -> np.ndarray:
@@ -142,33 +142,32 @@ def _widths(points: np.ndarray) -> np.ndarray:
     return np.ptp(points @ _directions(), axis=0)
 
 
-def _ratios(width: np.ndarray, room: np.ndarray, rotation: str) -> np.ndarray:
+def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> np.ndarray:
     """(A, 2, N): extents over the sheet's, across and along it, for widths (ANGLES, N) in the directions that are allowed."""
     height = np.roll(width, -ANGLES // 2, axis=0)
-    both = np.stack([width / room[0], height / room[1]], axis=1)
+    both = np.stack([width / box[0], height / box[1]], axis=1)
     if rotation == "FREE":
         return both
     # a panel's own frame has its narrowest box along x
-    box = np.where(width >= height - 1e-12, width * height, np.inf)
-    best = np.argmin(box, axis=0)
+    best = np.argmin(np.where(width >= height - 1e-12, width * height, np.inf), axis=0)
     rows = np.arange(width.shape[1])
     lengthwise = both[best, :, rows].T[None]
     if rotation == "GRAIN":
         return lengthwise
-    crosswise = np.stack([height[best, rows] / room[0], width[best, rows] / room[1]])[None]
+    crosswise = np.stack([height[best, rows] / box[0], width[best, rows] / box[1]])[None]
     return np.concatenate([lengthwise, crosswise])
 
 
-def _sheets_needed(width: np.ndarray, room: np.ndarray, rotation: str) -> np.ndarray:
+def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> np.ndarray:
     """(N,) int: into how many pieces a grid of sheets would divide shapes of these widths (ANGLES, N)."""
-    return np.ceil(_ratios(width, room, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
+    return np.ceil(_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
 def _best_run(
     flat: FlatPatches,
     patch: int,
     params: LayoutParams,
-    room: np.ndarray,
+    box: np.ndarray,
     sheet: SheetParams,
     tick: Callable[[], None] = lambda: None,
 ) -> np.ndarray | None:
@@ -178,7 +177,7 @@ def _best_run(
         return None
     number = np.full(len(flat.points), -1)
     number[runs.loop] = np.arange(len(runs.loop))
-    needed, tails, heads = _needed(flat, runs, number, room, sheet, tick)
+    needed, tails, heads = _needed(flat, runs, number, box, sheet, tick)
     points = flat.points[runs.loop]
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
     # a chord's share of the area: as good as the run's own while the run is nearly straight
@@ -195,7 +194,7 @@ def _best_run(
         if score[start, end] >= best:
             continue  # no less is needed than its parts of the outline need
         edges = runs.edges(start, end)
-        judged = _judged(piece, edges, params, room, sheet)
+        judged = _judged(piece, edges, params, box, sheet)
         if judged is not None:
             judged += 0.5 * float(runs.cost[start, end]) / size + UNEVEN * float(uneven[start, end]) ** 2
             if round(judged, 9) < best:
@@ -217,7 +216,7 @@ def _needed(
     flat: FlatPatches,
     runs: Runs,
     number: np.ndarray,
-    room: np.ndarray,
+    box: np.ndarray,
     sheet: SheetParams,
     tick: Callable[[], None],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -231,28 +230,28 @@ def _needed(
         order = (start + np.arange(count + 1)) % count
         ahead = np.maximum.accumulate(spread[order]) - np.minimum.accumulate(spread[order])
         behind = (np.maximum.accumulate(spread[order][::-1]) - np.minimum.accumulate(spread[order][::-1]))[::-1]
-        both = _sheets_needed(ahead.T, room, sheet.rotation) + _sheets_needed(behind.T, room, sheet.rotation)
+        both = _sheets_needed(ahead.T, box, sheet.rotation) + _sheets_needed(behind.T, box, sheet.rotation)
         needed[tails == start] = both[(heads - start) % count]
     return needed, tails, heads
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners (q, 4, 2), its neck."""
+    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners (q, 4, 2), its isthmus."""
 
     layout: PatchLayout
     edges: np.ndarray
     corners: np.ndarray
-    neck: int
+    isthmus: int
 
     @classmethod
     def of(cls, flat: FlatPatches, patch: int) -> _Piece:
         quads = flat.layout.patches[patch]
         layout, edges = alone(flat.layout, quads)
-        return cls(layout, edges, flat.corners[quads], int(layout.necks()[0]))
+        return cls(layout, edges, flat.corners[quads], int(layout.isthmus_widths()[0]))
 
 
-def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarray, sheet: SheetParams) -> float | None:
+def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams) -> float | None:
     """How good the parts of a cut are, small is good, without the cut's length; ``None`` if it is not allowed."""
     layout = piece.layout
     cut = layout.cut.copy()
@@ -263,9 +262,9 @@ def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, room: np.ndarr
     small = min(len(quads) for quads in after.patches)
     if small < min(params.patch_min, len(piece.corners) // 2):
         return None
-    worse = (after.necks() < min(params.neck_min, piece.neck)).sum()
+    worse = (after.isthmus_widths() < min(params.neck_min, piece.isthmus)).sum()
     widths = np.stack([_widths(piece.corners[quads].reshape(-1, 2)) for quads in after.patches], axis=1)
-    needed = _sheets_needed(widths, room, sheet.rotation).sum()
+    needed = _sheets_needed(widths, box, sheet.rotation).sum()
     compact = np.maximum(after.compactness - 4.0, 0.0)
     beyond = np.maximum(after.compactness - params.compactness_limit, 0.0)
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())

@@ -23,7 +23,9 @@ from ..flattening.outline import simple
 from ..layout import PatchLayout, drawn_lengths, groups
 from ..loops import loops_of, perimeter
 
-ROOM = 0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
+MERGING_SHARE = (
+    0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
+)
 CORE = 0.35  # half-width of the band in which the cut is looked for, as a share of the distance between the two quads
 CONE = 0.6  # how much cheaper a cut through a vertex with curvature is, at most
 # radians of total curvature in a region, and at one vertex in it, from which on flattening it is not tried: a hemisphere
@@ -73,9 +75,9 @@ class Halving:
         cut[mesh.dual_edges] = region[self.dual[:, 0]] != region[self.dual[:, 1]]
         return PatchLayout(mesh, cut)
 
-    def lies_flat(self, quads: np.ndarray, room: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
+    def lies_flat(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
         """Can a region be laid flat in one piece, within this share of the distortion limit and not lying over itself?"""
-        mesh, limit = self.mesh, room * self.params.distortion_limit
+        mesh, limit = self.mesh, share * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
         own[quads] = True
         sides = ~own[mesh.neighbours[quads]] | (mesh.neighbours[quads] < 0)

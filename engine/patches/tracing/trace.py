@@ -19,7 +19,7 @@ from ...threads import one_thread
 from ..flattening.arap import PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout, straight_on
-from .regions import ROOM, Halving
+from .regions import MERGING_SHARE, Halving
 
 
 @one_thread
@@ -38,7 +38,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
     for number, quads in enumerate(bodies):
         tick = partial(progress, 0.1 * number / len(bodies), "Tracing parametric lines")
         tick()
-        whole[number] = halving.lies_flat(quads, ROOM, tick)
+        whole[number] = halving.lies_flat(quads, MERGING_SHARE, tick)
     sides = body[mesh.edge_quads].max(axis=1)  # the body of every edge
     lines = motorcycles(mesh) & ~whole[sides]
     layout = make_disks(PatchLayout(mesh, lines), where=~whole)

@@ -1,0 +1,85 @@
+"""What is told about a layout: its block of report.json, and what could not be kept of limits and symmetries, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...params import LayoutParams
+from ...surface.symmetry import Symmetry
+from .flatten import FlatPatches, flips, overlapping, seam_mismatch
+
+REMARKS = 3  # patches beyond a limit that are named one by one; chosen for what the sidebar has place for
+
+
+def layout_report(flat: FlatPatches) -> dict[str, Any]:
+    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers.
+
+    ``flips`` counts corner triangles, four a quad; ``overlaps`` counts patches; ``remarks`` are sentences for the user.
+    """
+    layout = flat.layout
+    mismatch = seam_mismatch(flat)
+    points = (flat.points[:, 0] + 1j * flat.points[:, 1])[layout.flat_corners]
+    report: dict[str, object] = {
+        "patches": len(layout.patches),
+        "cut_edges": int(layout.cut.sum()),
+        "energy_max": float(flat.energy.max()),
+        "energy_median": float(np.median(flat.energy)),
+        "square_max": float(flat.square.max()),
+        "square_median": float(np.median(flat.square)),
+        "flips": int(flips(points).sum()),
+        "overlaps": len(overlapping(flat)),
+        "disks": bool(layout.planar.all()),
+        "compactness_max": float(layout.compactness.max()),
+        "neck_min_quads": int(layout.isthmus_widths(own=False).min()),
+        "smallest_patch": min(len(quads) for quads in layout.patches),
+        "seam_mismatch_median": float(np.median(mismatch)) if len(mismatch) else 0.0,
+        "seam_mismatch_max": float(mismatch.max()) if len(mismatch) else 0.0,
+    }
+    return report | layout.notes | remarks(layout.notes)
+
+
+def remarks(notes: Mapping[str, object]) -> dict[str, object]:
+    """What of a layout's notes everyone should read: ``remarks``, a few sentences; nothing if there are none."""
+    said = [str(notes["halved"])] if "halved" in notes else []
+    forced = notes.get("forced")
+    if isinstance(forced, list):
+        said += forced[:REMARKS]
+        if len(forced) > REMARKS:
+            said.append(f"{len(forced) - REMARKS} patches more go beyond a limit in such a way; the report names them")
+    return {"remarks": said} if said else {}
+
+
+def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
+    """Where a limit could not be kept, because every change within the other limits was tried and refused."""
+    layout = flat.layout
+    mesh, necks = layout.mesh, layout.isthmus_widths(own=False)
+    listed = []
+    for patch, quads in enumerate(layout.patches):
+        reasons = []
+        if len(quads) < params.patch_min:
+            reasons.append("one quad" if len(quads) == 1 else f"{len(quads)} quads")
+        if necks[patch] < params.neck_min:
+            reasons.append(f"a neck of {necks[patch]}")
+        if layout.compactness[patch] > params.compactness_limit:
+            reasons.append(f"compactness {layout.compactness[patch]:.1f}")
+        if (worst := flat.energy[quads].max()) > params.distortion_limit:
+            reasons.append(f"a distortion of {worst:.3f}")
+        if reasons:
+            x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
+            name = f"Patch {patch + 1}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
+            listed.append(
+                f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
+                "every change to it would go beyond another limit"
+            )
+    return {"forced": listed} if listed else {}
+
+
+def symmetry_kept(found: list[Symmetry], rest: list[Symmetry]) -> tuple[dict[str, object], str]:
+    """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
+    names = sorted({s.name for s in rest})
+    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
+    text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
+    return {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}, text

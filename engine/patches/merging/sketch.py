@@ -1,0 +1,204 @@
+"""Patches measured before they are flattened, and flattened ones: what the board of merging is set with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...surface.mesh import QuadMesh
+from ..flattening.arap import FlatPatch
+from ..flattening.outline import isthmus_width
+from ..layout import drawn_lengths, groups, straight_on
+from ..loops import NEXT, Loops, loops_of, perimeter
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Complex, Int
+
+WIDEST = 8  # edges: longer straight lines are no isthmuses
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """A patch before it is flattened. An isthmus is a straight line of edges through it, from outline to outline.
+
+    corners : local flat vertices
+    sides : those on the outline
+    rim : flat vertices on the border of the surface
+    perimeter : metres on the surface, of the longest loop, see ``loops.perimeter``
+    area : square metres on the surface
+    isthmuses : how many are shorter than the smallest allowed neck
+    bottleneck : the largest ratio of the outline behind an isthmus to its length, both in edges
+
+    Lines from border to border are no isthmuses: there the surface itself is narrow.
+    """
+
+    quads: Int[np.ndarray, " quads"]
+    corners: Int[np.ndarray, "quads 4"]
+    sides: Bool[np.ndarray, "quads 4"]
+    loops: Loops
+    rim: Bool[np.ndarray, " vertices"]
+    perimeter: float
+    area: float
+    isthmuses: int
+    bottleneck: float
+
+    @property
+    def compactness(self) -> float:
+        return self.perimeter / self.area**0.5
+
+    @property
+    def planar(self) -> bool:
+        """Is the patch a disk, apart from holes?"""
+        inner = (self.sides.size - int(self.sides.sum())) // 2
+        euler = int(self.corners.max()) + 1 - (4 * len(self.quads) - inner) + len(self.quads)
+        return euler == 2 - len(self.loops)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One flattened patch; ``serial`` is a number that no other piece has."""
+
+    serial: int
+    sketch: Sketch
+    flat: FlatPatch
+
+    @cached_property
+    def isthmus(self) -> float:
+        """Width of the narrowest isthmus of the flat outline over the shorter outline behind it."""
+        loops = self.sketch.loops
+        around = loops.vertices(int(np.argmax(loops.lengths)))
+        return isthmus_width(self.flat.points[around], self.sketch.rim[around])
+
+    @property
+    def quads(self) -> np.ndarray:
+        return self.sketch.quads
+
+
+class Sketcher:
+    """Measures patches of one mesh under changing cuts.
+
+    place : (F,) int, scratch: local numbers of the quads at hand during a call, -1 everywhere between calls
+    """
+
+    def __init__(self, mesh: QuadMesh, neck_min: int):
+        self.mesh, self.neck_min = mesh, neck_min
+        self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
+
+    def sketch(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> Sketch:
+        """Measures of the patch that some quads make under some cuts."""
+        mesh = self.mesh
+        sides = (cut | mesh.border)[mesh.quad_edges[quads]]
+        qa, ka, qb, kb = self.joints(quads, cut)
+        a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
+        b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
+        corners = groups(4 * len(quads), a, b).reshape(-1, 4)
+        loops = loops_of(corners, sides)
+        border, area = mesh.border[mesh.quad_edges[quads]], float(mesh.areas[quads].sum())
+        around = perimeter(sides, corners, loops, drawn_lengths(mesh)[mesh.quad_edges[quads]], border, area)
+        rim = np.zeros(len(loops.loop), dtype=bool)
+        rim[corners] = mesh.on_border[mesh.quads[quads]]
+        return Sketch(
+            quads, corners, sides, loops, rim, around, area, *self._isthmuses(quads, corners, sides, loops, rim)
+        )
+
+    def joints(
+        self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]
+    ) -> tuple[
+        Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"]
+    ]:
+        """Uncut sides among some quads: local quad, side, local other quad, its side; each side once."""
+        mesh, place = self.mesh, self.place
+        place[quads] = np.arange(len(quads))
+        other = mesh.neighbours[quads]
+        edge = mesh.quad_edges[quads]
+        joined = (other >= 0) & ~cut[edge] & (place[other] > np.arange(len(quads))[:, None])
+        qa, ka = np.nonzero(joined)
+        edge = edge[qa, ka]
+        column = (mesh.edge_quads[edge, 0] == quads[qa]).astype(np.int64)
+        qb, kb = place[other[qa, ka]], mesh.edge_sides[edge, column]
+        place[quads] = -1
+        return qa, ka, qb, kb
+
+    def components(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> list[np.ndarray]:
+        """The quads of every patch that they make under some cuts."""
+        qa, _, qb, _ = self.joints(quads, cut)
+        labels = groups(len(quads), qa, qb)
+        return [quads[labels == n] for n in range(int(labels.max()) + 1)]
+
+    def _isthmuses(
+        self,
+        quads: Int[np.ndarray, " quads"],
+        corners: Int[np.ndarray, "quads 4"],
+        sides: Bool[np.ndarray, "quads 4"],
+        loops: Loops,
+        rim: Bool[np.ndarray, " vertices"],
+    ) -> tuple[int, float]:
+        """``Sketch.isthmuses`` and ``Sketch.bottleneck``; a line between two loops has nothing behind it."""
+        where = loops.where
+        q, k = np.nonzero(~sides & (where[corners] >= 0))
+        begin = corners[q, k]
+        short, bottleneck = 0, 0.0
+        self.place[quads] = np.arange(len(quads))
+        for steps in range(1, WIDEST + 1):
+            at = corners[q, NEXT[k]]
+            end = where[at] >= 0
+            if end.any():
+                one, two = begin[end], at[end]
+                behind = np.abs(where[two] - where[one])
+                behind = np.minimum(behind, loops.lengths[loops.loop[one]] - behind)
+                own = rim[one] & rim[two]
+                behind[own | (loops.loop[one] != loops.loop[two])] = 0
+                bottleneck = max(bottleneck, float(behind.max()) / steps)
+                short += int((~own).sum()) if steps < self.neck_min else 0
+            if end.all():
+                break
+            q, k, begin = q[~end], k[~end], begin[~end]
+            quad, side, valid = straight_on(self.mesh, quads[q], k)
+            q, k, begin = self.place[quad[valid]], side[valid], begin[valid]
+        self.place[quads] = -1
+        return short, bottleneck
+
+    def rotations(
+        self, parents: list[Piece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
+    ) -> Complex[np.ndarray, "quads 4"]:
+        """The parents' rotations, turned to fit along the opened edges: where the flattening of some quads starts."""
+        mesh, place = self.mesh, self.place
+        place[quads] = np.arange(len(quads))
+        rotation = np.empty((len(quads), 4), dtype=complex)
+        side = np.empty((len(quads), 4), dtype=complex)
+        owner = np.empty(len(quads), dtype=np.int64)
+        for i, p in enumerate(parents):
+            row = place[p.quads]
+            kept = row >= 0
+            u = p.flat.points[p.sketch.corners[kept]]
+            side[row[kept]] = u[:, NEXT] - u
+            rotation[row[kept]] = p.flat.rotation[kept]
+            owner[row[kept]] = i
+        if len(parents) > 1:
+            pair, sides = place[mesh.edge_quads[opens]], mesh.edge_sides[opens]
+            inside = (pair >= 0).all(axis=1)
+            pair, sides = pair[inside], sides[inside]
+            link = np.zeros((len(parents), len(parents)), dtype=complex)
+            product = -side[pair[:, 0], sides[:, 0]] * side[pair[:, 1], sides[:, 1]].conj()
+            np.add.at(link, (owner[pair[:, 0]], owner[pair[:, 1]]), product)
+            link += link.conj().T
+            rotation *= _spread(link)[owner][:, None]
+        place[quads] = -1
+        return rotation
+
+
+def _spread(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
+    """Turns of the parents such that turn[a] ~ turn[b] * conj(link[a, b]), from the first one on."""
+    turn = np.zeros(len(link), dtype=complex)
+    turn[0] = 1.0
+    waiting = [0]
+    while waiting:
+        a = waiting.pop()
+        for b in np.flatnonzero((np.abs(link[a]) > 0) & (turn == 0)).tolist():
+            turn[b] = turn[a] * link[a, b] / abs(link[a, b])
+            waiting.append(b)
+    turn[turn == 0] = 1.0
+    return turn
