@@ -37,7 +37,7 @@ def test_the_check_of_thin_quads_knows_the_room_of_a_cross(shaken):
     flat, params = shaken[0], SpiralParams()
     corners = np.concatenate([flat.corners, np.zeros((*flat.corners.shape[:2], 1))], axis=2)
     expected = 0.9 * check_geometry.breadth(corners) - 2 * params.fillet
-    np.testing.assert_allclose(spiral.room(flat, params), expected, rtol=1e-9)
+    np.testing.assert_allclose(spiral.widest_arms(flat, params), expected, rtol=1e-9)
 
 
 def test_derivatives_agree_with_differences(shaken):
