@@ -54,6 +54,12 @@ def messages() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def measures() -> ModuleType:
+    """The tool that counts whether the house is in order."""
+    return load_tool("measures")
+
+
+@pytest.fixture(scope="session")
 def random_calls() -> ModuleType:
     """The tool that presses buttons at random."""
     return load_tool("random_calls")
