@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,6 +13,8 @@ import numpy as np
 import pytest
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
+
+sys.path.append(str(Path(__file__).parent))  # for what several tests share, in support/
 
 
 @pytest.fixture(scope="session")
@@ -118,3 +122,15 @@ def seams_of() -> Callable[[Any], np.ndarray]:
 @pytest.fixture
 def attribute() -> Callable[..., np.ndarray]:
     return _attribute
+
+
+@pytest.fixture
+def all_of(content: Callable[[Any], dict[str, bytes]]) -> Callable[[Any], dict[str, bytes]]:
+    """What the mesh holds, shape keys included."""
+
+    def found(obj: Any) -> dict[str, bytes]:
+        keys = obj.data.shape_keys
+        blocks = () if keys is None else keys.key_blocks
+        return content(obj) | {f"key {b.name}": np.array([p.co[:] for p in b.data]).tobytes() for b in blocks}
+
+    return found

@@ -11,10 +11,7 @@ from flexmaps.bridge.store import mesh, pose
 from flexmaps.bridge.view import animation, preview
 from flexmaps.engine.assembling import stages
 from flexmaps.engine.surface import shapes
-
-
-def press(name: str, **properties: Any) -> None:
-    assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
+from support.buttons import press
 
 
 @pytest.fixture

@@ -14,10 +14,7 @@ from flexmaps.engine.patches.flattening.report import layout_report
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-
-
-def press(name: str) -> None:
-    assert getattr(bpy.ops.flexmaps, name)() == {"FINISHED"}
+from support.buttons import press
 
 
 def test_flat_shapes_that_moved_are_written(add: Any) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,52 +13,7 @@ from flexmaps.bridge.hosts import background
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.operators import stage
-
-TIMER = SimpleNamespace(type="TIMER", value="NOTHING")
-ESCAPE = SimpleNamespace(type="ESC", value="PRESS")
-MOUSE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
-
-
-class Manager:
-    """A window manager that notes what is asked of it."""
-
-    def __init__(self) -> None:
-        self.timers: list[Any] = []
-        self.handlers: list[Any] = []
-        self.cursor: list[float] = []
-        self.windows: list[Any] = []
-
-    def event_timer_add(self, step: float, window: Any) -> Any:
-        self.timers.append(object())
-        return self.timers[-1]
-
-    def event_timer_remove(self, timer: Any) -> None:
-        self.timers.remove(timer)
-
-    def modal_handler_add(self, operator: Any) -> None:
-        self.handlers.append(operator)
-
-    def progress_begin(self, low: float, high: float) -> None:
-        self.cursor = [low]
-
-    def progress_update(self, value: float) -> None:
-        self.cursor.append(value)
-
-    def progress_end(self) -> None:
-        self.cursor = []
-
-
-class Window:
-    """A context as a window has it, around Blender's own data."""
-
-    def __init__(self) -> None:
-        self.window_manager = Manager()
-        self.window = None
-        self.status: list[str | None] = []
-        self.workspace = SimpleNamespace(status_text_set=self.status.append)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(bpy.context, name)
+from support.window import ESCAPE, MOUSE, TIMER, Window, clean, drive
 
 
 class Move(stage.StageOperator):
@@ -108,20 +62,6 @@ def move(dome: Any) -> Any:
     yield operator
     operator.go.set()
     background.stop_current()
-
-
-def drive(operator: Any, window: Window) -> set[str]:
-    """Timer ticks until the operator ends."""
-    for _ in range(500):
-        result = operator.modal(window, TIMER)
-        if result != {"PASS_THROUGH"}:
-            return result
-        time.sleep(0.01)
-    raise AssertionError("the job does not end")
-
-
-def clean(window: Window) -> bool:
-    return not window.window_manager.timers and not window.window_manager.cursor and window.status[-1] is None
 
 
 def test_a_job_that_ends_writes_the_mesh(move: Any, window: Window, dome: Any) -> None:
@@ -284,70 +224,6 @@ def test_control_c_becomes_cancelled() -> None:
         background.run_here("Merge", work)
 
 
-# -- quad remesh ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def remesh(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Quad remesh as a window runs it, on a dome of triangles."""
-    from flexmaps.operators import remesh as module
-
-    mesh = shapes.make("dome")
-    obj = add((mesh.vertices, [face for q in mesh.quads.tolist() for face in (q[:3], [q[0], q[2], q[3]])]))
-    obj.flexmaps.remesh.quads = 150
-    monkeypatch.setattr(module, "bpy", stage.bpy, raising=False)
-    body = {k: v for base in (stage.StageOperator, module.QuadRemesh) for k, v in vars(base).items()}
-    hidden = {"__dict__", "__weakref__", "bl_rna"}
-    operator = type("QuadRemesh", (), {k: v for k, v in body.items() if k not in hidden})()
-    operator.said = []
-    operator.report = lambda kind, text: operator.said.append((*kind, text))
-    yield operator
-    background.stop_current()
-
-
-def test_a_remesh_runs_beside_the_window(remesh: Any, window: Window) -> None:
-    objects = len(bpy.data.objects)
-    assert remesh.invoke(window, None) == {"RUNNING_MODAL"}
-    assert background.current() is not None and "ESC" in (window.status[-1] or "") and len(bpy.data.objects) == objects
-    assert not bpy.ops.flexmaps.check.poll()
-    assert remesh.modal(window, MOUSE) == {"PASS_THROUGH"}  # the user goes on working
-    remesh._job._thread.join()
-    assert drive(remesh, window) == {"FINISHED"}
-    assert remesh.said[0][0] == "INFO" and bpy.context.object.name == "piece quads"
-    assert clean(window) and background.current() is None
-
-
-def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Though QuadriFlow itself cannot be stopped, and here never comes back."""
-    from flexmaps.bridge.hosts import second_blender
-
-    started, start = [], second_blender._started
-    monkeypatch.setattr(second_blender, "_started", lambda folder: started.append(start(folder)) or started[-1])
-    monkeypatch.setattr(
-        second_blender.json, "dumps", lambda wanted: "["
-    )  # nothing is ever asked: Blender waits for the rest
-    monkeypatch.setattr(second_blender, "LIMIT", 1e6)
-    before = {o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}
-    remesh.invoke(window, None)
-    while not started:
-        assert not remesh._job.finished
-        remesh.modal(window, TIMER)
-    remesh.modal(window, ESCAPE)
-    assert drive(remesh, window) == {"CANCELLED"}
-    assert ({o.name for o in bpy.data.objects}, {m.name for m in bpy.data.meshes}) == before
-    assert remesh.said == [("WARNING", "Quad remesh was stopped; nothing was changed")]
-    assert bpy.context.object.name == "piece" and clean(window) and background.current() is None
-    assert all(process.poll() is not None for process in started)
-
-
-def test_another_file_is_loaded_during_a_remesh(remesh: Any, window: Window) -> None:
-    remesh.invoke(window, None)
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    assert background.current() is None
-    remesh.cancel(window)
-    assert clean(window)
-
-
 def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     from flexmaps.bridge.hosts import preload
 
@@ -360,46 +236,6 @@ def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pyte
     preload.wait()
     assert len(preload._begun) == 1 and not preload._begun[0].is_alive()
     assert {f"flexmaps.{name}" for name in preload.MODULES} <= set(sys.modules)
-
-
-# -- what is made for a job that goes on ---------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def report(dome: Any) -> Any:
-    """Report as a window runs it, on a dome with patches."""
-    from flexmaps.operators import report as module
-    from flexmaps.operators.continued import ContinuedStage
-
-    assert bpy.ops.flexmaps.trace() == {"FINISHED"}
-    dome.flexmaps.export.folder = "//"
-    body = {k: v for base in (stage.StageOperator, ContinuedStage, module.Report) for k, v in vars(base).items()}
-    hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
-    operator = type("Report", (), {k: v for k, v in body.items() if k not in hidden} | {"files": False})()
-    operator.said = []
-    operator.report = lambda kind, text: operator.said.append((*kind, text))
-    yield operator
-    background.stop_current()
-
-
-def test_a_report_is_seen_before_its_letters_are_made(
-    report: Any, window: Window, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Making them draws every window anew."""
-    from flexmaps.bridge.view import raster
-
-    made, glyphs = [], raster.glyphs
-    monkeypatch.setattr(raster, "glyphs", lambda: made.append(1) or glyphs())
-    assert report.invoke(window, None) == {"RUNNING_MODAL"}
-    assert not made and "ESC" in (window.status[-1] or "")
-    assert drive(report, window) == {"FINISHED"} and len(made) == 1
-    assert "pictures" in report.said[0][1] and clean(window)
-
-
-def test_a_report_that_waits_for_letters_can_be_stopped(report: Any, window: Window) -> None:
-    report.invoke(window, None)
-    background.stop_current()  # as when another file is loaded: the letters never come
-    assert background.current() is None
 
 
 def test_while_a_job_runs_the_window_need_not_wait_long_for_python(move: Any, window: Window) -> None:

@@ -11,10 +11,7 @@ from flexmaps.bridge.store import attributes, mesh, notes, pose, states
 from flexmaps.bridge.view import materials, preview
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-
-
-def press(name: str, **properties: Any) -> None:
-    assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
+from support.buttons import press
 
 
 @pytest.fixture

@@ -11,12 +11,9 @@ import pytest
 from flexmaps.bridge.view import materials, picture, studio
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import RenderParams
+from support.buttons import press
 
 SMALL = {"pixels_x": 192, "samples": 1}
-
-
-def press(name: str, **properties: Any) -> None:
-    assert getattr(bpy.ops.flexmaps, name)(**properties) == {"FINISHED"}
 
 
 @pytest.fixture

@@ -14,10 +14,7 @@ from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
-
-
-def press(name: str) -> None:
-    assert getattr(bpy.ops.flexmaps, name)() == {"FINISHED"}
+from support.buttons import press
 
 
 def kinds(obj: Any) -> dict[str, str]:

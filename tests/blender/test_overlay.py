@@ -1,0 +1,111 @@
+"""Colours on the model: what they show, and who took them away has none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
+from support.buttons import press
+
+
+@pytest.fixture
+def sphere(add: Any) -> Any:
+    return add(shapes.make("cubesphere"))
+
+
+def test_overlay_shows_and_hides(dome: Any, attribute: Any) -> None:
+    manager = bpy.context.window_manager
+    with pytest.raises(RuntimeError, match="Merge first"):
+        bpy.ops.flexmaps.overlay(kind="ENERGY")
+    press("merge")
+    for kind in ("ENERGY", "SQUARE", "PATCH"):
+        press("overlay", kind=kind)
+        assert manager.flexmaps_overlay == kind
+    with pytest.raises(RuntimeError, match="Spirals first"):
+        bpy.ops.flexmaps.overlay(kind="TWIST")
+    assert manager.flexmaps_overlay == "PATCH"
+    colours = attribute(dome, "flexmaps_colour", "color", 4).reshape(-1, 4, 4)
+    assert dome.data.attributes.active_color_name == "flexmaps_colour"
+    patch = attribute(dome, "flexmaps_patch").astype(int)
+    assert len(np.unique(colours[:, 0, :3].round(5), axis=0)) == len(np.unique(patch))
+    assert (colours == colours[:, :1]).all()
+    press("overlay", kind="PATCH")
+    assert manager.flexmaps_overlay == "PATCH", "a script that asks for colours has them"
+    press("overlay", kind="NONE")
+    assert manager.flexmaps_overlay == "NONE"
+
+
+def _shown_patches(obj: Any, attribute: Any) -> bool:
+    """Whether the colours on the mesh tell its patches of now apart."""
+    rgb = attribute(obj, "flexmaps_colour", "color", 4)[::4, :3].round(5)
+    both = np.c_[rgb, attribute(obj, "flexmaps_patch")]
+    return len(np.unique(rgb, axis=0)) == len(np.unique(both, axis=0)) == len(np.unique(both[:, 3]))
+
+
+def test_the_layout_is_seen_at_once(dome: Any, attribute: Any) -> None:
+    manager = bpy.context.window_manager
+    press("trace")
+    assert manager.flexmaps_overlay == "PATCH" and _shown_patches(dome, attribute)
+    press("merge")
+    assert manager.flexmaps_overlay == "PATCH" and _shown_patches(dome, attribute)
+    press("spirals")
+    press("overlay", kind="TWIST")
+    press("spirals")
+    assert manager.flexmaps_overlay == "TWIST", "what was chosen stays"
+    press("flatten")
+    assert manager.flexmaps_overlay == "PATCH", "there are no twists to be seen any more"
+
+
+def test_who_took_the_colours_away_has_none(dome: Any) -> None:
+    manager = bpy.context.window_manager
+    press("trace")
+    press("overlay", kind="NONE")
+    press("merge")
+    assert manager.flexmaps_overlay == "NONE"
+    press("overlay", kind="ENERGY")
+    press("overlay", kind="PATCH")
+    press("flatten")
+    assert manager.flexmaps_overlay == "PATCH"
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_colours_lie_closely_on_the_surface(dome: Any, mode: str) -> None:
+    """Neighbours share their corners, or the mesh would shine through between them."""
+    from flexmaps.bridge.view import overlay
+
+    press("trace")
+    bpy.ops.object.mode_set(mode=mode)
+    quads = overlay._quads(dome, "flexmaps_patch")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert quads is not None
+    assert np.array_equal(quads.positions, [v.co for v in dome.data.vertices])
+    assert np.array_equal(quads.corners, [f.vertices[:] for f in dome.data.polygons])
+    up, _ = overlay._normals(quads)
+    assert len(up) == len(dome.data.vertices)
+    assert up == pytest.approx(np.array([n.vector for n in dome.data.vertex_normals]), abs=0.1)
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> None:
+    from flexmaps.bridge.store import mesh as bridge
+    from flexmaps.bridge.view import overlay
+    from flexmaps.engine import colours
+
+    press("merge")
+    surface = bridge.read_surface(dome, bpy.context.scene)
+    flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
+    bpy.ops.object.mode_set(mode=mode)
+    quads = overlay._quads(dome, "flexmaps_patch")
+    assert quads is not None
+    seams = quads.seams
+    bpy.ops.object.mode_set(mode="OBJECT")
+    wanted = flat.layout.seam_of[flat.layout.mesh.quad_edges]
+    assert (np.where(seams == overlay.NO_SEAM, -1, seams) == wanted).all() and wanted.max() >= 0
+    drawn = overlay._seam_colours(np.array([wanted.max(), -1]), "PATCH")
+    assert np.abs(colours.linear(drawn[0, :3]) - colours.of_seams(int(wanted.max()) + 1)[-1]).max() < 0.01
+    assert drawn[1, :3] == pytest.approx(colours.SEAM)
+    assert overlay._seam_colours(np.array([0]), "ENERGY")[0, :3] == pytest.approx(colours.SEAM)

@@ -1,0 +1,101 @@
+"""The Quad remesh button: quads of any mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps.engine.surface import shapes
+from support.buttons import press, report
+
+
+def test_suzanne_becomes_an_accepted_quad_mesh() -> None:
+    bpy.ops.mesh.primitive_monkey_add()
+    monkey = bpy.context.object
+    monkey.flexmaps.spiral.thickness = 3.0
+    monkey.modifiers.new("Fine", "SUBSURF")
+    press("quad_remesh")
+    made = bpy.context.object
+    assert made != monkey and monkey.hide_get() and len(monkey.data.polygons) == 500
+    assert made.flexmaps.spiral.thickness == pytest.approx(3.0)
+    assert 1000 < len(made.data.polygons) < 2000
+    press("check")
+    assert not [f for f in report(made)["checks"] if f["severity"] == "error"]
+    press("set_size")
+    press("trace")
+
+
+def test_an_open_surface_stays_open(add: Any) -> None:
+    mesh = shapes.make("dome")
+    triangles = np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]])
+    obj = add((mesh.vertices, triangles))
+    obj.flexmaps.remesh.quads = 150
+    press("quad_remesh")
+    made = bpy.context.object
+    uses = np.zeros(len(made.data.edges), int)
+    for loop in made.data.loops:
+        uses[loop.edge_index] += 1
+    assert (uses == 1).any() and (uses <= 2).all()
+    assert tuple(made.dimensions) == pytest.approx(tuple(obj.dimensions), rel=0.15)
+
+
+def test_what_cannot_be_remeshed_leaves_nothing_behind(add: Any) -> None:
+    turns = 2 * np.pi * np.arange(12) / 12
+    across = np.stack([np.cos(turns / 2) * np.cos(turns), np.cos(turns / 2) * np.sin(turns), np.sin(turns / 2)], axis=1)
+    circle = np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+    strip = np.stack([circle - 0.3 * across, circle + 0.3 * across], axis=1).reshape(-1, 3)
+    faces = [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(11)] + [(22, 23, 0, 1)]
+    add((strip, faces))
+    objects, meshes = len(bpy.data.objects), len(bpy.data.meshes)
+    with pytest.raises(RuntimeError, match="only one side") as error:
+        bpy.ops.flexmaps.quad_remesh()
+    assert "remesh" not in str(error.value)  # no advice to do what was just done
+    assert (len(bpy.data.objects), len(bpy.data.meshes)) == (objects, meshes)
+
+
+def bodies_of(obj: Any) -> int:
+    from flexmaps.bridge.store import mesh
+    from flexmaps.engine.surface.checking import topology as check_topology
+
+    found = mesh.read_surface(obj, bpy.context.scene).polygons
+    return int(check_topology.bodies(check_topology.sides_of(found), len(found.sizes)).max()) + 1
+
+
+def test_no_body_is_lost() -> None:
+    """A letter with its dot: H, the stem and the dot of i, flat and open."""
+    bpy.ops.object.text_add()
+    bpy.context.object.data.body = "Hi"
+    bpy.ops.object.convert(target="MESH")
+    text = bpy.context.object
+    text.flexmaps.remesh.quads = 250
+    press("quad_remesh")
+    made = bpy.context.object
+    assert made != text and bodies_of(made) == 3
+    area = [sum(face.area for face in obj.data.polygons) for obj in (text, made)]
+    assert area[1] == pytest.approx(area[0], rel=0.05)  # neither left out nor covered on both sides
+
+
+def test_bodies_that_cut_each_other_become_one() -> None:
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8)
+    first = bpy.context.object
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=16, ring_count=8, location=(1.2, 0.0, 0.0))
+    first.select_set(True)
+    bpy.ops.object.join()
+    bpy.context.object.flexmaps.remesh.quads = 200
+    press("quad_remesh")
+    assert bodies_of(bpy.context.object) == 1
+    assert bpy.context.object.dimensions.x == pytest.approx(3.2, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_the_size_of_a_surface_does_not_matter(size: float) -> None:
+    """QuadriFlow itself works in single precision with bounds of its own."""
+    bpy.ops.mesh.primitive_monkey_add(size=size)
+    monkey = bpy.context.object
+    monkey.flexmaps.remesh.quads = 300
+    press("quad_remesh")
+    made = bpy.context.object
+    assert made != monkey and bodies_of(made) == bodies_of(monkey) == 3
+    press("check")

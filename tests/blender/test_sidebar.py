@@ -1,0 +1,134 @@
+"""The sidebar, drawn into a list of lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import pytest
+from flexmaps import panels
+from flexmaps.bridge.store import notes
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
+from support.buttons import press, report
+
+
+class Drawn:
+    """Stands for a layout and notes what is drawn; every property and operator must be there."""
+
+    def __init__(self, lines: list[str] | None = None):
+        self.lines = [] if lines is None else lines
+        self.alert = False
+
+    def prop(self, owner: Any, name: str, **_: Any) -> None:
+        assert name in owner.bl_rna.properties, name
+
+    def prop_search(self, owner: Any, name: str, where: Any, collection: str, **_: Any) -> None:
+        assert name in owner.bl_rna.properties and collection in where.bl_rna.properties, name
+
+    def operator(self, idname: str, text: str = "", **_: Any) -> Any:
+        group, name = idname.split(".")
+        self.lines.append(text or getattr(getattr(bpy.ops, group), name).get_rna_type().name)
+        return SimpleNamespace()
+
+    def label(self, text: str = "", **_: Any) -> None:
+        self.lines.append(("! " if self.alert else "") + text)
+
+    def progress(self, text: str = "", **_: Any) -> None:
+        self.lines.append(text)
+
+    def template_icon(self, icon_value: int, **_: Any) -> None:
+        assert icon_value >= 0
+
+    def separator(self, **_: Any) -> None:
+        pass
+
+    def panel(self, idname: str, default_closed: bool = False) -> Any:
+        return self._inner(), self._inner()
+
+    def _inner(self, **_: Any) -> Drawn:
+        inner = Drawn(self.lines)
+        inner.alert = self.alert
+        return inner
+
+    row = column = box = _inner
+
+
+def draw(panel: Any) -> list[str]:
+    drawn = Drawn()
+    shown = SimpleNamespace(layout=drawn, stage=getattr(panel, "stage", ""))
+    if hasattr(panel, "draw_header"):
+        panel.draw_header(shown, bpy.context)
+    panel.draw(shown, bpy.context)
+    return drawn.lines
+
+
+@pytest.fixture
+def sides() -> Callable[[], list[str]]:
+    ours = [
+        panel for panel in panels.CLASSES if panel.bl_region_type == "UI"
+    ]  # the list of presets is drawn by Blender
+    return lambda: [line for panel in ours if getattr(panel, "poll", bool)(bpy.context) for line in draw(panel)]
+
+
+def test_the_sidebar_shows_the_numbers_of_every_stage(dome: Any, tmp_path: Path, sides: Any, content: Any) -> None:
+    dome.flexmaps.export.folder = str(tmp_path)
+    assert "Largest distortion" not in sides()
+    for button in ("check", "merge", "spirals", "export"):
+        press(button)
+        before = content(dome)
+        sides()
+        assert content(dome) == before
+    lines = sides()
+    for wanted in ("Patches", "Largest distortion", "Seam mismatch", "Spirals", "Twist", "Sheets", "Cut length"):
+        assert wanted in lines
+    assert "-" not in lines and "None" not in " ".join(lines)
+
+
+def test_the_sidebar_tells_a_simulation_as_it_is(dome: Any, sides: Any) -> None:
+    for button in ("flatten", "spirals", "simulate"):
+        press(button)
+    lines = sides()
+    assert {"RMS distance", "Largest distance", "Largest strain"} <= set(lines)
+    dome.flexmaps.simulate.iterations = 1
+    assert "A setting was changed since" in sides()
+    press("simulate")
+    status = report(dome)["equilibrium"]["status"]
+    assert "No equilibrium" in status and status[:20] in " ".join(sides())
+    assert "! Iterations" in sides()  # in red
+    dome.flexmaps.material.material = "custom"
+    sides()
+
+
+def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> None:
+    from flexmaps.bridge.hosts import background
+
+    obj = add(shapes.make("dome"))
+    notes.write_checks(obj.data, [check.Finding("x", "warning", "Quads are small", faces=(1,))])
+    assert {"Quads are small", "Show faces"} <= set(sides())
+    running = background.Job("Merge", lambda progress: None)
+    running.text = "Merging: 12 patches"
+    running.start()
+    try:
+        assert any("12 patches" in line for line in sides())
+        assert not bpy.ops.flexmaps.trace.poll()
+    finally:
+        running.end()
+    assert bpy.ops.flexmaps.trace.poll()
+
+
+def test_the_sidebar_shows_the_first_remark_on_a_layout(dome: Any, sides: Any) -> None:
+    press("flatten")
+    quiet = sides()
+    found = report(dome)["layout"]
+    notes.write(
+        dome.data, "layout", found | {"remarks": ["Panel 3 is one quad", "Panel 4 is another", "So is panel 5"]}
+    )
+    said = [line for line in sides() if line not in quiet]
+    assert said[0] == "Panel 3 is one quad" and "and 2 more" in said[1]
+    assert not any("another" in line or "So is" in line for line in said)
+    notes.write(dome.data, "layout", found | {"remarks": ["Panel 3 is one quad"]})
+    assert "more; Report" not in " ".join(sides())
