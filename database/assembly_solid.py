@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
+from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, minimise
 from ..engine.progress import SILENT, Progress
 from . import linear
 from .assemblies import Plan
@@ -27,6 +28,8 @@ TOLERANCE = 1e-8
 """Work of the last step over the energy; positions end far closer than the mesh resolves."""
 HOLD = 100.0
 """Stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is."""
+SHARES = (0.0, 0.5, 0.8, 1.0)
+"""Of the stress that is left out where the tangent is indefinite with it."""
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
@@ -134,21 +137,21 @@ class Welded:
             values[6 * h : 6 * h + 3] = c
         return functionals, values
 
-    def _state(self, nodes: np.ndarray) -> list[np.ndarray]:
+    def gradients(self, nodes: np.ndarray) -> list[np.ndarray]:
         """Deformation gradients of every spiral's elements."""
         return [
             self.model(i).elements.gradients(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
         ]
 
-    def energy(self, nodes: np.ndarray) -> float:
-        """Elastic energy of (N, 3) node positions."""
-        parts = enumerate(self._state(nodes))
+    def energy(self, state: list[np.ndarray]) -> float:
+        """Elastic energy of deformation gradients."""
+        parts = enumerate(state)
         return sum(self.model(i).elements.energy(self.model(i).elements.strain(f)) for i, f in parts)
 
-    def forces(self, nodes: np.ndarray) -> np.ndarray:
+    def forces(self, state: list[np.ndarray]) -> np.ndarray:
         """(size,) derivative of the energy by the node positions."""
         out = np.zeros(self.size)
-        for i, f in enumerate(self._state(nodes)):
+        for i, f in enumerate(state):
             el = self.model(i).elements
             nodal = el.forces(f, el.stress(el.strain(f)))
             dofs = 3 * self.numbers[i][el.index][..., None] + np.arange(3)
@@ -185,61 +188,89 @@ class Welded:
         for i, number in enumerate(self.numbers):
             hub = self.model(i).hub
             load[number[hub.nodes]] += hub.weights[:, None] * forces[i]
-        x, mixed, stable, converged = start.copy(), None, False, False
-        multipliers = np.zeros(len(values))
-        for k in range(1, ITERATIONS + 1):
-            state = self._state(x)
-            if mixed is None:
-                mixed = [np.zeros_like(f) for f in state]
-            stable = self._factor(state, mixed, functionals)
-            residual = load.ravel() - self.forces(x)
-            columns = self.cholesky.solve(np.column_stack([residual, functionals]))
-            gap = values - functionals.T @ x.ravel()
-            multipliers = np.linalg.solve(functionals.T @ columns[:, 1:], functionals.T @ columns[:, 0] - gap)
-            step = columns[:, 0] - columns[:, 1:] @ multipliers
-            work = abs(float((residual - functionals @ multipliers) @ step))
-            step = step.reshape(-1, 3)
-            mixed = self._extrapolated(state, step)
-            x = x + step
-            energy = self.energy(x)
-            progress(
-                k / ITERATIONS, f"iteration {k}, work of the step over the energy {work / max(energy, 1e-300):.1e}"
-            )
-            if not np.isfinite(energy):
-                break
-            if work <= TOLERANCE * max(energy, 1e-12) and stable:
-                converged = True
-                break
-        reactions = np.zeros(len(chosen))
-        reactions[chosen] = -multipliers
-        return Balance(x, *self.frames(x), reactions.reshape(-1, 6), energy, self.strain(x), k, converged, stable)
-
-    def _factor(self, state: list[np.ndarray], stress: list[np.ndarray], functionals: np.ndarray) -> bool:
-        """Factor the tangent; where it is indefinite, with a share of the stress only. Whether all of it was used."""
-        for share in (1.0, 0.5, 0.2, 0.0):
-            try:
-                part = stress if share == 1.0 else [share * s for s in stress]
-                self.cholesky.factor(self.stiffness(state, part, functionals))
-            except NotPositiveDefinite:
-                continue
-            return share == 1.0
-        raise NotPositiveDefinite("the assembly falls apart: a spiral hangs on no held hub")
-
-    def _extrapolated(self, state: list[np.ndarray], step: np.ndarray) -> list[np.ndarray]:
-        """The mixed stress after a step: of the strain linearised about the state (Magisano, Leonetti, Garcea 2017)."""
-        out = []
-        for i, (f, number) in enumerate(zip(state, self.numbers)):
-            el = self.model(i).elements
-            slope = el.gradients(step[number]) - np.eye(3)
-            change = np.swapaxes(f, -1, -2) @ slope
-            out.append(el.stress(el.strain(f) + 0.5 * (change + np.swapaxes(change, -1, -2))))
-        return out
+        problem = _Loaded(self, functionals, values, load, progress)
+        run = minimise(problem, problem.start(start), FullSteps(TOLERANCE, ITERATIONS, SHARES, 1e-12, ITERATIONS))
+        if run.ended == INDEFINITE:
+            raise NotPositiveDefinite("the assembly falls apart: a spiral hangs on no held hub")
+        x, stable, reactions = run.state.nodes, run.history[-1].modified == 0.0, np.zeros(len(chosen))
+        reactions[chosen] = -problem.multipliers
+        energy, strain, iterations = run.state.energy, self.strain(x), len(run.history)
+        converged = run.ended == CONVERGED
+        return Balance(x, *self.frames(x), reactions.reshape(-1, 6), energy, strain, iterations, converged, stable)
 
     def strain(self, nodes: np.ndarray) -> float:
         """The strain that 99 % of the volume of the most strained spiral stays below."""
         return max(
             self.model(i).elements.peak_strain(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Node positions (N, 3), the deformation gradients of every spiral's elements, and the mixed stress that the step which led
+    here predicted; the elastic energy.
+    """
+
+    nodes: np.ndarray
+    f: list[np.ndarray]
+    mixed: list[np.ndarray]
+    energy: float
+
+
+@dataclass(eq=False)
+class _Loaded:
+    """An assembly under dead ``load`` (N, 3) at its nodes whose ``functionals`` (size, c) keep ``values`` (c,) (a ``newton.Problem``).
+
+    multipliers : (c,) of the last step, the forces that keep them
+    """
+
+    welded: Welded
+    functionals: np.ndarray
+    values: np.ndarray
+    load: np.ndarray
+    progress: Progress
+    multipliers: np.ndarray = field(init=False)
+
+    def start(self, nodes: np.ndarray) -> _State:
+        f = self.welded.gradients(nodes)
+        return _State(nodes, f, [np.zeros_like(one) for one in f], self.welded.energy(f))
+
+    def expand(self, state: _State) -> Local:
+        return Local(state.energy, self.welded.forces(state.f) - self.load.ravel(), own=state)
+
+    def moved(self, state: _State, step: np.ndarray) -> _State:
+        """The mixed stress is that of the strain linearised about the state (Magisano, Leonetti, Garcea 2017)."""
+        mixed = []
+        for i, (f, number) in enumerate(zip(state.f, self.welded.numbers)):
+            el = self.welded.model(i).elements
+            slope = el.gradients(step[number]) - np.eye(3)
+            change = np.swapaxes(f, -1, -2) @ slope
+            mixed.append(el.stress(el.strain(f) + 0.5 * (change + np.swapaxes(change, -1, -2))))
+        nodes = state.nodes + step
+        moved = self.welded.gradients(nodes)
+        return _State(nodes, moved, mixed, self.welded.energy(moved))
+
+    def energy(self, state: _State) -> float:
+        return state.energy
+
+    def watch(self, state: _State, history: list[Iteration]) -> None:
+        work = history[-2].decrement / max(state.energy, 1e-300) if len(history) > 1 else 1.0
+        done = (len(history) - 1) / ITERATIONS
+        self.progress(done, f"iteration {len(history)}, work of the last step over the energy {work:.1e}")
+
+    def factor(self, here: Local, convex: float, shift: float) -> bool:
+        stress = [(1.0 - convex) * s for s in here.own.mixed] if convex else here.own.mixed
+        return self.welded.cholesky.attempt(self.welded.stiffness(here.own.f, stress, self.functionals))
+
+    def step(self, here: Local) -> np.ndarray:
+        columns = self.welded.cholesky.solve(np.column_stack([-here.gradient, self.functionals]))
+        gap = self.values - self.functionals.T @ here.own.nodes.ravel()
+        schur = self.functionals.T @ columns[:, 1:]
+        self.multipliers = np.linalg.solve(schur, self.functionals.T @ columns[:, 0] - gap)
+        return (columns[:, 0] - columns[:, 1:] @ self.multipliers).reshape(-1, 3)
+
+    def slope(self, here: Local, step: np.ndarray) -> float:
+        return float((here.gradient + self.functionals @ self.multipliers) @ step.ravel())
 
 
 def tip_axes(spiral: Spiral, arm: int) -> np.ndarray:

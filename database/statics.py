@@ -14,7 +14,8 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
-from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
+from ..engine.linalg import Pattern, SparseCholesky
+from ..engine.newton import CONVERGED, FullSteps, Iteration, Local, minimise
 from .elastic import SECTION, STATION_PAIRS, Elements
 from .geometry import Spiral
 from .solid import ARMS, COARSE, Fineness, Solid, make_solid
@@ -234,51 +235,19 @@ class Model:
         target = self.reduce(nodal_forces)
         iterations = 0
         for steps in STEPS:
-            q, converged = np.zeros(self.size), False
+            q, ended = np.zeros(self.size), CONVERGED
             for step in range(1, steps + 1):
-                q, used, converged = self._newton(q, target * (step / steps))
-                iterations += used
-                if not converged:
+                loaded = _Loaded(self, target * (step / steps))
+                run = minimise(loaded, loaded.start(q), FullSteps(ENERGY_TOLERANCE, ITERATIONS))
+                q, ended = run.state.q, run.ended
+                iterations += len(run.history)
+                if ended != CONVERGED:
                     break
-            if converged:
+            if ended == CONVERGED:
                 u = self.expand(q)
                 energy = self.elements.energy(self.elements.strain(self.elements.gradients(u)))
                 return Solution(u, energy, iterations, steps, True)
         return Solution(np.zeros_like(self.solid.nodes), 0.0, iterations, STEPS[-1], False)
-
-    def _newton(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, int, bool]:
-        el = self.elements
-        f = el.gradients(self.expand(q))
-        strain = el.strain(f)
-        mixed = stress = el.stress(strain)
-        best = np.inf
-        for k in range(1, ITERATIONS + 1):
-            residual = target - self.inner_forces(f, stress)
-            if k == 1 and not q.any():
-                step = self.rest.solve(residual)
-            else:
-                try:
-                    self.cholesky.factor(self.stiffness(f, mixed))
-                except NotPositiveDefinite:
-                    return q, k, False
-                step = self.cholesky.solve(residual)
-            q = q + step
-            moved = self.expand(step)
-            slope = el.gradients(moved) - np.eye(3)
-            linear = np.swapaxes(f, -1, -2) @ slope
-            mixed = el.stress(strain + 0.5 * (linear + np.swapaxes(linear, -1, -2)))
-            f = f + slope
-            strain = el.strain(f)
-            stress = el.stress(strain)
-            work, energy = abs(float(residual @ step)), el.energy(strain)
-            if not np.isfinite(energy):
-                return q, k, False
-            if work <= ENERGY_TOLERANCE * energy:
-                return q, k, True
-            best = min(best, work)
-            if k > 6 and work > 1e6 * best:
-                return q, k, False
-        return q, ITERATIONS, False
 
     # -- what is looked at ---------------------------------------------------------------------------------------
 
@@ -303,3 +272,66 @@ class Model:
         x = self.solid.nodes + displacement
         left, right = self._sides
         return float(min(cKDTree(x[left[k]]).query(x[right[(k + 1) % ARMS]])[0].min() for k in range(ARMS)))
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A deformed spiral: degrees of freedom (size,), and of its elements the deformation gradients f, the strain, the stress and
+    the mixed stress that the step which led here predicted; the elastic energy.
+    """
+
+    q: np.ndarray
+    f: np.ndarray
+    strain: np.ndarray
+    stress: np.ndarray
+    mixed: np.ndarray
+    energy: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Loaded:
+    """A spiral under dead forces ``target`` (size,) on its degrees of freedom (a ``newton.Problem``).
+
+    The energy is the elastic one alone: full steps are judged by their work against it.
+    """
+
+    model: Model
+    target: np.ndarray
+
+    def start(self, q: np.ndarray) -> _State:
+        el = self.model.elements
+        f = el.gradients(self.model.expand(q))
+        strain = el.strain(f)
+        stress = el.stress(strain)
+        return _State(q, f, strain, stress, stress, el.energy(strain))
+
+    def expand(self, state: _State) -> Local:
+        return Local(state.energy, self.model.inner_forces(state.f, state.stress) - self.target, own=state)
+
+    def moved(self, state: _State, step: np.ndarray) -> _State:
+        el = self.model.elements
+        slope = el.gradients(self.model.expand(step)) - np.eye(3)
+        linear = np.swapaxes(state.f, -1, -2) @ slope
+        mixed = el.stress(state.strain + 0.5 * (linear + np.swapaxes(linear, -1, -2)))
+        f = state.f + slope
+        strain = el.strain(f)
+        return _State(state.q + step, f, strain, el.stress(strain), mixed, el.energy(strain))
+
+    def energy(self, state: _State) -> float:
+        return state.energy
+
+    def watch(self, state: _State, history: list[Iteration]) -> None:
+        pass
+
+    def factor(self, here: Local, convex: float, shift: float) -> bool:
+        state: _State = here.own
+        if not state.q.any():  # ``Model.rest`` has this factor already
+            return True
+        return self.model.cholesky.attempt(self.model.stiffness(state.f, state.mixed))
+
+    def step(self, here: Local) -> np.ndarray:
+        factor = self.model.cholesky if here.own.q.any() else self.model.rest
+        return -factor.solve(here.gradient)
+
+    def slope(self, here: Local, step: np.ndarray) -> float:
+        return float(here.gradient @ step)

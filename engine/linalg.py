@@ -99,6 +99,14 @@ class SparseCholesky:
         if not (self._factor.U.diagonal() > 0).all() or (self._factor.perm_r != self._factor.perm_c).any():
             raise NotPositiveDefinite("an eigenvalue is not positive")
 
+    def attempt(self, values: np.ndarray) -> bool:
+        """Factor; False where the matrix is not positive definite."""
+        try:
+            self.factor(values)
+        except NotPositiveDefinite:
+            return False
+        return True
+
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for a (size,) or (size, k) right-hand side with the last factor; a new array of the same shape."""
         rhs = np.asarray(rhs, dtype=float)

@@ -224,7 +224,14 @@ def on_mesh(table: Table, found: Subject) -> None:
         at_most(found.name, "relative gradient", 1e-8, arm.residual, {"rod": f"{rod.residual:.1e}"}),
         at_least(found.name, "seeds of noise that converge", SEEDS, calm["arm"], {"rod": calm["rod"]}),
         at_most(found.name, "seconds", SECONDS.get(kind), spent["arm"], {"rod": round(spent["rod"], 3)}),
-        row(found.name, "largest twist, rad", "", round(arm.twist_max, 3), None, {"rod": round(rod.twist_max, 3)}),
+        row(
+            found.name,
+            "largest torsion of a joint, rad",
+            "",
+            round(arm.torsion_max, 3),
+            None,
+            {"rod": round(rod.torsion_max, 3)},
+        ),
         row(
             found.name, "RMS distance to the target, %", "", _distance(found, arm), None, {"rod": _distance(found, rod)}
         ),

@@ -84,7 +84,7 @@ class ElasticModel(Protocol):
     def beyond(self) -> list[Beyond]:
         """The spirals that count as their nearest neighbours in what the model was fitted to, quantity by quantity."""
 
-    def twist(self, state: Any) -> np.ndarray:
+    def torsion(self, state: Any) -> np.ndarray:
         """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""
 
 

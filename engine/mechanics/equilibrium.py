@@ -1,11 +1,8 @@
 """Static equilibrium of an assembly by Newton's method on the energy (FlexMaps section 6.1).
 
-The Hessian is indefinite almost everywhere but near a minimum. Where its Cholesky factor fails, its convex part takes its
-place and is blended out again over the next steps: far fewer iterations than with always projecting it. Stresses in it
-are those that the last step had foreseen, which lets thin shells bend far at once (see ``ElasticModel.expand``). A line
-search keeps the energy below those of the last few steps and survives states beyond the model; large turns are capped.
-What comes out is said as it is: a saddle is left along its falling direction, and whatever still is no minimum is no
-success.
+The Hessian is indefinite almost everywhere but near a minimum, which ``newton.LineSearch`` deals with. The stresses in it are
+those that the last step predicted to first order, which lets thin shells bend far at once (see ``ElasticModel.expand``); large
+turns are capped. A result counts as converged at a minimum only.
 """
 
 from __future__ import annotations
@@ -15,23 +12,41 @@ from typing import Any
 
 import numpy as np
 
+from ..newton import (
+    CONVERGED,
+    INDEFINITE,
+    ITERATIONS,
+    NO_DESCENT,
+    ROUNDED,
+    SADDLE,
+    Iteration,
+    LineSearch,
+    Local,
+    Run,
+    minimise,
+)
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
 from .loads import Loads
-from .newton_system import SHIFT, NewtonSystem
+from .newton_system import NewtonSystem
 
-TURN_CAP = 0.5  # radians that a hub may turn in one step
-BLEND_DECAY, BLEND_LEAST = 0.3, 0.01  # of the share of the convex part, from step to step
-SHIFTS = (SHIFT, 1e3 * SHIFT, 1e6 * SHIFT)  # of the convex part's diagonal, where rounding leaves it indefinite
-ARMIJO, SHORTEST_STEP = 1e-4, 2.0**-30
-RECENT = 5  # energies, of which a step may reach the largest: along bends a thin shell gets worse before it gets better
-ROUNDING = 1e-13  # radians and metres of a step that changes nothing any more
-ESCAPES = 5  # saddles that are left before the search is given up
-NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle
-LOCKED = 1.0  # radians of twist in a joint beyond which the frames may have locked in a false minimum
+TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
+NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye
+LOCKED = 1.0  # radians of torsion in a joint beyond which the frames may have locked in a false minimum; by eye
+UNSTRESSED = (
+    1e-5  # strain whose forces the residual is measured against where nothing is stressed: far below any that counts
+)
+STATUS = {
+    CONVERGED: "Converged in {} iterations.",
+    ROUNDED: "Converged in {} iterations.",
+    SADDLE: "It balances, but the slightest touch would move it on.",
+    ITERATIONS: "No equilibrium within {} iterations.",
+    INDEFINITE: "The forces are too uneven to be balanced in numbers.",
+    NO_DESCENT: "No step lowers the energy any further, though forces are left.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +58,7 @@ class Equilibrium:
     iterations : Newton steps; residual : norm of the forces left over, relative to those in the joints
     history : (iterations + 1, 2) energy and residual
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
-    twist_max : radians, largest turn of two neighbours about the line across their joint
+    torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one plain sentence
     """
 
@@ -55,7 +70,7 @@ class Equilibrium:
     residual: float
     history: np.ndarray = field(repr=False)
     negative_eigenvalues: int
-    twist_max: float
+    torsion_max: float
     status: str
 
     def placed(self, pose: Pose) -> Equilibrium:
@@ -64,8 +79,8 @@ class Equilibrium:
 
     @property
     def locked(self) -> bool:
-        """Whether some joint is twisted so far that the state is probably a false minimum."""
-        return self.twist_max > LOCKED
+        """Whether the torsion of some joint is so large that the state is probably a false minimum."""
+        return self.torsion_max > LOCKED
 
 
 @one_thread
@@ -87,154 +102,100 @@ def solve(
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
-    if iterations is not None:
-        params = replace(params, iterations=min(iterations, params.iterations))
-    search, state = _Search(model, loads, params, system, progress), model.start(start)
+    rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
+    problem, state = _Balance(model, loads, params.tolerance, system, progress), model.start(start)
     if step is not None:
         # so near to the end, the convex part is wanted for one step at the most
-        search.decay, state = 0.0, model.moved(state, step)
-    return search.run(state)
+        rule.decay, state = 0.0, model.moved(state, step)
+    return _told(problem, minimise(problem, state, rule))
 
 
-class _Search:
-    """One run of Newton's method."""
+@dataclass(eq=False)
+class _Balance:
+    """Elastic energy less the work of the forces, as a function of the model's states (a ``newton.Problem``)."""
 
-    def __init__(
-        self, model: ElasticModel, loads: Loads, params: SimulateParams, system: NewtonSystem, progress: Progress
-    ):
-        self.model, self.loads, self.params, self.system, self.progress = model, loads, params, system, progress
-        self.blend, self.decay = 0.0, BLEND_DECAY
-        self.scale = 0.0
-        self.history: list[tuple[float, float]] = []
+    model: ElasticModel
+    loads: Loads
+    tolerance: float
+    system: NewtonSystem
+    progress: Progress
+    scale: float = 0.0  # newtons, the largest forces so far
 
-    def run(self, state: Any) -> Equilibrium:
-        escapes = 0
-        while True:
-            here = self.model.expand(state, ahead=True)
-            gradient = here.gradient.copy()
-            gradient[:, :3] -= self.loads.force
-            residual = self._residual(here, gradient, state.pose)
-            self.history.append((here.energy - self.loads.work(state.pose.centres), residual))
-            self._report(residual, state.pose)
-            steps = len(self.history) - 1
-            if residual <= self.params.tolerance:
-                here = self.model.expand(state)
-                if self.system.factor(self.system.values(here.hessian)):
-                    return self._result(state, here, True, "")
-                if escapes == ESCAPES:
-                    return self._result(state, here, False, "It balances, but the slightest touch would move it on.")
-                state, escapes = self._escaped(state, here), escapes + 1
-                continue
-            if steps >= self.params.iterations:
-                return self._result(state, here, False, f"No equilibrium within {steps} iterations.")
-            step = self._step(here, gradient)
-            if step is None:
-                return self._result(state, here, False, "The forces are too uneven to be balanced in numbers.")
-            if np.abs(step).max() <= ROUNDING:
-                # nothing is left to move: the forces are what rounding leaves
-                here = self.model.expand(state)
-                return self._result(state, here, self.system.factor(self.system.values(here.hessian)), "")
-            moved = self._searched(state, here, gradient, step)
-            if moved is None:
-                sentence = "No step lowers the energy any further, though forces are left."
-                return self._result(state, here, False, sentence)
-            state = moved
+    def expand(self, state: Any) -> Local:
+        here = self.model.expand(state, ahead=True)
+        gradient = here.gradient.copy()
+        gradient[:, :3] -= self.loads.force
+        work = self.loads.work(state.pose.centres)
+        residual = self._residual(here, gradient, state.pose)
+        return Local(here.energy - work, gradient, residual, here.energy + abs(work), here)
+
+    def moved(self, state: Any, step: np.ndarray) -> Any:
+        return self.model.moved(state, step)
+
+    def energy(self, state: Any) -> float:
+        return self.model.energy(state) - self.loads.work(state.pose.centres)
+
+    def watch(self, state: Any, history: list[Iteration]) -> None:
+        residual, least = history[-1].residual, np.log(self.tolerance)
+        done = 1.0 - np.log(max(residual, self.tolerance) / self.tolerance) / -least
+        self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration: {len(history) - 1}, residual {residual:.1e}")
+        self.progress.show(state.pose)
+
+    def factor(self, here: Local, convex: float, shift: float) -> bool:
+        if not convex:
+            return self.system.factor(self.system.values(here.own.hessian))
+        part = self.system.definite(self.system.values(here.own.convex), shift)
+        if convex < 1.0:
+            part = (1.0 - convex) * self.system.values(here.own.hessian) + convex * part
+        return self.system.factor(part)
+
+    def step(self, here: Local) -> np.ndarray:
+        step = -self.system.solve(here.gradient)
+        turn = np.linalg.norm(step[:, 3:], axis=1).max()
+        return step * min(1.0, TURN_CAP / max(turn, 1e-300))
+
+    def slope(self, here: Local, step: np.ndarray) -> float:
+        return float((here.gradient * step).sum())
+
+    def stable(self, state: Any) -> bool:
+        return self.system.factor(self.system.values(self.model.expand(state).hessian))
+
+    def exits(self, state: Any) -> list[Any]:
+        here = self.model.expand(state)
+        way = self.system.softest(self.system.values(here.hessian), self.system.values(here.convex))[0][0]
+        way *= NUDGE / max(np.linalg.norm(way[:, 3:], axis=1).max(), 1e-300)
+        return [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
         """Forces left over, relative to the forces in the joints now and at the start, and to the loads."""
-        length = self._length(pose)
+        a, b = self.model.pairs.T
+        length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
         weight = np.repeat([1.0, 1.0 / length], 3)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
         stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
         inner = float(np.sqrt(2.0 * here.per_joint * stiffness).sum() / np.sqrt(len(stiffness)))
-        # where nothing is stressed, against the forces of a strain of 1e-5
-        self.scale = max(
-            self.scale, inner, float(np.linalg.norm(self.loads.force)), 1e-5 * length * float(np.median(stiffness))
-        )
+        loads = float(np.linalg.norm(self.loads.force))
+        self.scale = max(self.scale, inner, loads, UNSTRESSED * length * float(np.median(stiffness)))
         return float(left / self.scale)
 
-    def _length(self, pose: Pose) -> float:
-        a, b = self.model.pairs.T
-        return float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
 
-    def _report(self, residual: float, pose: Pose) -> None:
-        done = 1.0 - np.log(max(residual, self.params.tolerance) / self.params.tolerance) / -np.log(
-            self.params.tolerance
+def _told(problem: _Balance, run: Run) -> Equilibrium:
+    """What a run has led to, with its sentence."""
+    model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
+    torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
+    steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, ROUNDED), 0
+    sentence = STATUS.get(run.ended, "").format(steps)
+    if not converged:
+        negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
+        sentence += f" {negative} ways lead downhill from there." if negative else ""
+    elif torsion > LOCKED:
+        sentence = (
+            f"Converged, but two neighbours are twisted by {np.degrees(torsion):.0f} degrees against each other: "
+            "probably not the shape that the object would take."
         )
-        self.progress(float(np.clip(done, 0.0, 0.99)), f"Iteration: {len(self.history) - 1}, residual {residual:.1e}")
-        self.progress.show(pose)
-
-    def _step(self, here: Expansion, gradient: np.ndarray) -> np.ndarray | None:
-        """Newton's step, with as much of the convex part as the last ones needed, or all of it; capped in its turns.
-
-        None where not even the convex part has a factor.
-        """
-        exact, system = self.system.values(here.hessian), self.system
-        blend = self.blend if self.blend >= BLEND_LEAST else 0.0
-        values = exact if blend == 0.0 else (1.0 - blend) * exact + blend * self._convex(here)
-        if not system.factor(values):
-            blend = 1.0
-            if not any(system.factor(self._convex(here, shift)) for shift in SHIFTS):
-                return None
-        self.blend = self.decay * blend
-        step = -system.solve(gradient)
-        turn = np.linalg.norm(step[:, 3:], axis=1).max()
-        return step * min(1.0, TURN_CAP / max(turn, 1e-300))
-
-    def _convex(self, here: Expansion, shift: float = SHIFTS[0]) -> np.ndarray:
-        """Values of the convex part, made definite."""
-        return self.system.definite(self.system.values(here.convex), shift)
-
-    def _searched(self, state: Any, here: Expansion, gradient: np.ndarray, step: np.ndarray) -> Any | None:
-        """The state after the longest halved step that goes well enough below the largest recent energy (Grippo et al. 1986).
-
-        None if there is none.
-        """
-        slope = float((gradient * step).sum())
-        base, share = max(energy for energy, _ in self.history[-RECENT:]), 1.0
-        # what rounding alone may change in the energy
-        noise = 1e-13 * (abs(base) + here.energy + abs(self.loads.work(state.pose.centres)))
-        while share > SHORTEST_STEP:
-            trial = self.model.moved(state, share * step)
-            with np.errstate(all="ignore"):
-                energy = self.model.energy(trial) - self.loads.work(trial.pose.centres)
-            if np.isfinite(energy) and energy <= base + ARMIJO * share * slope + noise:
-                return trial
-            share *= 0.5
-        return None
-
-    def _escaped(self, state: Any, here: Expansion) -> Any:
-        """A little way down from a saddle, on the side where the energy falls more."""
-        way = self.system.softest(self.system.values(here.hessian), self.system.values(here.convex))[0][0]
-        way *= NUDGE / max(np.linalg.norm(way[:, 3:], axis=1).max(), 1e-300)
-        both = [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
-        return min(both, key=lambda s: self.model.energy(s) - self.loads.work(s.pose.centres))
-
-    def _result(self, state: Any, here: Expansion, converged: bool, sentence: str) -> Equilibrium:
-        twist = float(np.abs(self.model.twist(state)).max(initial=0.0))
-        negative = 0 if converged else self.system.negative(self.system.values(self.model.expand(state).hessian))
-        history = np.array(self.history)
-        if converged:
-            sentence = f"Converged in {len(history) - 1} iterations."
-            if twist > LOCKED:
-                sentence = (
-                    f"Converged, but two neighbours are twisted by {np.degrees(twist):.0f} degrees against each other: "
-                    "probably not the shape that the object would take."
-                )
-        elif negative:
-            sentence += f" {negative} ways lead downhill from there."
-        return Equilibrium(
-            state.pose,
-            float(history[-1, 0]),
-            here.per_joint,
-            converged,
-            len(history) - 1,
-            float(history[-1, 1]),
-            history,
-            negative,
-            twist,
-            sentence,
-        )
+    energy, residual = float(history[-1, 0]), float(history[-1, 1])
+    joints = run.here.own.per_joint
+    return Equilibrium(state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence)
 
 
 def other_minima(

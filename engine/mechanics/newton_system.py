@@ -36,11 +36,7 @@ class NewtonSystem:
 
     def factor(self, values: np.ndarray) -> bool:
         """Factor; False where the matrix is not positive definite."""
-        try:
-            self.cholesky.factor(values)
-        except NotPositiveDefinite:
-            return False
-        return True
+        return self.cholesky.attempt(values)
 
     def reduced(self, field: np.ndarray) -> np.ndarray:
         """(free,) of a (n, 6) field."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -21,7 +22,6 @@ CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
-HOPE = 0.25  # share of what the model foretells that counts as still to be had
 # Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken
 # from where the tangent foretold them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
 INNER_ITERATIONS, FORETOLD_ITERATIONS = 30, 12
@@ -34,7 +34,7 @@ class Trace:
     rows : seconds, objective and RMSE (metres) of every accepted point
     rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found, or another
         one than the nearest
-    ended : why the last search ended, one of ``ENDS``
+    ended : why the last search ended, a word of ``newton``
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -49,7 +49,6 @@ class Trace:
 
 
 Accepted = Callable[[Point], None]
-CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 
 
 @one_thread
@@ -63,57 +62,79 @@ def gauss_newton(
 ) -> Point:
     """Damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
 
-    The next equilibrium is sought from the pose that the tangent predicts. The damping falls while the quadratic model
-    foretells the objective well and rises where it does not; where no equilibrium is found, turns are damped instead.
+    The next equilibrium is sought from the pose that the tangent predicts; where none is found, turns are damped more.
     """
-    here, damping, calm = start, None, 0.0
-    small, best = 0, start
-    trace.ended = ITERATIONS
-    for k in range(params.iterations):
-        if problem.work.over:
-            trace.ended = TIME
-            break
-        within = progress.at(k / params.iterations, f"Step {k}, RMSE {1e3 * here.mismatch.rmse:.4g} mm")
-        here.prepare(within)
-        if damping is None:
-            # so that a first step along the gradient would use a third of the box
-            damping = float(np.linalg.norm(here.gradient) / (0.3 * np.sqrt(here.x.size)))
-        found = None
-        for _ in range(12):
-            step = _box_step(here, damping, calm, params, within)
-            if not np.abs(step).max() > 1e-9 or problem.work.over:
-                break
-            moves = here.moves(step)
-            gain = -float((here.gradient * step).sum() + 0.5 * (step * here.gauss_newton(step)).sum())
-            # near buckling, clipping a step that was not solved to the end may even point uphill
-            trial = _predicted(here, step, moves, trace, within) if gain > 0.0 else None
-            if trial is None:
-                calm = max(8.0 * calm, here.value / (TURN_MOST**2 * len(moves)))
-                continue
-            ratio = (here.value - trial.value) / max(gain, 1e-300)
-            if ratio > 0.7:
-                damping, calm = 0.3 * damping, 0.3 * calm
-            elif ratio < 0.25:
-                damping, calm = 4.0 * damping, 8.0 * calm
-            if ratio > 1e-3:
-                found = trial
-                break
-            trace.rejected += 1
-        if found is None:
-            trace.ended = TIME if problem.work.over else CONVERGED
-            break
-        # where the model is poor, a small fall does not mean that nothing is to be had any more
-        fall = max(here.value - found.value, HOPE * gain) / here.value
-        here = found
-        if here.value < best.value:
-            best = here
-            trace.note(here)
-            accepted(here)
-        small = small + 1 if fall < params.stop else 0
-        if small == 2 or (params.stop and here.value < 0.5 * ENOUGH**2):
-            trace.ended = CONVERGED
-            break
-    return best
+    search = _Search(params, trace, accepted, progress, start)
+    trace.ended = TIME if problem.work.over else ITERATIONS
+    if params.iterations and not problem.work.over:
+        goal = 0.5 * ENOUGH**2 if params.stop else -np.inf
+        trace.ended = minimise(search, start, Damped(params.iterations, params.stop, goal)).ended
+    return search.best
+
+
+@dataclass(frozen=True, eq=False)
+class _Proposal:
+    """A step (n, 2) of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is foretold."""
+
+    step: np.ndarray
+    moves: np.ndarray
+    gain: float
+
+
+@dataclass(eq=False)
+class _Search:
+    """The objective as a function of designs with their equilibria (a ``newton.Problem``); best : the best one so far."""
+
+    params: OptimiseParams
+    trace: Trace
+    note: Accepted
+    progress: Progress
+    best: Point
+    step_number: int = 0
+
+    @property
+    def over(self) -> bool:
+        return self.best.problem.work.over
+
+    def within(self, point: Point) -> Progress:
+        done, rmse = self.step_number / self.params.iterations, 1e3 * point.mismatch.rmse
+        return self.progress.at(done, f"Step {self.step_number}, RMSE {rmse:.4g} mm")
+
+    def watch(self, point: Point, history: list[Iteration]) -> None:
+        pass  # every equilibrium on the way asks whether to stop
+
+    def expand(self, point: Point) -> Local:
+        point.prepare(self.within(point))
+        return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
+
+    def energy(self, point: Point) -> float:
+        return point.value
+
+    def proposed(self, here: Local, damping: float, turn_damping: float) -> _Proposal | None:
+        point: Point = here.own
+        step = _box_step(point, damping, turn_damping, self.params, self.within(point))
+        if not np.abs(step).max() > TINY or self.over:
+            return None
+        moves = point.moves(step)
+        gain = -float((here.gradient * step).sum() + 0.5 * (step * point.gauss_newton(step)).sum())
+        # near buckling, clipping a step that was not solved to the end may even point uphill: a gain below zero
+        return _Proposal(step, moves, gain)
+
+    def tried(self, here: Local, proposal: _Proposal) -> Point | None:
+        return _predicted(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
+
+    def gentle(self, here: Local, proposal: _Proposal) -> float:
+        return here.energy / (TURN_MOST**2 * len(proposal.moves))
+
+    def rejected(self) -> None:
+        self.trace.rejected += 1
+
+    def accepted(self, point: Point) -> None:
+        self.step_number += 1
+        if point.value < self.best.value:
+            self.best = point
+            self.trace.note(point)
+            self.note(point)
 
 
 def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:

@@ -133,7 +133,7 @@ class Simulation:
             "iterations": e.iterations,
             "residual": e.residual,
             "negative_eigenvalues": e.negative_eigenvalues,
-            "twist_max": e.twist_max,
+            "twist_max": e.torsion_max,
             "energy": e.energy,
             "rms_mm": rms * 1e3,
             "rms_percent": 100.0 * rms / size,

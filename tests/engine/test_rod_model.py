@@ -179,7 +179,7 @@ def test_mirrored_spirals_have_mirrored_energies(net):
     there = Pose(pose.centres @ flip, flip @ pose.rotations @ flip)
     first, second = RodModel.of(one, material("vero")), RodModel.of(mirrored, material("vero"))
     assert second.energy(second.start(there)) == pytest.approx(first.energy(first.start(pose)), rel=1e-12)
-    np.testing.assert_allclose(second.twist(second.start(there)), -first.twist(first.start(pose)), atol=1e-12)
+    np.testing.assert_allclose(second.torsion(second.start(there)), -first.torsion(first.start(pose)), atol=1e-12)
 
 
 def _carried(v: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -243,7 +243,7 @@ def test_energy_is_the_papers_along_a_path_with_whole_turns():
     for _ in range(17):
         state = model.moved(state, drift)
         assert model.energy(state) == pytest.approx(plain.go(state.pose), rel=1e-9)
-    assert model.twist(state)[0] > 1.1 * np.pi
+    assert model.torsion(state)[0] > 1.1 * np.pi
 
 
 def test_twist_goes_on_beyond_half_a_turn():
@@ -255,12 +255,12 @@ def test_twist_goes_on_beyond_half_a_turn():
     step[1, 3] = 0.5
     for _ in range(10):
         state = model.moved(state, step)
-    assert model.twist(state)[0] == pytest.approx(5.0, abs=1e-12)
+    assert model.torsion(state)[0] == pytest.approx(5.0, abs=1e-12)
     compliance = (0.01 / parameters[:, 3]).sum()
     assert model.energy(state) == pytest.approx(0.5 * 25.0 / compliance, rel=1e-12)
     assert model.expand(state).gradient[1, 3] == pytest.approx(5.0 / compliance, rel=1e-9)
     # started afresh there, it is taken to have come the short way
-    assert model.twist(model.start(state.pose))[0] == pytest.approx(5.0 - 2 * np.pi, abs=1e-12)
+    assert model.torsion(model.start(state.pose))[0] == pytest.approx(5.0 - 2 * np.pi, abs=1e-12)
 
 
 def test_one_end_agrees_with_the_fit_to_single_spirals():

@@ -165,7 +165,7 @@ class ArmModel:
             2.0 * known.radius.ravel(), known.width[spiral], known.twist[spiral], known.thickness, spiral
         )
 
-    def twist(self, state: ArmState) -> np.ndarray:
+    def torsion(self, state: ArmState) -> np.ndarray:
         return state.motion.turn[:, 0]
 
     def motion(self, pose: Pose) -> JointMotion:

@@ -1,9 +1,9 @@
-"""The rod model: rigid hubs joined by edges from centre to centre, with stretch, two bendings and twist at each end.
+"""The rod model: rigid hubs joined by edges from centre to centre, with stretch, two bendings and torsion at each end.
 
-FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and twist after Bergou et al. 2008 and 2010. An
+FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010. An
 edge's roll belongs to it alone, so the energy here is the least over all rolls: six unknowns a spiral are left. The
 paper measures the roll from a frame that is carried along in time; here it is measured from the first hub's frame,
-carried onto the edge along the shortest turn. Both differ by the reference twist, which eq. 4 takes out again, so the
+carried onto the edge along the shortest turn. Both differ by the reference torsion, which eq. 4 takes out again, so the
 energy is the same and a state has no frame to carry along but whole turns.
 """
 
@@ -98,8 +98,8 @@ class RodModel:
         known = self.assembly
         return stiffness.beyond(_scale(known), known.width, known.twist, known.thickness)
 
-    def twist(self, state: RodState) -> np.ndarray:
-        return state.twist
+    def torsion(self, state: RodState) -> np.ndarray:
+        return state.torsion
 
     def energy(self, state: RodState) -> float:
         return float(self._stretched(state.length)[0].sum() + self._ends(state).sum())
@@ -108,7 +108,7 @@ class RodModel:
         return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
 
     def _ends(self, state: RodState) -> np.ndarray:
-        """(m, 2) joules of bending and twist."""
+        """(m, 2) joules of bending and torsion."""
         with np.errstate(invalid="ignore", over="ignore"):
             return strains.energy(self.springs, state.bend, state.angles)
 
@@ -118,7 +118,7 @@ class RodModel:
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
-        """The state at a pose; whole turns of the twist and the rolls' minima are those nearest to the state before."""
+        """The state at a pose; whole turns of the torsion and the rolls' minima are those nearest to the state before."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             first, second = self.pairs.T
             edge = pose.centres[second] - pose.centres[first]
@@ -130,14 +130,14 @@ class RodModel:
             bend = seen[..., 1:] * [2.0, -2.0] / near[..., None]
             carried = frames[..., 2] - (seen[..., 2] / near)[..., None] * (frames[..., 0] + tangent[:, None])
             sine = np.einsum("mi,mi->m", tangent, np.cross(carried[:, 0], carried[:, 1]))
-            twist = np.arctan2(sine, np.einsum("mi,mi->m", carried[:, 0], carried[:, 1]))
+            torsion = np.arctan2(sine, np.einsum("mi,mi->m", carried[:, 0], carried[:, 1]))
             share = self.springs[:, 1, 2] / self.springs[..., 2].sum(axis=1)
-            guess = share * twist
+            guess = share * torsion
             if before is not None:
-                twist = twist + 2.0 * np.pi * np.round((before.twist - twist) / (2.0 * np.pi))
-                guess = before.roll + share * (twist - before.twist)
-            roll = strains.relaxed_roll(self.springs, bend, twist, guess)
-        return RodState(pose, length, tangent, frames, bend, twist, roll, length)
+                torsion = torsion + 2.0 * np.pi * np.round((before.torsion - torsion) / (2.0 * np.pi))
+                guess = before.roll + share * (torsion - before.torsion)
+            roll = strains.relaxed_roll(self.springs, bend, torsion, guess)
+        return RodState(pose, length, tangent, frames, bend, torsion, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
         """Energy, gradient and Hessian; the roll is eliminated by its Schur complement. Only the tension is looked ahead."""

@@ -17,7 +17,7 @@ class RodState:
     length : (m,) metres; tangent : (m, 3) from the first hub to the second
     frames : (m, 2, 3, 3) columns: the edge's rest direction as the hub of either end carries it along, to its left, normal
     bend : (m, 2, 2) the curvature binormal along that normal and along that left
-    twist : (m,) rad of the second hub against the first about the edge, with whole turns
+    torsion : (m,) rad of the second hub against the first about the edge, with whole turns
     roll : (m,) rad of the edge against the first hub
     foreseen : (m,) metres, the length to first order in the step that led here
     """
@@ -27,14 +27,14 @@ class RodState:
     tangent: np.ndarray
     frames: np.ndarray
     bend: np.ndarray
-    twist: np.ndarray
+    torsion: np.ndarray
     roll: np.ndarray
     foreseen: np.ndarray
 
     @property
     def angles(self) -> np.ndarray:
         """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
-        return np.stack([self.roll, self.roll - self.twist], axis=1)
+        return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
 FLIP = np.array([1.0, 1.0, -1.0])

@@ -1,10 +1,10 @@
-"""The bending and twist energy of one end of an edge in three numbers: two curvatures and a roll (FlexMaps section 6.1).
+"""The bending and torsion energy of one end of an edge in three numbers: two curvatures and a roll (FlexMaps section 6.1).
 
 An edge's frame at an end is the hub's frame, carried onto the edge along the shortest turn and then rolled about it by
-the twist. With x, y the curvature binormal along the hub's normal and along the left of its rest edge, averaging both
+the torsion. With x, y the curvature binormal along the hub's normal and along the left of its rest edge, averaging both
 frames makes the curvatures of eq. 3
 
-    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = twist / 2, c = cos h.
+    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = torsion / 2, c = cos h.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LONGEST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class EndEnergy:
-    """Energies of ends and their derivatives by x, y and twist; any number of leading axes.
+    """Energies of ends and their derivatives by x, y and torsion; any number of leading axes.
 
     energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3); convex : (..., 3, 3) its part without the strains' own
     curvature
@@ -34,30 +34,30 @@ class EndEnergy:
     convex: np.ndarray
 
 
-def _strains(bend: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, ...]:
+def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
     """Both curvatures, cos^2 h, cos h sin h and cos^2 h - 1/2."""
-    half_cosine, half_sine = 0.5 * np.cos(twist), 0.5 * np.sin(twist)
+    half_cosine, half_sine = 0.5 * np.cos(torsion), 0.5 * np.sin(torsion)
     squared = 0.5 + half_cosine
     x, y = bend[..., 0], bend[..., 1]
     return squared * x - half_sine * y, squared * y + half_sine * x, squared, half_sine, half_cosine
 
 
-def energy(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """(...) joules of eq. 3 and 4; springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D; bend : (..., 2); twist : (...) rad."""
-    first, second = _strains(bend, twist)[:2]
-    return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * twist**2)
+def energy(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> np.ndarray:
+    """(...) joules of eq. 3 and 4; springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D; bend : (..., 2); torsion : (...) rad."""
+    first, second = _strains(bend, torsion)[:2]
+    return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * torsion**2)
 
 
-def slope(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> np.ndarray:
-    """(..., 3): first derivatives of ``energy`` by x, y and twist; arguments as there."""
-    strains, slopes = _slopes(bend, twist)
+def slope(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> np.ndarray:
+    """(..., 3): first derivatives of ``energy`` by x, y and torsion; arguments as there."""
+    strains, slopes = _slopes(bend, torsion)
     return np.einsum("...i,...ij->...j", springs * strains, slopes)
 
 
-def expand(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> EndEnergy:
+def expand(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> EndEnergy:
     """``energy`` with its first and second derivatives; arguments as there."""
-    strains, slopes = _slopes(bend, twist)
-    half_sine, half_cosine, x, y = 0.5 * np.sin(twist), 0.5 * np.cos(twist), bend[..., 0], bend[..., 1]
+    strains, slopes = _slopes(bend, torsion)
+    half_sine, half_cosine, x, y = 0.5 * np.sin(torsion), 0.5 * np.cos(torsion), bend[..., 0], bend[..., 1]
     stress = springs * strains
     gradient = np.einsum("...i,...ij->...j", stress, slopes)
     convex = np.swapaxes(slopes, -1, -2) @ (springs[..., None] * slopes)
@@ -72,30 +72,30 @@ def expand(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray) -> EndEnerg
     return EndEnergy(0.5 * (stress * strains).sum(axis=-1), gradient, hessian, convex)
 
 
-def _slopes(bend: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The three strains (..., 3), and their derivatives by x, y and twist in the columns of (..., 3, 3)."""
-    first, second, squared, half_sine, half_cosine = _strains(bend, twist)
+def _slopes(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The three strains (..., 3), and their derivatives by x, y and torsion in the columns of (..., 3, 3)."""
+    first, second, squared, half_sine, half_cosine = _strains(bend, torsion)
     x, y = bend[..., 0], bend[..., 1]
-    slopes = np.zeros((*twist.shape, 3, 3))
+    slopes = np.zeros((*torsion.shape, 3, 3))
     slopes[..., 0, 0] = slopes[..., 1, 1] = squared
     slopes[..., 0, 1], slopes[..., 1, 0] = -half_sine, half_sine
     slopes[..., 0, 2] = -half_sine * x - half_cosine * y
     slopes[..., 1, 2] = -half_sine * y + half_cosine * x
     slopes[..., 2, 2] = 1.0
-    return np.stack([first, second, twist], axis=-1), slopes
+    return np.stack([first, second, torsion], axis=-1), slopes
 
 
-def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess: np.ndarray) -> np.ndarray:
+def relaxed_roll(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray, guess: np.ndarray) -> np.ndarray:
     """(m,) rad: the edges' rolls against their first hubs in the energy's minimum downhill of ``guess`` (m,).
 
-    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; twist : (m,) rad of the second hub against the first. Newton's
+    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; torsion : (m,) rad of the second hub against the first. Newton's
     method within what the signs of the slope enclose. Edges with values that are not finite are given up.
     """
     roll = np.array(guess, dtype=float)
     low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
     left = np.arange(len(roll))
     for _ in range(ROUNDS):
-        slope, bulge = _roll_slopes(springs[left], bend[left], roll[left][:, None] - _offsets(twist[left]))
+        slope, bulge = _roll_slopes(springs[left], bend[left], roll[left][:, None] - _offsets(torsion[left]))
         here = roll[left]
         down = slope < 0
         below, above = np.where(down, here, low[left]), np.where(down, high[left], here)
@@ -110,9 +110,9 @@ def relaxed_roll(springs: np.ndarray, bend: np.ndarray, twist: np.ndarray, guess
     return roll
 
 
-def _offsets(twist: np.ndarray) -> np.ndarray:
+def _offsets(torsion: np.ndarray) -> np.ndarray:
     """(m, 2): how far the hubs of both ends are turned against the first."""
-    return np.stack([np.zeros_like(twist), twist], axis=1)
+    return np.stack([np.zeros_like(torsion), torsion], axis=1)
 
 
 def _roll_slopes(springs: np.ndarray, bend: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
