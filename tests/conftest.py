@@ -33,6 +33,7 @@ def load_tool(name: str, folder: str = "tools") -> ModuleType:
 sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != ROOT]
 load_tool("dev").load_package()  # the one place that knows how
 load_tool("shapes", "tests")
+load_tool("taylor", "tests")
 
 
 @pytest.fixture(scope="session")

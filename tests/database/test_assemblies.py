@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from flexmaps.database import linear, validation
@@ -14,6 +16,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms.stiffness import tip_compliance
 from scipy.spatial.transform import Rotation
 
+wrong_blocks = sys.modules["flexmaps_taylor"].wrong_blocks
 SPIRAL = Spiral(10.0, 1.2, 1.5)
 
 
@@ -180,3 +183,22 @@ def test_rod_model_is_further_from_the_solids(compared):
     """The published model stays as the reference, behind the default one."""
     rms = {m: [r["rms_percent"] for r in compared if r["model"] == m] for m in validation.MODELS}
     assert np.median(rms["rod"]) > 3.0 * np.median(rms["arm"])
+
+
+def test_forces_and_tangent_are_those_of_the_energy(pair: Welded):
+    """Block by block: the nodes of either spiral, and those that they share."""
+    rng = np.random.default_rng(2)
+    rest = np.array([[0.0, 0.0, 0.0], [SPIRAL.scale, 0.0, 0.0]])
+    nodes = pair.guess(rest, np.array([np.eye(3)] * 2)) + 0.01 * rng.normal(size=(pair.size // 3, 3))
+    state = pair.gradients(nodes)
+    stress = [pair.model(i).elements.stress(pair.model(i).elements.strain(f)) for i, f in enumerate(state)]
+    none = np.zeros((pair.size, 1))
+    tangent = pair.pattern.matrix(pair.stiffness(state, stress, none))
+    in_either = np.array([np.bincount(np.unique(n), minlength=pair.size // 3) for n in pair.numbers], bool)
+    kinds = {"first": in_either[0] & ~in_either[1], "second": in_either[1] & ~in_either[0], "shared": in_either.all(0)}
+    blocks = {name: 0.02 * np.repeat(kind, 3) for name, kind in kinds.items()}
+
+    def energy(step: np.ndarray) -> float:
+        return pair.energy(pair.gradients(nodes + step.reshape(-1, 3)))
+
+    assert wrong_blocks(energy, pair.forces(state), lambda v: tangent @ v, blocks) == []

@@ -74,11 +74,13 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     n = whole.assembly.size
     assert here.equilibrium.converged and here.cost.inside
     assert (here._strain.value > 0.0) == ("share" in options)
-    for part in (slice(n), slice(n, None)):
+    spirals, flat = slice(n), slice(n, None)
+    parts = {"widths": (spirals, 0), "twists": (spirals, 1), "flat x": (flat, 0), "flat y": (flat, 1)}
+    for name, part in parts.items():
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
         found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose, keep=here).value, 2e-5)
-        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6), name
 
 
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:

@@ -1,0 +1,229 @@
+"""The one solver against closed forms, and the derivatives of the elastic models block by block."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from flexmaps.engine import newton
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.model import ArmModel
+from flexmaps.engine.mechanics.assembly import Assembly, Pose
+from flexmaps.engine.mechanics.rods.model import RodModel
+from flexmaps.engine.newton import Damped, FullSteps, Iteration, LineSearch, Local, minimise
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import rosen, rosen_der, rosen_hess
+from scipy.spatial.transform import Rotation
+
+wrong_blocks = sys.modules["flexmaps_taylor"].wrong_blocks
+
+
+class Dense:
+    """A function of a vector, of which some entries are held; its convex part is the identity."""
+
+    def __init__(self, value: Any, slope: Any, hessian: Any, held: tuple[int, ...] = (), stop: int = 10**6):
+        self.value, self.gradient, self.hessian, self.stop = value, slope, hessian, stop
+        self.held, self.seen = list(held), []
+
+    def expand(self, x: np.ndarray) -> Local:
+        gradient = self.gradient(x)
+        gradient[self.held] = 0.0
+        return Local(float(self.value(x)), gradient, float(np.linalg.norm(gradient)), abs(float(self.value(x))), x)
+
+    def moved(self, x: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return x + step
+
+    def energy(self, x: np.ndarray) -> float:
+        return float(self.value(x))
+
+    def watch(self, x: np.ndarray, history: list[Iteration]) -> None:
+        self.seen.append(x)
+        if len(self.seen) > self.stop:
+            raise Cancelled
+
+    def factor(self, here: Local, convex: float, shift: float) -> bool:
+        eye = np.eye(len(here.own))
+        matrix = (1.0 - convex) * np.asarray(self.hessian(here.own)) + convex * eye
+        matrix[self.held] = matrix[:, self.held] = 0.0
+        matrix[self.held, self.held] = 1.0
+        try:
+            self.factors = cho_factor(matrix)
+        except LinAlgError:
+            return False
+        return True
+
+    def step(self, here: Local) -> np.ndarray:
+        return -cho_solve(self.factors, here.gradient)
+
+    def slope(self, here: Local, step: np.ndarray) -> float:
+        return float(here.gradient @ step)
+
+    def stable(self, x: np.ndarray) -> bool:
+        return self.factor(self.expand(x), 0.0, 0.0)
+
+    def exits(self, x: np.ndarray) -> list[np.ndarray]:
+        way = np.linalg.eigh(self.hessian(x))[1][:, 0]
+        return [x + 0.1 * way, x - 0.1 * way]
+
+
+MATRIX = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, -1.0], [0.0, -1.0, 5.0]])
+PULL = np.array([1.0, -2.0, 3.0])
+
+
+def quadratic(**options: Any) -> Dense:
+    return Dense(lambda x: 0.5 * x @ MATRIX @ x - PULL @ x, lambda x: MATRIX @ x - PULL, lambda x: MATRIX, **options)
+
+
+@pytest.mark.parametrize("rule", [LineSearch(1e-12, 20), FullSteps(1e-12, 20, least=1e-300)])
+def test_a_quadratic_is_solved_in_one_step(rule: Any) -> None:
+    run = minimise(quadratic(), np.array([5.0, 5.0, -5.0]), rule)
+    assert run.ended == newton.CONVERGED
+    assert run.state == pytest.approx(np.linalg.solve(MATRIX, PULL), abs=1e-13)
+    assert run.history[0].step == 1.0 and run.history[0].modified == 0.0
+    # what the slope foretells of a quadratic is twice what it falls by
+    assert run.history[0].decrement == pytest.approx(2.0 * (run.history[0].energy - quadratic().energy(run.state)))
+
+
+def test_held_variables_stay() -> None:
+    run = minimise(quadratic(held=(1,)), np.array([5.0, 7.0, -5.0]), LineSearch(1e-12, 20))
+    free = np.ix_([0, 2], [0, 2])
+    expected = np.linalg.solve(MATRIX[free], PULL[[0, 2]] - MATRIX[[0, 2], 1] * 7.0)
+    assert run.ended == newton.CONVERGED and run.state[1] == 7.0
+    assert run.state[[0, 2]] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("start", [[-1.2, 1.0], [0.0, 3.0], [2.0, -2.0]])
+def test_rosenbrock_from_anywhere(start: list[float]) -> None:
+    """From the third start on, the Hessian is indefinite on the way."""
+    run = minimise(Dense(rosen, rosen_der, rosen_hess), np.array(start), LineSearch(1e-9, 200))
+    assert run.ended == newton.CONVERGED and run.state == pytest.approx([1.0, 1.0])
+    assert [one.residual for one in run.history][-1] <= 1e-9
+    assert run.history[-1].energy == pytest.approx(0.0, abs=1e-18)
+
+
+def well(**options: Any) -> Dense:
+    """(x^2 - 1)^2 + y^2: a saddle at the origin, minima at x = 1 and -1."""
+    return Dense(
+        lambda x: (x[0] ** 2 - 1.0) ** 2 + x[1] ** 2,
+        lambda x: np.array([4.0 * x[0] * (x[0] ** 2 - 1.0), 2.0 * x[1]]),
+        lambda x: np.diag([12.0 * x[0] ** 2 - 4.0, 2.0]),
+        **options,
+    )
+
+
+def test_an_indefinite_start_and_a_saddle_are_left() -> None:
+    run = minimise(well(), np.array([0.2, 1.0]), LineSearch(1e-10, 50))
+    assert run.ended == newton.CONVERGED and run.state == pytest.approx([1.0, 0.0], abs=1e-8)
+    assert run.history[0].modified == 1.0 and run.history[-1].modified == 0.0
+    run = minimise(well(), np.zeros(2), LineSearch(1e-10, 50))
+    assert run.ended == newton.CONVERGED and np.abs(run.state) == pytest.approx([1.0, 0.0], abs=1e-8)
+
+
+def test_full_steps_take_the_convex_part_and_say_so() -> None:
+    run = minimise(well(), np.array([0.2, 0.0]), FullSteps(1e-10, 50, (0.0, 1.0), 1e-12))
+    assert run.history[0].modified == 1.0 and run.ended == newton.CONVERGED
+    assert minimise(well(), np.array([0.2, 0.0]), FullSteps(1e-10, 50)).ended == newton.INDEFINITE
+
+
+def test_why_it_ends() -> None:
+    start = np.array([-1.2, 1.0])
+    run = minimise(Dense(rosen, rosen_der, rosen_hess), start, LineSearch(1e-9, 3))
+    assert run.ended == newton.ITERATIONS and len(run.history) == 4
+    assert minimise(Dense(rosen, rosen_der, rosen_hess), start, FullSteps(1e-9, 2)).ended == newton.ITERATIONS
+    uphill = dataclasses.replace(LineSearch(1e-9, 30))
+    wrong = Dense(rosen, lambda x: -rosen_der(x), rosen_hess)
+    assert minimise(wrong, start, uphill).ended == newton.NO_DESCENT
+    broken = Dense(lambda x: np.nan, rosen_der, rosen_hess)
+    assert minimise(broken, start, FullSteps(1e-9, 30)).ended == newton.DIVERGED
+
+
+def test_cancelling_comes_through() -> None:
+    with pytest.raises(Cancelled):
+        minimise(Dense(rosen, rosen_der, rosen_hess, stop=2), np.array([-1.2, 1.0]), LineSearch(1e-9, 50))
+
+
+class Residuals(Dense):
+    """Rosenbrock's function as a least squares problem for damped steps."""
+
+    over = False
+
+    def __init__(self) -> None:
+        super().__init__(lambda x: 0.5 * rosen(x), lambda x: 0.5 * rosen_der(x), None)
+        self.refused = 0
+
+    def proposed(self, here: Local, damping: float, following: float) -> Any:
+        jacobian = np.array([[-20.0 * here.own[0], 10.0], [-1.0, 0.0]])
+        square = jacobian.T @ jacobian
+        step = -np.linalg.solve(square + damping * np.eye(2), here.gradient)
+        if np.abs(step).max() < 1e-9:
+            return None
+        return type("Step", (), {"step": step, "gain": -(here.gradient @ step + 0.5 * step @ square @ step)})
+
+    def tried(self, here: Local, proposal: Any) -> Any:
+        return here.own + proposal.step
+
+    def rejected(self) -> None:
+        self.refused += 1
+
+    def accepted(self, x: np.ndarray) -> None:
+        self.seen.append(x)
+
+
+def test_damped_steps_go_downhill_to_the_end() -> None:
+    problem = Residuals()
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, 0.0, -np.inf))
+    assert run.state == pytest.approx([1.0, 1.0], abs=1e-5)
+    assert (np.diff([one.energy for one in run.history]) < 0.0).all() and problem.refused > 0
+
+
+# -- derivatives of the elastic models -------------------------------------------------------------------------------------
+
+NAMES = ("first shift", "first turn", "second shift", "second turn")
+
+
+@pytest.mark.parametrize("kind", ["arm", "arm with curving", "rod"])
+def test_every_block_of_a_joint(kind: str) -> None:
+    assembly, pose = _joint()
+    made = RodModel.of(assembly, MATERIALS["vero"])
+    model = made if kind == "rod" else ArmModel.of(assembly, MATERIALS["vero"], curving="curving" in kind)
+    assert _wrong(model, pose, lambda hessian: hessian) == []
+
+
+@pytest.mark.parametrize("row, column", [(0, 1), (2, 2), (3, 1)])
+def test_a_wrong_block_is_named(row: int, column: int) -> None:
+    assembly, pose = _joint()
+
+    def spoilt(hessian: np.ndarray) -> np.ndarray:
+        out = hessian.copy()
+        out[3 * row : 3 * row + 3, 3 * column : 3 * column + 3] *= 1.02
+        return out
+
+    first, second = sorted((row, column))
+    found = _wrong(ArmModel.of(assembly, MATERIALS["vero"]), pose, spoilt)
+    assert found == [f"Hessian by {NAMES[first]} and {NAMES[second]}"]
+
+
+def _joint() -> tuple[Assembly, Pose]:
+    """Two unequal spirals in one bent and twisted joint."""
+    rng = np.random.default_rng(3)
+    lever = np.array([[[0.01, 0.001, 0.0], [-0.009, 0.002, 0.0]]])
+    axes = np.broadcast_to(np.eye(3), (1, 2, 3, 3))
+    assembly = Assembly(np.array([[0, 1]]), lever, axes, np.array([0.0025, 0.002]), np.array([1.5, 2.5]), 0.0015)
+    turns = Rotation.from_rotvec(0.4 * rng.normal(size=(2, 3))).as_matrix()
+    return assembly, Pose(np.array([[0.0, 0.0, 0.0], [0.018, 0.002, 0.003]]), turns)
+
+
+def _wrong(model: Any, pose: Pose, changed: Any) -> list[str]:
+    state = model.start(pose)
+    here = model.expand(state)
+    hessian, units = changed(here.hessian[0]), np.tile(np.repeat([0.01, 1.0], 3), 2)
+    blocks = {name: np.where(np.arange(12) // 3 == k, units, 0.0) for k, name in enumerate(NAMES)}
+
+    def energy(step: np.ndarray) -> float:
+        return model.energy(model.moved(state, step.reshape(2, 6)))
+
+    return wrong_blocks(energy, here.gradient.ravel(), lambda v: hessian @ v, blocks)
