@@ -38,7 +38,6 @@ class Report(ContinuedStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        from ..bridge.view import raster
         from ..bridge.view import report as pages
 
         found = pages.read(obj, snapshot)
@@ -49,6 +48,7 @@ class Report(ContinuedStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
+            from ..engine.display import raster
 
             described, drawn = pages.drawn(result, found, progress.part(0.0, 0.3))
             while not letters.done():  # and hear a stop meanwhile
@@ -66,9 +66,9 @@ class Report(ContinuedStage, bpy.types.Operator):
         return go_on
 
     def meanwhile(self) -> None:
-        from ..bridge.view import raster
+        from ..bridge.view import images
 
-        self._letters.set_result(raster.glyphs())
+        self._letters.set_result(images.glyphs())
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.view import report as pages
@@ -83,11 +83,11 @@ class Report(ContinuedStage, bpy.types.Operator):
         return translate("{} pictures for the image editor; {}", len(shown), page)
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
-        from ..bridge.view import raster
+        from ..bridge.view import images
 
         name, shown, _ = result
         for kind, pixels in shown.items():
-            made = raster.image(f"{name} {kind}", pixels)
+            made = images.image(f"{name} {kind}", pixels)
             for window in context.window_manager.windows:
                 for area in window.screen.areas:
                     if area.type == "IMAGE_EDITOR" and area.spaces.active.image is None:

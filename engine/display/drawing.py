@@ -1,4 +1,4 @@
-"""Drawings of plots and maps: a list of shapes that becomes SVG here and pixels in Blender (``bridge/view/raster.py``)."""
+"""Drawings of plots and maps: a list of shapes that becomes SVG here and pixels (``raster.py``)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
@@ -17,10 +21,14 @@ SEAM = 0.5  # pixels: filled shapes grow by half of this, or light would shine b
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Convex filled shapes, points (N, n, 2) pixels with fills (N, 3) sRGB; drawn in their order."""
+    """Convex filled shapes, points in pixels with fills in sRGB; drawn in their order.
 
-    points: np.ndarray
-    fills: np.ndarray
+    opacity : how much all of them together hide of the paper
+    """
+
+    points: Float[np.ndarray, "shapes corners 2"]
+    fills: Float[np.ndarray, "shapes 3"]
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +86,6 @@ class Drawing:
 
     def add(self, *items: Item) -> None:
         self.items.extend(items)
-        self.__dict__.pop("_svg", None)
 
 
 def rgb(colour: str) -> np.ndarray:
@@ -87,9 +94,7 @@ def rgb(colour: str) -> np.ndarray:
 
 
 def svg(drawing: Drawing) -> str:
-    """The drawing as an SVG document of its own, or to stand within a page; it names no other file. Written once."""
-    if "_svg" in drawing.__dict__:
-        return str(drawing.__dict__["_svg"])
+    """The drawing as an SVG document of its own, or to stand within a page; it names no other file."""
     w, h = f"{drawing.width:g}", f"{drawing.height:g}"
     title = escape(drawing.title)
     lines = [
@@ -98,8 +103,7 @@ def svg(drawing: Drawing) -> str:
     ]
     for item in drawing.items:
         lines += _svg(item)
-    drawing.__dict__["_svg"] = "\n".join([*lines, "</svg>"]) + "\n"
-    return str(drawing.__dict__["_svg"])
+    return "\n".join([*lines, "</svg>"]) + "\n"
 
 
 def _svg(item: Item) -> list[str]:
@@ -131,6 +135,7 @@ def _svg(item: Item) -> list[str]:
 def _shapes(item: Shapes) -> list[str]:
     """Neighbours in the order that have one colour in one path."""
     names = hexes(item.fills)
+    veil = f' opacity="{item.opacity:g}"' if item.opacity < 1.0 else ""
     lines, k = [], 0
     while k < len(names):
         end = k + 1
@@ -138,7 +143,7 @@ def _shapes(item: Shapes) -> list[str]:
             end += 1
         path = "".join(_path(p) + "Z" for p in item.points[k:end])
         lines.append(
-            f'<path d="{path}" fill="{names[k]}" stroke="{names[k]}" stroke-width="{SEAM:g}" stroke-linejoin="round"/>'
+            f'<path d="{path}" fill="{names[k]}" stroke="{names[k]}" stroke-width="{SEAM:g}" stroke-linejoin="round"{veil}/>'
         )
         k = end
     return lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,9 +27,13 @@ from .drawing import (
     ticks,
 )
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 CURVE, ACCENT = "#2e8599", "#d9622b"
-LOGARITHMIC = 8.0  # from this ratio of largest to smallest on
-LIGHT = np.array([0.27, -0.45, 0.85])
+BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
+LOGARITHMIC = 8.0  # ratio of largest to smallest from which on a scale is logarithmic; chosen by eye
+LIGHT = np.array([0.27, -0.45, 0.85])  # where the light of ``shape_map`` comes from; chosen by eye
 VIEW = np.array([0.9, -1.0, 0.85])  # where the eye of ``shape_map`` is
 
 
@@ -86,9 +91,7 @@ def history(values: Sequence[float], title: str, name: str, size: tuple[float, f
     """
     found = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     drawing = Drawing(title, *size)
-    low, high = float(found.min()), float(found.max())
-    logarithmic = low > 0.0 and high > LOGARITHMIC * low
-    span = (low / 1.15, high * 1.15) if logarithmic else (0.0, 1.08 * high if high > 0.0 else 1.0)
+    span, logarithmic = _scale(found)
     axes = Axes(drawing, (0.0, max(len(found) - 1.0, 1.0)), span, logarithmic=logarithmic)
     marks = decades(*span) if logarithmic else ticks(*span)
     steps = [t for t in ticks(0.0, max(len(found) - 1.0, 1.0), 8) if t == round(t)]
@@ -99,6 +102,33 @@ def history(values: Sequence[float], title: str, name: str, size: tuple[float, f
     if len(found) > 1:
         end = points[-1]
         drawing.add(Text((float(end[0]) - 2, float(end[1]) - 9), f"{found[-1]:.3g}", 11.5, INK, "end"))
+    return drawing
+
+
+def _scale(values: Float[np.ndarray, " steps"]) -> tuple[tuple[float, float], bool]:
+    """The ends of a scale for these values, and whether it is logarithmic."""
+    low, high = float(values.min()), float(values.max())
+    if low > 0.0 and high > LOGARITHMIC * low:
+        return (low / 1.15, high * 1.15), True
+    return (0.0, 1.08 * high if high > 0.0 else 1.0), False
+
+
+def sparkline(values: Sequence[float], size: float) -> Drawing:
+    """The same without words, in a square of ``size`` pixels, readable on dark and on light paper."""
+    drawing, margin = Drawing("", size, size), 0.05 * size
+    low, high = 0.7 * margin, size - 0.7 * margin
+    drawing.add(Line(np.array([[low, low], [low, high], [high, high]]), PALE))
+    found = np.asarray([v for v in values if np.isfinite(v) and v > 0.0], dtype=float)
+    if not len(found):
+        return drawing
+    span, logarithmic = _scale(found)
+    ends = (0.0, max(len(found) - 1.0, 1.0))
+    axes = Axes(drawing, ends, span, margin, margin, margin, margin, logarithmic)
+    points = axes.at(np.arange(len(found)), found)
+    base = points * [1.0, 0.0] + [0.0, size - margin]
+    below = np.stack([points[:-1], points[1:], base[1:], base[:-1]], axis=1)
+    drawing.add(Shapes(below, np.tile(rgb(BRIGHT), (len(below), 1)), 0.18))
+    drawing.add(Line(points, BRIGHT, 3.0), Dots(points[1:-1], 1.5, BRIGHT), Dots(points[-1:], 4.5, BRIGHT))
     return drawing
 
 

@@ -14,10 +14,10 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.view import raster
+from flexmaps.bridge.view import images
 from flexmaps.bridge.view import report as pages
 from flexmaps.engine import colours
-from flexmaps.engine.display import arrange, drawing, plots
+from flexmaps.engine.display import arrange, drawing, plots, raster
 from flexmaps.engine.display.plots import Colouring
 from flexmaps.engine.runs import report_plots
 from hypothesis import given, settings
@@ -237,7 +237,7 @@ def test_filled_shapes_have_their_area(points: list[tuple[float, float]], clockw
     made = drawing.Drawing("A shape", 100, 60, [drawing.Line(np.array([[0.0, 0.0], [0.1, 0.0]]), "#ffffff", 0.1)])
     empty = raster.pixels(made, {})
     canvas = np.ascontiguousarray(np.repeat(np.repeat(empty, raster.FINE, 0), raster.FINE, 1))
-    raster._fill(canvas, ring * raster.SCALE * raster.FINE, np.zeros(3))
+    raster._fill(canvas, ring * raster.SCALE * raster.FINE, np.zeros(4))
     area = (canvas[..., 0] < 0.5).sum() / (raster.SCALE * raster.FINE) ** 2
     assert area == pytest.approx(hull.area, abs=0.15 * hull.length + 0.1)
 
@@ -245,7 +245,7 @@ def test_filled_shapes_have_their_area(points: list[tuple[float, float]], clockw
 def test_letters_stand_where_they_are_asked_to() -> None:
     def ink(**how: Any) -> np.ndarray:
         made = drawing.Drawing("Text", 200, 100, [drawing.Text((100, 50), "Widths", 16, "#000000", **how)])
-        return np.argwhere(raster.pixels(made, raster.glyphs())[..., 0] < 0.5) / raster.SCALE
+        return np.argwhere(raster.pixels(made, images.glyphs())[..., 0] < 0.5) / raster.SCALE
 
     start, end, turned = ink(), ink(anchor="end"), ink(turned=True, anchor="middle")
     assert start[:, 1].min() == pytest.approx(100, abs=2) and end[:, 1].max() == pytest.approx(100, abs=2)
@@ -257,7 +257,7 @@ def test_letters_stand_where_they_are_asked_to() -> None:
 def test_letters_are_those_of_blender_as_it_sets_them() -> None:
     """A whole line, made by Blender at once, has the same corners and the same area."""
     text = "RMS 0.312 mm (6.83 %), gÄW"
-    letters, alone = raster.glyphs(), raster._set(text.replace("Ä", raster.UNKNOWN))
+    letters, alone = images.glyphs(), images._set(text.replace("Ä", raster.UNKNOWN))
     placed = raster._placed(drawing.Text((0, 0), text, 1 / 1.05), letters) * np.array([1, -1])
     area = [np.abs(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])).sum() for t in (placed, alone)]
     assert area[0] == pytest.approx(area[1], rel=1e-4)
@@ -268,7 +268,7 @@ def test_letters_are_those_of_blender_as_it_sets_them() -> None:
 def test_every_letter_of_the_plots_is_known(strip: api.Piece) -> None:
     drawn = pages.of_object(api.show(strip))[1]
     texts = [item.text for made in drawn.values() for item in made.items if isinstance(item, drawing.Text)]
-    assert set(report_plots.NAMES) == set(drawn) and not set("".join(texts)) - set(raster.LETTERS)
+    assert set(report_plots.NAMES) == set(drawn) and not set("".join(texts)) - set(images.LETTERS)
 
 
 # -- in Blender --------------------------------------------------------------------------------------------------------------
