@@ -269,14 +269,16 @@ def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) ->
     Of an object, instead of a piece: of what was last done to it in Blender. The page and its plots (SVG) open without a
     network.
     """
-    from .bridge.view import report as pages
+    from .bridge.view import report as held
     from .engine import files
+    from .engine.runs import report_page as pages
 
     if isinstance(piece, Piece):
         described = reporting.build(piece.result, source=piece.name, settings=piece.settings)
-        drawn = pages.drawings(piece.result, described, piece.settings) if folder is not None else {}
+        limit = piece.settings.layout.distortion_limit
+        drawn = pages.drawings(piece.result, described, limit) if folder is not None else {}
     else:
-        described, drawn = pages.of_object(piece)
+        described, drawn = held.of_object(piece)
     if folder is not None:
         out = Path(folder)
         with files.replacing_many(pages.stale(out)) as new:

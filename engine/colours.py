@@ -10,6 +10,17 @@ BAD = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.6
 # how much there is of something
 MUCH = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
 SEAM = np.array([0.10, 0.11, 0.14])  # of cuts, sRGB: nearly black, beside every colour of a patch
+# what may limit a match -> its colour, sRGB, and what the legend says
+LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
+    "matched": ((0.90, 0.92, 0.88), "matches"),
+    "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
+    "stiffest": ((0.50, 0.27, 0.60), "as stiff as it may be"),
+    "unstable": ((0.76, 0.08, 0.20), "about to snap"),
+    "distorted": ((0.95, 0.78, 0.25), "distorted by flattening"),
+    "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
+    "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
+}
+LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:

@@ -38,9 +38,9 @@ class Report(ContinuedStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        from ..bridge.view import report as pages
+        from ..bridge.view import report as held
 
-        found = pages.read(obj, snapshot)
+        found = held.read(obj, snapshot)
         letters = self._letters = Future()
         given, folder = snapshot.settings.export.folder, None
         if self.files and not (given.startswith("//") and not bpy.data.filepath):
@@ -49,8 +49,9 @@ class Report(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
             from ..engine.display import raster
+            from ..engine.runs import report_page as pages
 
-            described, drawn = pages.drawn(result, found, progress.part(0.0, 0.3))
+            described, drawn = held.drawn(result, found, progress.part(0.0, 0.3))
             while not letters.done():  # and hear a stop meanwhile
                 progress(0.3, "Waiting for letters")
                 time.sleep(0.02)
@@ -71,7 +72,7 @@ class Report(ContinuedStage, bpy.types.Operator):
         self._letters.set_result(images.glyphs())
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge.view import report as pages
+        from ..engine.runs import report_page as pages
 
         _, shown, folder = result
         if folder is None:

@@ -16,7 +16,7 @@ from ...engine.assembling import sheet as assembly_sheet
 from ...engine.fabrication.writers import export, series
 from ...engine.params import Settings
 from ...engine.progress import SILENT, Progress
-from ...engine.runs import job, report
+from ...engine.runs import job, report, report_page
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {
@@ -51,7 +51,6 @@ def write(
 ) -> dict[str, Any]:
     """Write everything that the stages have made; returns the report. Blender's open file is left for the model's."""
     from ..view import picture, scene
-    from ..view import report as pages
 
     written: list[Path] = []
     shown: list[tuple[str, Path]] = []
@@ -76,7 +75,8 @@ def write(
                     shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
     described = report.build(result, source=name, files=written, settings=settings)
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    pages.write(described, pages.drawings(result, described, settings), out, new, shown)
+    drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
+    report_page.write(described, drawn, out, new, shown)
     progress(1.0, "done")
     return described
 
@@ -110,14 +110,12 @@ def guide_of(base: Path) -> Path:
 
 def _stale(out: Path) -> list[Path]:
     """What an earlier run left in the folder: it goes when the new files come, and only what its report names."""
-    from ..view import report as pages
-
     try:
         earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
         sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
     except (OSError, ValueError, AttributeError, TypeError):
         return []
-    return [*filter(series.ours, sheets), *(out / name for name in PICTURES), *pages.stale(out)]
+    return [*filter(series.ours, sheets), *(out / name for name in PICTURES), *report_page.stale(out)]
 
 
 @contextmanager

@@ -22,18 +22,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "SAFETY": ("flexmaps_strain", "Strain", "%"),
 }
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
-# what may limit a match -> its colour, sRGB, and what the legend says
-LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
-    "matched": ((0.90, 0.92, 0.88), "matches"),
-    "softest": ((0.90, 0.45, 0.13), "as soft as it may be"),
-    "stiffest": ((0.50, 0.27, 0.60), "as stiff as it may be"),
-    "unstable": ((0.76, 0.08, 0.20), "about to snap"),
-    "distorted": ((0.95, 0.78, 0.25), "distorted by flattening"),
-    "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
-    "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
-}
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
-LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 
 
 def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
@@ -53,7 +42,7 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
         return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
     low, high = float(values.min()), float(values.max())
     if kind == "DISTANCE":
-        high = max(high, LEAST_DISTANCE)
+        high = max(high, colours.LEAST_DISTANCE)
         legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
         return colours.on_scale(values, 0.0, high, colours.BAD), legend
     if kind == "STRAIN_ENERGY":
@@ -67,7 +56,7 @@ def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
     """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
     from ...engine.optimisation.reach import NAMES
 
-    looks = [LIMITS.get(name, ((0.6, 0.6, 0.6), name)) for name in NAMES]
+    looks = [colours.LIMITS[name] for name in NAMES]
     count = np.bincount(kinds, minlength=len(looks))
     entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
     rgb = colours.linear(np.array([rgb for rgb, _ in looks]))

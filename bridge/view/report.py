@@ -1,24 +1,18 @@
-"""The report page and the plots of a piece: from a job's result, or from what an object in Blender holds."""
+"""The report and the plots of what an object in Blender holds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...engine.display import arrange, drawing
+from ...engine.display import run_plots
 from ...engine.display.drawing import Drawing
-from ...engine.fabrication.writers.export import NewFile
-from ...engine.params import ObjectSettings, Settings
+from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
-from ...engine.runs import report, report_page, report_plots, stages
-from ...engine.runs.report_plots import Measured
+from ...engine.runs import report, report_page, stages
 from ...engine.runs.result import Result
-from . import colouring
 
 if TYPE_CHECKING:
     import bpy
@@ -26,43 +20,6 @@ if TYPE_CHECKING:
     from ..store.snapshot import Snapshot
 
 SIMULATED = ("equilibrium", "reach", "optimise")
-PAGE, PLOTS = "report.html", "plots"
-
-
-def drawings(result: Result, described: dict[str, Any], settings: Settings) -> dict[str, Drawing]:
-    """The plots of a job, by name."""
-    centres = None if result.flat is None else arrange.side_by_side(result.flat)
-    measured = Measured.of(result, centres)
-    return report_plots.drawings(measured, described, colouring.LIMITS, settings.layout.distortion_limit)
-
-
-def write(
-    described: dict[str, Any],
-    drawn: dict[str, Drawing],
-    out: Path,
-    new: NewFile,
-    pictures: Sequence[tuple[str, Path]] = (),
-    progress: Progress = SILENT,
-) -> list[Path]:
-    """Write the page, and every plot as an SVG file of its own beside it; returns the files, the page first.
-
-    pictures : what they show, and PNG files
-    """
-    made = datetime.now().strftime("%Y-%m-%d %H:%M")
-    for plot in progress.each([*drawn.values()], "Writing the page"):
-        drawing.svg(plot)  # kept for the page and for the file
-    text = report_page.page(described, drawn, [(says, file.read_bytes()) for says, file in pictures], made)
-    new(out / PAGE).write_text(text, encoding="utf-8")
-    written = [out / PAGE]
-    for name, plot in drawn.items():
-        written.append(out / PLOTS / f"{name}.svg")
-        new(written[-1]).write_text(drawing.svg(plot), encoding="utf-8")
-    return written
-
-
-def stale(out: Path) -> list[Path]:
-    """The files that ``write`` may have written before."""
-    return [out / PAGE, *(out / PLOTS / f"{name}.svg" for name in report_plots.NAMES)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +83,9 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     Raises ``FlexMapsError`` where nothing was laid out yet.
     """
     taken = found.taken
-    flat = stages.needed(result, "flat")
+    stages.needed(result, "flat")
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
-    measured = Measured.of(result, arrange.side_by_side(flat))
+    measured = report_page.measured(result)
     if found.shape is not None:
         to_metres = taken.surface.to_metres
         world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
@@ -136,6 +93,4 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
         measured = replace(measured, shape=world[used], **found.values)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
-    return described, report_plots.drawings(
-        measured, described, colouring.LIMITS, taken.settings.layout.distortion_limit
-    )
+    return described, run_plots.drawings(measured, described, taken.settings.layout.distortion_limit)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..colours import hexadecimal, of_patches, of_seams
-from ..fabrication.estimates import Estimates
+from ..fabrication.estimates import Estimates, duration
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.sheets import CutSheets
 from ..fabrication.writers.pdf import Page, document, text_width
@@ -150,15 +150,10 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
         ("Cut length", f"{sheets.cut_length:.1f} m"),
     ]
     if figures.cut_seconds is not None:
-        found.append(("Laser", f"about {_duration(figures.cut_seconds)}"))
+        found.append(("Laser", f"about {duration(figures.cut_seconds / 60.0)}"))
     if figures.joints:
-        found.append(("Assembly", f"about {_duration(figures.assembly_seconds)}"))
+        found.append(("Assembly", f"about {duration(figures.assembly_seconds / 60.0)}"))
     return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
-
-
-def _duration(seconds: float) -> str:
-    minutes = max(round(seconds / 60.0), 1)
-    return f"{minutes} min" if minutes < 90 else f"{minutes / 60.0:.1f} h"
 
 
 def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: Progress) -> None:

@@ -28,7 +28,7 @@ from .drawing import (
 )
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
+    from jaxtyping import Float
 
 CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper

@@ -38,7 +38,7 @@ def pixels(drawing: Drawing, letters: Glyphs, paper: str | None = PAPER) -> Floa
     return canvas.reshape(rows, FINE, columns, FINE, 4).mean(axis=(1, 3))
 
 
-def _opaque(colour: str) -> Float[np.ndarray, "4"]:
+def _opaque(colour: str) -> Float[np.ndarray, " 4"]:
     return np.append(rgb(colour), 1.0)
 
 

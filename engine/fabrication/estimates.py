@@ -39,6 +39,12 @@ SPEEDS: dict[str, CutSpeed] = {
 JOINT = 45.0  # seconds
 
 
+def duration(minutes: float) -> str:
+    """A rough time in words."""
+    whole = max(round(minutes), 1)
+    return f"{whole} min" if whole < 90 else f"{minutes / 60.0:.1f} h"
+
+
 @dataclass(frozen=True)
 class Estimates:
     """Rough figures of the making, SI.

@@ -17,9 +17,8 @@ from flexmaps import api
 from flexmaps.bridge.view import images
 from flexmaps.bridge.view import report as pages
 from flexmaps.engine import colours
-from flexmaps.engine.display import arrange, drawing, plots, raster
+from flexmaps.engine.display import arrange, drawing, plots, raster, run_plots
 from flexmaps.engine.display.plots import Colouring
-from flexmaps.engine.runs import report_plots
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
@@ -150,7 +149,7 @@ def test_every_stage_that_is_missing_is_left_out(tmp_path: Path) -> None:
 
 def test_every_plot_is_a_file_that_others_can_read(out: Path) -> None:
     found = {path.stem: ElementTree.parse(path).getroot() for path in (out / "plots").glob("*.svg")}
-    assert set(found) == set(report_plots.NAMES)
+    assert set(found) == set(run_plots.NAMES)
     for name, root in found.items():
         _, _, width, height = map(float, root.attrib["viewBox"].split())
         assert root.find(f"{SVG}title") is not None
@@ -268,7 +267,7 @@ def test_letters_are_those_of_blender_as_it_sets_them() -> None:
 def test_every_letter_of_the_plots_is_known(strip: api.Piece) -> None:
     drawn = pages.of_object(api.show(strip))[1]
     texts = [item.text for made in drawn.values() for item in made.items if isinstance(item, drawing.Text)]
-    assert set(report_plots.NAMES) == set(drawn) and not set("".join(texts)) - set(images.LETTERS)
+    assert set(run_plots.NAMES) == set(drawn) and not set("".join(texts)) - set(images.LETTERS)
 
 
 # -- in Blender --------------------------------------------------------------------------------------------------------------
@@ -283,7 +282,7 @@ def test_what_an_object_holds_tells_the_same(strip: api.Piece, out: Path, tmp_pa
             assert described[block][key] == (pytest.approx(value, rel=1e-4) if isinstance(value, float) else value)
     assert described["optimise"]["history"] == first["optimise"]["history"]
     assert described["sheets"]["mass_g"] == first["sheets"]["mass_g"]
-    for name in report_plots.NAMES:
+    for name in run_plots.NAMES:
         both = [(folder / "plots" / f"{name}.svg").read_text() for folder in (out, tmp_path)]
         roots = [ElementTree.fromstring(text) for text in both]
         texts = [[t.text for t in root.iter(f"{SVG}text")] for root in roots]
@@ -294,7 +293,7 @@ def test_the_button(strip: api.Piece, tmp_path: Path) -> None:
     obj = api.show(strip)
     obj.flexmaps.export.folder = str(tmp_path)
     assert bpy.ops.flexmaps.report() == {"FINISHED"}
-    made = {name: bpy.data.images[f"{obj.name} {name}"] for name in report_plots.NAMES}
+    made = {name: bpy.data.images[f"{obj.name} {name}"] for name in run_plots.NAMES}
     for name, image in made.items():
         pixels = np.empty(len(image.pixels), np.float32)
         image.pixels.foreach_get(pixels)

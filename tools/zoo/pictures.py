@@ -9,10 +9,8 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.display import arrange
 from flexmaps.engine.display.drawing import Drawing, Shapes, Strokes
-from flexmaps.engine.runs import job, report_plots
-from flexmaps.engine.runs.report_plots import Measured
+from flexmaps.engine.runs import job, report_page
 from PIL import Image, ImageDraw
 
 SHOWN = ("surface", "patches", "shape")  # of the plots of a run: patches on the surface, flat, distance to the target
@@ -30,8 +28,7 @@ table { border-collapse: collapse; margin: 8px 0 20px } td, th { padding: 2px 14
 
 def strip(result: job.Result, distortion: float) -> bytes:
     """A PNG of the plots in ``SHOWN`` beside each other; white where a stage did not run."""
-    centres = None if result.flat is None else arrange.side_by_side(result.flat)
-    made = report_plots.drawings(Measured.of(result, centres), {}, {}, distortion)
+    made = report_page.drawings(result, {}, distortion)
     whole = Image.new("RGB", (SIZE[0] * len(SHOWN), SIZE[1]), "white")
     for k, name in enumerate(SHOWN):
         if name in made:

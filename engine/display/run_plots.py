@@ -4,80 +4,86 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import colours
-from ..display import plots
-from ..display.drawing import Drawing, hexes, rgb
-from ..display.plots import Colouring
 from ..optimisation import reach
+from ..optimisation.reach import Reach
+from ..patches.flattening.flatten import FlatPatches
+from ..simulation.simulate import Simulation
+from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
-from .job import Result
+from . import arrange, plots
+from .drawing import Drawing, hexes, rgb
+from .plots import Colouring
 
-Looks = Mapping[str, tuple[tuple[float, float, float], str]]
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "limits")  # fmt: skip
-LEAST = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
     """What maps show, a value for every quad; ``None`` where the stage has not run.
 
-    mesh : the target; corners : (F, 4, 2) metres, the flat patches beside each other; sides : (F, 4) bool, their outlines
-    patch : (F,) int; distortion : (F,) ARAP energy; width, twist : (F,) mm and degrees
-    shape : (V, 3) metres, the simulated one; distance : (F,) mm to the target; strain : (F,) share of the material's limit
-    kind : (F,) int, what limits the match, into ``reach.NAMES``
+    mesh : the target; corners : metres, the flat patches beside each other; sides : their outlines
+    distortion : ARAP energy; width, twist : mm and degrees
+    shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
+    kind : what limits the match, into ``reach.NAMES``
     """
 
     mesh: QuadMesh
-    corners: np.ndarray | None = None
-    sides: np.ndarray | None = None
-    patch: np.ndarray | None = None
-    distortion: np.ndarray | None = None
-    width: np.ndarray | None = None
-    twist: np.ndarray | None = None
-    shape: np.ndarray | None = None
-    distance: np.ndarray | None = None
-    strain: np.ndarray | None = None
-    kind: np.ndarray | None = None
+    corners: Float[np.ndarray, "quads 4 2"] | None = None
+    sides: Bool[np.ndarray, "quads 4"] | None = None
+    patch: Int[np.ndarray, " quads"] | None = None
+    distortion: Float[np.ndarray, " quads"] | None = None
+    width: Float[np.ndarray, " quads"] | None = None
+    twist: Float[np.ndarray, " quads"] | None = None
+    shape: Float[np.ndarray, "vertices 3"] | None = None
+    distance: Float[np.ndarray, " quads"] | None = None
+    strain: Float[np.ndarray, " quads"] | None = None
+    kind: Int[np.ndarray, " quads"] | None = None
 
     @classmethod
-    def of(cls, result: Result, centres: np.ndarray | None) -> Measured:
-        """Of a job; centres (N, 2) metres are where the flat patches lie."""
-        found: dict[str, Any] = {}
-        if result.flat is not None and centres is not None:
-            layout = result.flat.layout
-            found |= {
-                "corners": result.flat.corners + centres[layout.patch_of][:, None],
+    def of(
+        cls,
+        mesh: QuadMesh,
+        flat: FlatPatches | None = None,
+        design: SpiralDesign | None = None,
+        simulation: Simulation | None = None,
+        limits: Reach | None = None,
+    ) -> Measured:
+        """Of what the stages have made."""
+        values: dict[str, Any] = {}
+        if flat is not None:
+            layout = flat.layout
+            values |= {
+                "corners": flat.corners + arrange.side_by_side(flat)[layout.patch_of][:, None],
                 "sides": layout.outline_sides,
                 "patch": layout.patch_of,
-                "distortion": result.flat.energy,
+                "distortion": flat.energy,
             }
-        if result.design is not None:
-            found |= {"width": result.design.width * 1e3, "twist": np.degrees(result.design.twist)}
-        if result.simulation is not None:
-            made = result.simulation
-            found |= {"shape": made.vertices, "distance": made.distance * 1e3, "strain": made.strain}
-        if result.limits is not None:
-            found["kind"] = result.limits.kind
-        return cls(result.mesh, **found)
+        if design is not None:
+            values |= {"width": design.width * 1e3, "twist": np.degrees(design.twist)}
+        if simulation is not None:
+            distance = simulation.distance * 1e3
+            values |= {"shape": simulation.vertices, "distance": distance, "strain": simulation.strain}
+        if limits is not None:
+            values["kind"] = limits.kind
+        return cls(mesh, **values)
 
 
-def drawings(measured: Measured, described: Mapping[str, Any], limits: Looks, distortion: float) -> dict[str, Drawing]:
+def drawings(measured: Measured, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
     """Every plot that there is something to show in, by name.
 
-    described : the report of the same run; limits : colour, sRGB, and name of every one of ``reach.NAMES``
-    distortion : the limit of the layout, where the scale of the distortion ends
+    described : the report of the same run; distortion : the limit of the layout, where the scale of the distortion ends
     """
-    found: dict[str, Drawing] = {}
-    found |= _layout(measured, distortion)
-    found |= _spirals(measured)
-    found |= _history(described)
-    found |= _match(measured, described, limits)
-    return found
+    layout, spirals = _layout(measured, distortion), _spirals(measured)
+    return layout | spirals | _history(described) | _match(measured, described)
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
@@ -123,7 +129,7 @@ def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
     }
 
 
-def _match(m: Measured, described: Mapping[str, Any], limits: Looks) -> dict[str, Drawing]:
+def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
     if m.distance is None or m.corners is None or m.sides is None:
         return {}
     found = {}
@@ -133,7 +139,7 @@ def _match(m: Measured, described: Mapping[str, Any], limits: Looks) -> dict[str
     found["errors"] = plots.histogram(
         m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
     )
-    high = max(float(m.distance.max()), LEAST)
+    high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
     far = Colouring.of("Distance to the target", m.distance, "mm", colours.BAD, 0.0, high)
     if m.shape is not None:
         found["shape"] = plots.shape_map(
@@ -146,7 +152,7 @@ def _match(m: Measured, described: Mapping[str, Any], limits: Looks) -> dict[str
         loaded = Colouring.of("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
         found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
     if m.kind is not None:
-        looks = [limits.get(name, ((0.6, 0.6, 0.6), name)) for name in reach.NAMES]
+        looks = [colours.LIMITS[name] for name in reach.NAMES]
         counts = np.bincount(m.kind, minlength=len(looks)).tolist()
         named = zip(hexes(np.array([colour for colour, _ in looks])), looks, counts)
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)
