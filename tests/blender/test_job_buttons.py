@@ -103,10 +103,10 @@ def test_a_report_is_seen_before_its_letters_are_made(
     report: Any, window: Window, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Making them draws every window anew."""
-    from flexmaps.bridge.view import raster
+    from flexmaps.bridge.view import images
 
-    made, glyphs = [], raster.glyphs
-    monkeypatch.setattr(raster, "glyphs", lambda: made.append(1) or glyphs())
+    made, glyphs = [], images.glyphs
+    monkeypatch.setattr(images, "glyphs", lambda: made.append(1) or glyphs())
     assert report.invoke(window, None) == {"RUNNING_MODAL"}
     assert not made and "ESC" in (window.status[-1] or "")
     assert drive(report, window) == {"FINISHED"} and len(made) == 1

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.view import colouring, designing, plot
+from flexmaps.engine import colours
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.optimisation import optimise as engine
 from flexmaps.engine.optimisation.reach import NAMES
@@ -89,16 +90,18 @@ def test_arms_lie_on_warped_quads() -> None:
 
 
 def test_plot_of_the_history() -> None:
+    margin = round(0.05 * plot.SIZE)
+
     def height(picture: np.ndarray, share: float) -> int:
         """The row of the highest point of the curve at a share of the way."""
-        column = plot.MARGIN + int(share * (plot.SIZE - 2 * plot.MARGIN - 8)) + 4
+        column = margin + int(share * (plot.SIZE - 2 * margin - 8)) + 4
         curve = (picture[:, column, 3] > 0.9) & (picture[:, column, 0] > 0.9)
         return int(np.flatnonzero(curve).max())
 
     falling = plot.picture([4.0, 3.0, 2.0])
     assert height(falling, 0.0) > height(falling, 0.5) > height(falling, 1.0)
     # in proportion, as the scale begins at zero
-    low = plot.MARGIN
+    low = margin
     assert (height(falling, 1.0) - low) / (height(falling, 0.0) - low) == pytest.approx(0.5, abs=0.06)
     assert height(plot.picture([1.0, 1e-3]), 1.0) < height(plot.picture([1.0, 1e-3]), 0.5)
     for odd in ([], [1.0], [0.0, 0.0], [1.0, np.nan, 0.5], [2.0] * 1000):
@@ -121,7 +124,7 @@ def test_limits_as_colours(piece: Any, attribute: Any) -> None:
         assert sorted(int(text.rpartition(": ")[2]) for _, text in legend.entries) == sorted(shown.values())
         rgb = np.round(attribute(piece, "flexmaps_colour", "color", 4)[::4, :3], 5)
         assert len(np.unique(rgb, axis=0)) == len(shown)
-    assert set(colouring.LIMITS) == set(NAMES)
+    assert set(colours.LIMITS) == set(NAMES)
     piece.flexmaps.material.material = "birch"
     with pytest.raises(RuntimeError, match="nothing to show"):
         bpy.ops.flexmaps.overlay(kind="REACH")
