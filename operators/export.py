@@ -12,7 +12,6 @@ import bpy
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from ..engine.params import ExportParams
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -33,9 +32,10 @@ class Export(ContinuedStage, bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import equilibrium
         from ..bridge.view import flat_panels
+        from ..engine.fabrication.writers import export
 
         settings = snapshot.settings
-        formats, look = _formats(settings.export), flat_panels.look_of(settings)
+        formats, look = export.chosen(settings.export), flat_panels.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = _folder(settings.export.folder) / _file_name(snapshot.name)
@@ -48,7 +48,6 @@ class Export(ContinuedStage, bpy.types.Operator):
             from ..bridge.hosts import job_folder
             from ..engine import files
             from ..engine.fabrication import estimates, sheets
-            from ..engine.fabrication.writers import export
             from ..engine.runs import job
 
             made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))
@@ -89,15 +88,6 @@ def _folder(text: str) -> Path:
     if not text.strip():
         raise FlexMapsError("Choose a folder for the files")
     return Path(bpy.path.abspath(text))
-
-
-def _formats(params: ExportParams) -> tuple[str, ...]:
-    dxf = {"NONE": (), "R2010": ("dxf",), "R12": ("dxf-r12",), "BOTH": ("dxf", "dxf-r12")}[params.dxf]
-    solids = {"NONE": (), "STL": ("stl",), "3MF": ("3mf",), "BOTH": ("stl", "3mf")}[params.solids]
-    formats = (("svg",) if params.svg else ()) + dxf + (("pdf",) if params.pdf else ()) + solids
-    if not formats:
-        raise FlexMapsError("No kind of file is chosen; switch SVG, DXF or PDF on")
-    return formats
 
 
 def _file_name(name: str) -> str:

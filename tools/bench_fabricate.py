@@ -25,7 +25,7 @@ from flexmaps.engine.fabrication.connectors.connect import Connections
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.fabrication.writers import dxf, pdf, svg
+from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.fabrication.writers import solids as solid_files
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.merging import merge
@@ -233,14 +233,14 @@ def xatlas_fill(flat: Any, area: float, spacing: float) -> float:
 def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     """What other programs find in the files."""
     rows = []
-    paths = svg.write(made, base.with_suffix(".svg"))
+    paths = export.write(made, base, ("svg",))
     size = sum(os.path.getsize(p) for p in paths) / 1e6
     rows.append(at_most(name, "SVG, megabytes", MEGABYTES.get(name), round(size, 2)))
     rows.append(at_most(name, "empty or double cuts", 0, sum(map(idle_cuts, paths))))
     rows += shape_rows(name, "SVG by svgelements", [svg_polygons(p) for p in paths], made, close=True)
-    for version in ("R2010", "R12"):
-        paths = dxf.write(made, base.with_name(f"sheet-{version}.dxf"), version)
-        rows += shape_rows(name, f"DXF {version} by ezdxf", [dxf_polygons(p) for p in paths], made)
+    for kind in ("dxf", "dxf-r12"):
+        paths = export.write(made, base, (kind,))
+        rows += shape_rows(name, f"{kind} by ezdxf", [dxf_polygons(p) for p in paths], made)
     rows.append(at_most(name, "PDF by PDFium, mm off", 0.001, pdf_error(made, base.with_suffix(".pdf"))))
     return rows + solid_rows(name, made, base)
 
@@ -348,7 +348,10 @@ def pdf_error(made: CutSheets, target: Path) -> float:
     """Millimetres by which the pages' sizes stray from the sheets'."""
     import pypdfium2
 
-    found = [np.array(pypdfium2.PdfDocument(path)[0].get_size()) * 25.4 / 72.0 for path in pdf.write(made, target)]
+    found = [
+        np.array(pypdfium2.PdfDocument(path)[0].get_size()) * 25.4 / 72.0
+        for path in export.write(made, target.with_suffix(""), ("pdf",))
+    ]
     return round(float(np.abs(np.array(found) - made.packing.sizes * 1e3).max()), 6)
 
 
@@ -368,8 +371,8 @@ def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
         tight += bool(mesh.is_watertight and mesh.is_winding_consistent)
         off = max(off, float(abs(mesh.volume / (panel.area * made.thickness * 1e9) - 1.0)))
     seconds = time.process_time() - started
-    solid_files.write_stl([solid], base.with_suffix(".stl"))
-    solid_files.write_3mf([solid], base.with_suffix(".3mf"))
+    solid_files.stl([solid], base.with_suffix(".stl"))
+    solid_files.package_3mf([solid], base.with_suffix(".3mf"))
     again = trimesh.load_mesh(base.with_suffix(".stl"))
     whole = bool(again.is_watertight) and zipfile.ZipFile(base.with_suffix(".3mf")).testzip() is None
     return [

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from flexmaps.engine.fabrication import sheets
-from flexmaps.engine.fabrication.writers import pdf
+from flexmaps.engine.fabrication.writers import export, pdf
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve
@@ -23,7 +23,7 @@ def _drawn(data, dots_per_mm=10.0):
 def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
     made = design.uniform(flat_grid(3, 3, 0.03, cut=lambda x, y: x == 1), SpiralParams())
     cut = sheets.make_sheets(made, SheetParams(sheet_width=0.2, sheet_height=0.11, nesting="FAST"))
-    (path,) = pdf.write(cut, tmp_path / "sheet.pdf")
+    (path,) = export.write(cut, tmp_path / "sheet", ("pdf",))
     assert path.name == "sheet-01.pdf"
     document = pdfium.PdfDocument(path)
     np.testing.assert_allclose(np.array(document[0].get_size()) * MM, [200.0, 110.0], atol=1e-4)

@@ -14,8 +14,8 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
-from flexmaps.engine.fabrication.writers import dxf, export, svg
-from flexmaps.engine.params import ConnectorParams, LayoutParams, Settings, SheetParams, SpiralParams
+from flexmaps.engine.fabrication.writers import export, svg
+from flexmaps.engine.params import ConnectorParams, ExportParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
@@ -123,7 +123,7 @@ def _svg_polygons(path):
 
 
 def test_svg_reads_back_in_true_millimetres(made, tmp_path):
-    (path,) = svg.write(made, tmp_path / "sheet.svg")
+    (path,) = export.write(made, tmp_path / "sheet", ("svg",))
     assert path.name == "sheet-01.svg"
     root = ET.parse(path).getroot()
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("600mm", "400mm", "0 0 600 400")
@@ -142,9 +142,9 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
     assert len(found["engrave"]) == sum(len(p.labels) for p in made.panels)
 
 
-@pytest.mark.parametrize("version", ["R12", "R2010"])
-def test_dxf_reads_back_in_true_millimetres(made, tmp_path, version, caplog):
-    (path,) = dxf.write(made, tmp_path / "sheet.dxf", version)
+@pytest.mark.parametrize("kind, version", [("dxf-r12", "R12"), ("dxf", "R2010")])
+def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplog):
+    (path,) = export.write(made, tmp_path / "sheet", (kind,))
     assert not caplog.records
     document = ezdxf.readfile(path)
     assert not document.audit().errors
@@ -167,16 +167,24 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, version, caplog):
             assert (entity.is_closed if version == "R12" else entity.closed) is True
 
 
-def test_unknown_dxf_version(made, tmp_path):
-    with pytest.raises(FlexMapsError, match="R12, R2010"):
-        dxf.write(made, tmp_path / "sheet.dxf", "R99")
+def test_unknown_formats_are_refused(made, tmp_path):
+    with pytest.raises(FlexMapsError, match="svg, dxf, dxf-r12, pdf, stl, 3mf"):
+        export.write(made, tmp_path / "sheet", ("dxf", "dxf-r99"))
+
+
+def test_the_settings_choose_every_format():
+    everything = ExportParams(dxf="BOTH", solids="BOTH")
+    assert export.chosen(everything) == export.FORMATS
+    assert export.chosen(ExportParams(dxf="R12", pdf=False, solids="3MF")) == ("svg", "dxf-r12", "3mf")
+    with pytest.raises(FlexMapsError, match="switch SVG"):
+        export.chosen(ExportParams(svg=False, dxf="NONE", pdf=False))
 
 
 def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
     earlier = svg.text(made, 0)
     for name in ("sheet-02.svg", "sheet-03.svg", "sheet-05.svg"):
         (tmp_path / name).write_text(earlier)
-    svg.write(made, tmp_path / "sheet.svg")
+    export.write(made, tmp_path / "sheet", ("svg",))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["sheet-01.svg", "sheet-05.svg"]
 
 

@@ -23,7 +23,7 @@ def made(flat_grid):
 
 
 def test_stl_reads_back_as_closed_solids(made, tmp_path):
-    (path,) = solid_files.write(made, tmp_path / "sheet.stl")
+    (path,) = export.write(made, tmp_path / "sheet", ("stl",))
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -36,7 +36,7 @@ def test_stl_reads_back_as_closed_solids(made, tmp_path):
 
 
 def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
-    (path,) = solid_files.write(made, tmp_path / "sheet.3mf")
+    (path,) = export.write(made, tmp_path / "sheet", ("3mf",))
     space = {"m": "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"}
     with zipfile.ZipFile(path) as package:
         assert package.testzip() is None

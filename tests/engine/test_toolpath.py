@@ -9,7 +9,7 @@ from flexmaps.engine.fabrication.connectors.check import fit
 from flexmaps.engine.fabrication.connectors.shape import head, size, socket
 from flexmaps.engine.fabrication.panels import toolpath
 from flexmaps.engine.fabrication.panels.kerf import relieved
-from flexmaps.engine.fabrication.writers import dxf, svg
+from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve
@@ -122,10 +122,10 @@ def test_files_hold_the_runs(made, tabs, lead, tmp_path):
 
     result = sheets.make_sheets(made, FAST, cut=CutParams(tabs=tabs, lead_in=lead))
     runs = result.runs(0)
-    document = ezdxf.readfile(dxf.write(result, tmp_path / "a.dxf")[0])
+    document = ezdxf.readfile(export.write(result, tmp_path / "a", ("dxf",))[0])
     outer = document.modelspace().query('LWPOLYLINE[layer=="CUT_OUTER"]')
     assert [e.closed for e in outer] == [c.closed for c in runs.outer]
-    read = svgelements.SVG.parse(str(svg.write(result, tmp_path / "a.svg")[0]), ppi=25.4)
+    read = svgelements.SVG.parse(str(export.write(result, tmp_path / "a", ("svg",))[0]), ppi=25.4)
     red = [e for e in read.elements() if isinstance(e, svgelements.Path) and e.stroke.hex == "#ff0000"]
     assert [any(isinstance(s, svgelements.Close) for s in e) for e in red] == [c.closed for c in runs.outer]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,48 +12,37 @@ from typing import TextIO
 import numpy as np
 
 from ... import PROGRAM
-from ...errors import FlexMapsError
-from ...files import NewFile, replacing_many
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
-from .series import numbered, numbered_before
-from .svg import WRITING, operations
+from .operations import OPERATIONS, WRITING, Operation, on_sheet
 
-# name and AutoCAD colour index, in the order of the work; 7 is black on white
-LAYERS = (("ENGRAVE", 7), ("CUT_INNER", 5), ("CUT_OUTER", 1))
-VERSIONS = ("R12", "R2010")
 TOLD = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
-def write(
-    sheets: CutSheets,
-    path: str | os.PathLike[str],
-    version: str = "R2010",
-    new: NewFile | None = None,
-    progress: Progress = SILENT,
-) -> list[Path]:
-    """Write one file per sheet: ``path`` out/sheet.dxf gives out/sheet-01.dxf, out/sheet-02.dxf, ...; returns their paths.
+def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet as R2010, which knows its units."""
+    drawing = _document(sheets, index, "R2010", _entities(sheets, index, progress.part(0.0, 0.7)))
+    with open(path, "w", encoding=drawing.output_encoding) as stream:
+        drawing.write(_Told(stream, progress.part(0.7, 0.7)))
 
-    version : "R2010", the richer, or "R12", which every cutter's program reads. All files appear or none; ``new`` comes
-    from ``files.replacing_many`` where they shall appear together with others. Raises ``FlexMapsError`` where they cannot be
-    written.
+
+def write_r12(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet as R12, which every cutter's program reads.
+
+    Header and tables come from ezdxf; the polylines, one entity per node there, are written straight between them.
     """
-    if version not in VERSIONS:
-        raise FlexMapsError(f"DXF version '{version}' is not one of {', '.join(VERSIONS)}")
-    if new is None:
-        with replacing_many(numbered_before(path, sheets.count)) as new:
-            return write(sheets, path, version, new, progress)
-    paths = numbered(path, sheets.count)
-    for index, target in enumerate(paths):
-        part = progress.part(index / sheets.count, (index + 1) / sheets.count)
-        if version == "R12":
-            new(target).write_text(_r12(sheets, index, part), encoding="ascii", newline="\r\n")
-        else:
-            drawing = _document(sheets, index, version, _entities(sheets, index, part.part(0.0, 0.7)))
-            with open(new(target), "w", encoding=drawing.output_encoding) as stream:
-                drawing.write(_Told(stream, part.part(0.7, 0.7)))
-    return paths
+    frame = io.StringIO()
+    _document(sheets, index, "R12").write(frame)
+    before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
+    assert mark, "a DXF document has a section of entities"
+    parts = [f"999\n{PROGRAM}\n", before, mark]  # a comment: R12 has no place for the program's name
+    for name, curve in _entities(sheets, index, progress):
+        parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
+        head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
+        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n 42\n{bulge:.12g}\n" for x, y, bulge in _rows(curve))
+        parts.append(f"  0\nSEQEND\n  8\n{name}\n")
+    path.write_text("".join([*parts, after]), encoding="ascii", newline="\r\n")
 
 
 class _Told:
@@ -84,8 +72,8 @@ def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
     document.header["$EXTMIN"] = (0.0, 0.0, 0.0)
     document.header["$EXTMAX"] = (*(float(x) * 1e3 for x in sheets.packing.sizes[index]), 0.0)
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
-    for name, colour in LAYERS:
-        document.layers.add(name, color=colour)
+    for operation in OPERATIONS:
+        document.layers.add(_layer(operation), color=operation.aci)
     for name, curve in entities:
         document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
     return document
@@ -103,26 +91,15 @@ def _quiet() -> Iterator[None]:
 
 
 def _entities(sheets: CutSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
-    for (name, _), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
+    for operation, curves in on_sheet(sheets, index, progress):
         for curve in curves:
-            yield name, curve
+            yield _layer(operation), curve
+
+
+def _layer(operation: Operation) -> str:
+    return operation.name.upper().replace(" ", "_")
 
 
 def _rows(curve: Curve) -> list[list[float]]:
     """x and y in mm, and the bulge, of every node."""
     return np.column_stack([np.round(curve.points * 1e3, 6), curve.bulge]).tolist()
-
-
-def _r12(sheets: CutSheets, index: int, progress: Progress) -> str:
-    """An R12 document: header and tables from ezdxf; the polylines, one entity per node there, written straight into it."""
-    frame = io.StringIO()
-    _document(sheets, index, "R12").write(frame)
-    before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
-    assert mark, "a DXF document has a section of entities"
-    parts = [f"999\n{PROGRAM}\n", before, mark]  # a comment: R12 has no place for the program's name
-    for name, curve in _entities(sheets, index, progress):
-        parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
-        head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
-        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n 42\n{bulge:.12g}\n" for x, y, bulge in _rows(curve))
-        parts.append(f"  0\nSEQEND\n  8\n{name}\n")
-    return "".join([*parts, after])

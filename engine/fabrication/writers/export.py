@@ -1,20 +1,54 @@
-"""All the files of the sheets, written together: every format or none."""
+"""The sheets as files: the table of the formats, and writing all that are asked for together, every one or none."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import NamedTuple
 
 from ...errors import FlexMapsError
 from ...files import NewFile, replacing_many
+from ...params import ExportParams
 from ...progress import SILENT, Progress
 from ..sheets import CutSheets
-from . import dxf, pdf, series, svg
-from . import solids as solid_files
+from . import dxf, pdf, series, solids, svg
 
-# R12 is the DXF that every program reads, R2010 the one that knows its units; the solids are large
-FLAT = ("svg", "dxf", "dxf-r12", "pdf")
-SOLID = ("stl", "3mf")
-FORMATS = FLAT + SOLID
+
+class Format(NamedTuple):
+    """A kind of file, one a sheet.
+
+    ending : what a file's name has after the base; the number of the sheet comes before its last dot
+    setting, values : the setting of ``ExportParams`` that chooses it, and the values that do
+    write : writes the sheet of an index to a path
+    solid : whether it holds solids for printing, which are large, instead of lines
+    """
+
+    ending: str
+    setting: str
+    values: Collection[str | bool]
+    write: Callable[[CutSheets, int, Path, Progress], None]
+    solid: bool = False
+
+
+# R12 is the DXF that every program reads, R2010 the one that knows its units
+TABLE = {
+    "svg": Format(".svg", "svg", {True}, svg.write),
+    "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write),
+    "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_r12),
+    "pdf": Format(".pdf", "pdf", {True}, pdf.write),
+    "stl": Format(".stl", "solids", {"STL", "BOTH"}, solids.write_stl, solid=True),
+    "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, solids.write_3mf, solid=True),
+}
+FORMATS = tuple(TABLE)
+FLAT = tuple(key for key, kind in TABLE.items() if not kind.solid)
+
+
+def chosen(params: ExportParams) -> tuple[str, ...]:
+    """The formats that the settings ask for; raises ``FlexMapsError`` where they ask for none."""
+    formats = tuple(key for key, kind in TABLE.items() if getattr(params, kind.setting) in kind.values)
+    if not formats:
+        raise FlexMapsError("No kind of file is chosen; switch SVG, DXF or PDF on")
+    return formats
 
 
 def write(
@@ -36,19 +70,15 @@ def write(
     if new is None:
         with replacing_many(stale(base, sheets.count), base.parent) as new:
             return write(sheets, base, formats, new, progress)
-    written: list[Path] = []
     wanted = [key for key in FORMATS if key in formats]
-    for number, key in enumerate(wanted):
-        part, target = progress.part(number / len(wanted), (number + 1) / len(wanted)), _named(base, key)
-        if key == "svg":
-            written += svg.write(sheets, target, new, part)
-        elif key in {"dxf", "dxf-r12"}:
-            written += dxf.write(sheets, target, "R12" if key == "dxf-r12" else "R2010", new, part)
-        elif key == "pdf":
-            written += pdf.write(sheets, target, new, part)
-        else:
-            written += solid_files.write(sheets, target, new, part)
-    return written
+    files = [
+        (TABLE[key], index, path)
+        for key in wanted
+        for index, path in enumerate(series.numbered(_named(base, key), sheets.count))
+    ]
+    for number, (kind, index, path) in enumerate(files):
+        kind.write(sheets, index, new(path), progress.part(number / len(files), (number + 1) / len(files)))
+    return [path for _, _, path in files]
 
 
 def stale(base: Path, count: int) -> list[Path]:
@@ -57,4 +87,4 @@ def stale(base: Path, count: int) -> list[Path]:
 
 
 def _named(base: Path, key: str) -> Path:
-    return base.with_name(base.name + "-r12.dxf" if key == "dxf-r12" else f"{base.name}.{key}")
+    return base.with_name(base.name + TABLE[key].ending)

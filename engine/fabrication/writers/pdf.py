@@ -6,7 +6,6 @@ as layers.
 
 from __future__ import annotations
 
-import os
 import zlib
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,12 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from ... import PROGRAM
-from ...files import NewFile, replacing_many
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
-from .series import numbered, numbered_before
-from .svg import HAIRLINE, LAYERS, operations
+from .operations import HAIRLINE, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need another unit
@@ -182,31 +179,13 @@ def _assembled(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(
-    sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
-) -> list[Path]:
-    """Write one file per sheet, a page of the sheet's size each: out/sheet.pdf gives out/sheet-01.pdf, ...; returns their paths.
-
-    All of them appear or none. ``new`` comes from ``files.replacing_many`` where they shall appear together with others.
-    Raises ``FlexMapsError`` where they cannot be written.
-    """
-    if new is None:
-        with replacing_many(numbered_before(target, sheets.count)) as new:
-            return write(sheets, target, new, progress)
-    paths = numbered(target, sheets.count)
-    for index, place in enumerate(paths):
-        page = sheet_page(sheets, index, progress.part(index / sheets.count, (index + 1) / sheets.count))
-        new(place).write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))
-    return paths
-
-
-def sheet_page(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Page:
-    """One sheet at its true size, a layer and a colour per operation."""
+def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet as a page of its true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
-    for (name, colour), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
+    for (name, colour, _), curves in on_sheet(sheets, index, progress):
         page.begin_layer(name)
         for curve in curves:
             page.stroke(curve, colour, HAIRLINE * 1e-3)
         page.end_layer()
-    return page
+    path.write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))

@@ -13,12 +13,10 @@ import numpy as np
 
 from ... import PROGRAM
 from ...errors import FlexMapsError
-from ...files import NewFile, replacing_many
 from ...progress import SILENT, Progress
 from ..panels.panel import Panel
 from ..sheets import CutSheets
-from .series import numbered, numbered_before
-from .svg import WRITING
+from .operations import WRITING
 
 ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
 TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
@@ -82,29 +80,26 @@ def _keys(points: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(points + 0.0).view(complex).ravel()
 
 
-def write(
-    sheets: CutSheets, target: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
-) -> list[Path]:
-    """Write one file per sheet, the panels where they lie on it: out/sheet.stl or out/sheet.3mf gives out/sheet-01.stl, ...
-
-    The suffix chooses the format; 3MF keeps the panels apart by their numbers. All files appear or none; ``new`` comes
-    from ``files.replacing_many`` where they shall appear together with others. Raises ``FlexMapsError``.
-    """
-    if new is None:
-        with replacing_many(numbered_before(target, sheets.count)) as new:
-            return write(sheets, target, new, progress)
-    paths = numbered(target, sheets.count)
-    for index, path in enumerate(paths):
-        part, panels = progress.part(index / sheets.count, (index + 1) / sheets.count), sheets.on_sheet(index)
-        solids = []
-        for number, panel in enumerate(panels):
-            part(0.7 * number / len(panels), f"solids of sheet {index + 1}")
-            solids.append(extruded(panel, sheets.thickness))
-        (write_3mf if path.suffix.lower() == ".3mf" else write_stl)(solids, new(path), part)
-    return paths
+def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet as binary STL, the panels where they lie on it."""
+    stl(_solids(sheets, index, progress), path, progress)
 
 
-def write_stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet as 3MF, which keeps the panels apart by their numbers."""
+    package_3mf(_solids(sheets, index, progress), path, progress)
+
+
+def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
+    panels = sheets.on_sheet(index)
+    solids = []
+    for number, panel in enumerate(panels):
+        progress(0.7 * number / len(panels), f"solids of sheet {index + 1}")
+        solids.append(extruded(panel, sheets.thickness))
+    return solids
+
+
+def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """All solids in one binary STL file, in millimetres."""
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
@@ -120,7 +115,7 @@ def write_stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progr
             stream.write(rows.tobytes())
 
 
-def write_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """A 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     kinds = (

@@ -2,57 +2,21 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from ... import PROGRAM
-from ...files import NewFile, replacing_many
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
-from .series import numbered, numbered_before
-
-# in the order of the work: nothing moves before it is engraved, and a panel comes loose last
-LAYERS = (("engrave", "#000000"), ("cut inner", "#0000ff"), ("cut outer", "#ff0000"))
-WRITING = "writing the sheets"  # what the progress says
-HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
+from .operations import HAIRLINE, on_sheet
 
 
-def write(
-    sheets: CutSheets, path: str | os.PathLike[str], new: NewFile | None = None, progress: Progress = SILENT
-) -> list[Path]:
-    """Write one file per sheet: ``path`` out/sheet.svg gives out/sheet-01.svg, out/sheet-02.svg, ...; returns their paths.
-
-    All of them appear or none. ``new`` comes from ``files.replacing_many`` where they shall appear together with others.
-    Raises ``FlexMapsError`` where they cannot be written.
-    """
-    if new is None:
-        with replacing_many(numbered_before(path, sheets.count)) as new:
-            return write(sheets, path, new, progress)
-    paths = numbered(path, sheets.count)
-    for index, target in enumerate(paths):
-        part = progress.part(index / sheets.count, (index + 1) / sheets.count)
-        new(target).write_text(text(sheets, index, part), encoding="utf-8")
-    return paths
-
-
-def operations(sheets: CutSheets, index: int, progress: Progress = SILENT) -> list[Iterator[Curve]]:
-    """The curves of every layer of ``LAYERS`` on one sheet; ``progress`` hears of them as they are asked for."""
-    runs = sheets.runs(index, progress.part(0.0, 0.5))
-    layers = [runs.engraved, runs.inner, runs.outer]
-    total = max(sum(map(len, layers)), 1)
-    done = iter(range(total))
-
-    def told(curves: Sequence[Curve]) -> Iterator[Curve]:
-        for curve in curves:
-            progress(0.5 + 0.5 * next(done) / total, WRITING)
-            yield curve
-
-    return [told(curves) for curves in layers]
+def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+    """Write one sheet."""
+    path.write_text(text(sheets, index, progress), encoding="utf-8")
 
 
 def text(sheets: CutSheets, index: int, progress: Progress = SILENT) -> str:
@@ -66,7 +30,7 @@ def text(sheets: CutSheets, index: int, progress: Progress = SILENT) -> str:
         f"<title>{title}</title>",
         f"<metadata>{PROGRAM}</metadata>",
     ]
-    for (name, colour), curves in zip(LAYERS, operations(sheets, index, progress), strict=True):
+    for (name, colour, _), curves in on_sheet(sheets, index, progress):
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
             f' stroke="{colour}" stroke-width="{HAIRLINE}">'

@@ -1,0 +1,43 @@
+"""What is done to a sheet, operation by operation, and how every kind of flat file tells the operations apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from ...progress import SILENT, Progress
+from ...spirals.arcs import Curve
+from ..sheets import CutSheets
+
+
+class Operation(NamedTuple):
+    """Its name, the colour "#rrggbb" that programs of laser cutters know it by, and AutoCAD's colour index (ACI)."""
+
+    name: str
+    colour: str
+    aci: int
+
+
+# in the order of the work: nothing moves before it is engraved, and a panel comes loose last; ACI 7 is black on white
+OPERATIONS = (
+    Operation("engrave", "#000000", 7),
+    Operation("cut inner", "#0000ff", 5),
+    Operation("cut outer", "#ff0000", 1),
+)
+WRITING = "writing the sheets"  # what the progress says
+HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
+
+
+def on_sheet(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
+    """Every operation with its curves on one sheet; ``progress`` hears of the curves as they are asked for."""
+    runs = sheets.runs(index, progress.part(0.0, 0.5))
+    curves = [runs.engraved, runs.inner, runs.outer]
+    total = max(sum(map(len, curves)), 1)
+    done = iter(range(total))
+
+    def heard(some: Sequence[Curve]) -> Iterator[Curve]:
+        for curve in some:
+            progress(0.5 + 0.5 * next(done) / total, WRITING)
+            yield curve
+
+    return zip(OPERATIONS, map(heard, curves), strict=True)
