@@ -11,6 +11,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
+from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -83,7 +84,7 @@ class Export(ContinuedStage, bpy.types.Operator):
 
 
 def _folder(text: str) -> Path:
-    if text.startswith("//") and not bpy.data.filepath:
+    if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():
         raise FlexMapsError("Choose a folder for the files")

@@ -52,7 +52,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
         built, params, simulated = result
         animation.clear(obj)  # one of both stands there
         preview.show(obj, context.scene, built, params, simulated)
-        states.stamp_beside(obj, context.scene, "preview", self._made_from)
+        states.stamp_unnoted(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)
         amounts = figures["spirals"], figures["triangles"], figures["seconds"]
         text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)

@@ -51,7 +51,7 @@ class Regularise(ContinuedStage, bpy.types.Operator):
         collection.clear(obj)
         notes.drop_from(obj.data, "layout")
         notes.write_checks(obj.data, findings)
-        states.stamp_beside(obj, context.scene, "regularise")
+        states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return translate("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)
 

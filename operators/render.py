@@ -9,6 +9,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
+from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
 from ..engine.params import RenderParams
 from .stage import StageOperator
@@ -52,7 +53,7 @@ class Render(StageOperator, bpy.types.Operator):
 
 def file_of(text: str, film: bool = False) -> Path:
     """The PNG file, or the film, that a setting names. Raises ``FlexMapsError`` where it names none."""
-    if text.startswith("//") and not bpy.data.filepath:
+    if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
     if not text.strip():
         raise FlexMapsError("Choose a file for the picture")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store.i18n import translate
+from ..bridge.store.settings import unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 from .export import _file_name, _folder
@@ -43,7 +44,7 @@ class Report(ContinuedStage, bpy.types.Operator):
         found = held.read(obj, snapshot)
         letters = self._letters = Future()
         given, folder = snapshot.settings.export.folder, None
-        if self.files and not (given.startswith("//") and not bpy.data.filepath):
+        if self.files and not unsaved(given):
             folder = _folder(given) / f"{_file_name(snapshot.name)}-report"
 
         def go_on(result: Result, progress: Progress) -> Any:

@@ -185,7 +185,7 @@ class StageOperator:
         if obj is None:
             raise FlexMapsError("Select a mesh object")
         self._surface = mesh.read_surface(obj, context.scene)
-        self._made_from = states.given(obj, context.scene)
+        self._made_from = states.settings_now(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:

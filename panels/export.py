@@ -6,7 +6,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge.store import notes, states
+from ..bridge.store import notes
+from ..bridge.store.settings import unsaved
 from ..engine.params import ConnectorParams, CutParams, ExportParams, SheetParams
 from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result
@@ -27,7 +28,7 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         column = layout.column(align=True)
         settings_rows(column, settings.sheet, SheetParams, SHEET)
         layout.prop(settings.export, "folder", text="")
-        if states.unsaved(obj):
+        if unsaved(settings.export.folder):
             wrapped(
                 layout, context, "The folder begins with //: save the file first, or choose another one", icon="INFO"
             )

@@ -39,7 +39,7 @@ def _figures(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> 
     figures = preview.note_of(obj)
     if not figures:
         return
-    if states.is_old_beside(obj, context.scene, "preview"):
+    if states.is_old_unnoted(obj, context.scene, "preview"):
         wrapped(layout, context, "The spirals or their shape are others now; press Preview again", icon="INFO")
         return
     grid = numbers(layout)

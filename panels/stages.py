@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background
-from ..bridge.store import states
+from ..bridge.store import next_button, states
 from ..bridge.store.objects import unusable
 from .rows import wrapped
 
@@ -36,7 +36,7 @@ def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
     obj, now = context.object, time.monotonic()
     if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
         found = states.of(obj, context.scene)
-        following = "" if background.current() is not None else states.next_button(obj, context.scene, found)
+        following = "" if background.current() is not None else next_button.of(obj, context.scene, found)
         _seen[:] = [Seen(obj.session_uid, now, found, following)]
     return _seen[0]
 

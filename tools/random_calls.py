@@ -20,7 +20,7 @@ from typing import Any
 import bpy
 import numpy as np
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import notes, states
+from flexmaps.bridge.store import next_button, notes, states
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.engine.progress import Progress
@@ -113,7 +113,7 @@ def _choose(rng: random.Random) -> str:
     """Half of the calls take the next step, or else most would only be refused."""
     obj = bpy.context.object
     if obj is not None and obj.type == "MESH" and rng.random() < 0.5:
-        offered = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
+        offered = next_button.of(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
         if offered.startswith("flexmaps."):
             return offered.removeprefix("flexmaps.")
     if rng.random() < 0.3:

@@ -6,6 +6,7 @@ import ctypes
 import json
 import os
 import sys
+from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -109,13 +110,20 @@ def guide_of(base: Path) -> Path:
 
 
 def _stale(out: Path) -> list[Path]:
-    """What an earlier run left in the folder: it goes when the new files come, and only what its report names."""
+    """What an earlier run left in the folder: it goes when the new files come, and only what its report names or shows."""
     try:
         earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
         sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
+        page = (out / report_page.PAGE).read_text(encoding="utf-8") if (out / report_page.PAGE).is_file() else ""
+        pictures = [path for path in map(out.joinpath, PICTURES) if path.is_file() and _shows(page, path)]
     except (OSError, ValueError, AttributeError, TypeError):
         return []
-    return [*filter(series.ours, sheets), *(out / name for name in PICTURES), *report_page.stale(out)]
+    return [*filter(series.ours, sheets), *pictures, *report_page.stale(out)]
+
+
+def _shows(page: str, picture: Path) -> bool:
+    """Whether a page holds exactly this picture, as ``report_page`` puts it in."""
+    return b64encode(picture.read_bytes()).decode("ascii") in page
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from ...engine.surface.mesh import PolygonMesh
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds after which there is no hope: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
 LIMIT = 60.0
-START = 120.0  # for Blender to start as well
+START = 120.0  # seconds more for Blender to start; generous, not measured on slow machines
 USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
 LOOK = 0.02  # seconds between two looks for the answer
 

@@ -111,16 +111,22 @@ def _within(name: str, values: np.ndarray) -> np.ndarray:
     return np.asarray((values >= low) & (values <= high))
 
 
-def misfits(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
-    """(k,) int: the elements at which an attribute of ours, one number each, holds what we never write."""
-    values = _raw(mesh, name)
-    return np.zeros(0, dtype=np.int64) if values is None else np.flatnonzero(~_within(name, values))
+def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """All attributes of ours that are there, by name without the prefix: the sound ones with their values, and the others.
 
-
-def unsound(mesh: bpy.types.Mesh) -> list[str]:
-    """Names of attributes of ours that hold what we never write; nobody reads them."""
-    found = (PREFIX + name for name in OURS)
-    return [name for name in found if name in mesh.attributes and get(mesh, name) is None]
+    Those hold what we never write, and nobody reads them; with each come its elements (k,) at which it does.
+    """
+    sound: dict[str, np.ndarray] = {}
+    unsound: dict[str, np.ndarray] = {}
+    for name in OURS:
+        if PREFIX + name in mesh.attributes:
+            values = _raw(mesh, PREFIX + name)
+            wrong = np.zeros(0, bool) if values is None else ~_within(PREFIX + name, values)
+            if values is None or wrong.any():
+                unsound[name] = np.unique(np.nonzero(wrong)[0])
+            else:
+                sound[name] = values
+    return sound, unsound
 
 
 def has(obj: bpy.types.Object, name: str) -> bool:

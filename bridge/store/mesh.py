@@ -96,15 +96,12 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
         count = np.repeat(sizes, sizes)
         loops = starts + (count - (loops - starts)) % count
     vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
-    left = tuple(UNSOUND.format(name) for name in attributes.unsound(mesh))
+    values, unsound = attributes.ours(mesh)
+    left = tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
     left += (UNSOUND_NOTES,) if notes.unsound(mesh) else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
-    values = {}
-    for name in NAMES:
-        found = attributes.get(mesh, attributes.PREFIX + name)
-        if found is not None:
-            values[name] = found
-    spoilt = np.unique(np.concatenate([attributes.misfits(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]))
+    none = np.zeros(0, dtype=np.int64)
+    spoilt = np.unique(np.concatenate([unsound.get(name, none) for name in DESIGN_NAMES]))
     return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt)
 
 

@@ -106,6 +106,11 @@ def changed(properties: Any, but: str = "") -> str:
     return " ".join(found)
 
 
+def unsaved(path: str) -> bool:
+    """Whether a path is beside the .blend file, which was never saved."""
+    return path.startswith("//") and not bpy.data.filepath
+
+
 def register() -> None:
     bpy.types.Object.flexmaps = PointerProperty(type=group(ObjectSettings), name="FlexMaps")
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from .legend import Legend
 
-FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB
-LIFT = 0.01  # how far lines float above the faces, in edges
-_LIGHT = np.array([0.27, -0.45, 0.85])
+FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB, of faces and lines; chosen by eye
+LIFT = 0.01  # in edges: lines float above the faces, or they flicker; not measured
+LIGHT = np.array([0.27, -0.45, 0.85])  # way to a light, of length 1: enough shade to read the shape, chosen by eye
 
 
 class LiveShape:
@@ -97,7 +97,7 @@ class LiveShape:
         Four triangles a quad, about its middle, so that neither diagonal of a warped one stands out.
         """
         corners, normal = self.frame(unit)
-        rgb = self.colours * (0.74 + 0.26 * normal @ _LIGHT)[:, None]
+        rgb = self.colours * (0.74 + 0.26 * normal @ LIGHT)[:, None]
         rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 12, axis=0).astype(np.float32)
         lifted = corners + LIFT * middle_edge(corners) * normal[:, None]
         ends = np.stack([lifted, np.roll(lifted, -1, axis=1)], axis=2).reshape(-1, 3)

@@ -33,6 +33,7 @@ class Look:
     lines: float = 0.0
 
 
+# by the sheet's key in the settings; colours and roughness are chosen by eye
 LOOKS: dict[str, Look] = {
     "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
     "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),

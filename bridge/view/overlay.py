@@ -16,11 +16,12 @@ from ...engine import colours
 from ..store import attributes, equilibrium
 from . import colouring, legend
 from .legend import Legend
-from .live_shape import LiveShape
+from .live_shape import LIGHT, LiveShape
 
-EDIT_ALPHA = 0.55
-SEAMS, NO_SEAM = "flexmaps_seam", -2
-LIFT = 0.005  # how far the colours float above the surface, in edges
+EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
+SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
+NO_SEAM = -2  # of an edge that is no seam; -1 is a seam without a number
+LIFT = 0.005  # in edges: the colours float above the surface, or both flicker; not measured
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
@@ -123,10 +124,9 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     up, normal = _normals(quads)
     lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up[quads.corners]
     lifted = corners + lift
-    light = 0.78 + 0.22 * normal @ np.array([0.27, -0.45, 0.85])  # enough to read the shape
+    light = 0.78 + 0.22 * normal @ LIGHT  # enough to read the shape
     srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
-    # in edit mode the mesh that is worked on shines through
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
     rgba = np.repeat(np.c_[srgb, alpha], 6, axis=0).astype(np.float32)
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})

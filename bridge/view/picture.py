@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from ...engine.fabrication.connectors.tips import Tip
     from ...engine.spirals.design import SpiralDesign
 
-SIZE = (1280, 720)
-SAMPLES = 8  # a pixel; the denoiser does the rest
+SIZE = (1280, 720)  # pixels of the main job's pictures
+SAMPLES = 8  # a pixel; the denoiser does the rest, chosen by eye
 Size = tuple[int, int] | None
-ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)
+ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # from the piece to the camera
 CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
-GAP = 0.12  # between what stands beside each other, as a share of its width
-PAGE = 1.05  # how wide the panels before it may lie, as a share of its width
-MANY = 1200  # spirals, from which on fewer pieces are enough
+GAP = 0.12  # between pieces beside each other, as a share of the widest; chosen by eye
+PAGE = 1.05  # width of the panels on the ground before the pieces, as a share of theirs; chosen by eye
+MANY = 1200  # spirals, from which on an arm of medium detail looks round in a picture; chosen by eye
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:

@@ -18,9 +18,9 @@ from ...engine import colours
 from ...engine.errors import FlexMapsError
 from . import collection, meshes
 
-MARGIN = 1.06
-UNDENOISED = 4  # times as many samples where there is no denoiser
-LENS = 85.0  # millimetres, long enough that shapes are not drawn out of true
+MARGIN = 1.06  # size of the picture over that of what is in it
+UNDENOISED = 4  # times as many samples where there is no denoiser; not measured
+LENS = 85.0  # millimetres, as for portraits: short ones draw what is near too large
 GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 
 

@@ -63,12 +63,19 @@ def test_a_stage_that_has_not_run_is_absent(dome: Path, tmp_path: Path) -> None:
     assert set(report["seconds"]) == {"check", "regularise"}
 
 
-def test_files_of_an_earlier_run_that_are_no_longer_true_go(dome: Path, tmp_path: Path) -> None:
+def test_files_of_an_earlier_run_that_are_no_longer_true_go(
+    dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its sheets and its pictures, but no picture that somebody else put there under such a name."""
+    monkeypatch.setattr(picture, "SIZE", (160, 90))
+    monkeypatch.setattr(picture, "SAMPLES", 1)
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out, "--no-pictures") == 0
+    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out) == 0
     (out / "notes.txt").write_text("mine")
+    (out / "panels.png").write_bytes(b"\x89PNG mine")
     assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "merge") == 0
-    assert {p.name for p in out.iterdir()} == {"report.json", "report.html", "plots", "model.blend", "notes.txt"}
+    kept = {"notes.txt", "panels.png"}
+    assert {p.name for p in out.iterdir()} == {"report.json", "report.html", "plots", "model.blend"} | kept
     assert {p.name for p in (out / "plots").iterdir()} == {"surface.svg", "patches.svg", "distortion.svg"}
 
 

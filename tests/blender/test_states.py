@@ -9,7 +9,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, notes, states
+from flexmaps.bridge.store import attributes, next_button, notes, states
 from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -29,7 +29,7 @@ def why(obj: Any, stage: str) -> str:
 
 def offered(obj: Any) -> str:
     bpy.context.view_layer.update()
-    return states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+    return next_button.of(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
 
 
 def scaled(mesh: QuadMesh, edge: float = 0.02) -> QuadMesh:

@@ -61,7 +61,11 @@ def to_sheets(name, settings):
         if obj.mode == "EDIT":
             yield from hands.key("Tab")
             yield from until(lambda obj=obj: obj.mode == "OBJECT")
-        step = states.next_button(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+        step = (
+            hands.module("bridge.store.next_button")
+            .of(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
+            .removeprefix("flexmaps.")
+        )
         if not step:
             break
         found["pressed"].append(step)

@@ -1,0 +1,115 @@
+"""Checksums of what stages are made from, part by part: the shape, the seams, the spirals, a section of the settings.
+
+They are asked for at every redraw, so they are quick: in edit mode a large mesh counts as edit mode found it.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+
+import bmesh
+import bpy
+import numpy as np
+
+from . import attributes, pose, settings
+
+MANY = 20_000  # edges of a mesh that can be looked at one by one in a redraw (some milliseconds)
+
+
+class Checksums:
+    """Those of an object as it is now, each computed when it is first asked for, but those that are ``known``."""
+
+    def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
+        self._obj, self._scene = obj, scene
+        self._known = dict(known or {})
+        self._frame = np.array(obj.matrix_world)[:3, :3] * scene.unit_settings.scale_length
+
+    def __getitem__(self, part: str) -> str:
+        if part not in self._known:
+            own: dict[str, Callable[[], bytes]] = {
+                "shape": self._shape,
+                "seams": self._seams,
+                "design": lambda: self._values("width", "twist"),
+                "pose": lambda: self._values(*pose.NAMES),
+                "down": self._down,
+            }
+            data = own[part]() if part in own else self._settings(part)
+            self._known[part] = f"{zlib.crc32(data):08x}"
+        return self._known[part]
+
+    def _shape(self) -> bytes:
+        """Vertices, faces and size; where it stands and how it is turned do not matter."""
+        mesh = self._obj.data
+        bm = self._edited()
+        if bm is not None:
+            bm.verts.index_update()
+            positions = np.fromiter((x for v in bm.verts for x in v.co), np.float32, 3 * len(bm.verts))
+            corners = np.fromiter((loop.vert.index for face in bm.faces for loop in face.loops), np.int32)
+            faces = len(bm.faces)
+        else:
+            positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
+            mesh.vertices.foreach_get("co", positions)
+            mesh.loops.foreach_get("vertex_index", corners)
+            faces = len(mesh.polygons)
+        mirrored = bool(np.linalg.det(self._frame) < 0)
+        rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {faces}"
+        return positions.tobytes() + corners.tobytes() + rest.encode()
+
+    def _edited(self) -> bmesh.types.BMesh | None:
+        """Where the user is editing, of which the mesh does not know yet; None elsewhere, or where it would take too long.
+
+        Of shape keys only the basis is what stages read; while another one is edited, the mesh is as edit mode found it.
+        """
+        mesh = self._obj.data
+        if not mesh.is_editmode or len(mesh.edges) > MANY or self._obj.active_shape_key_index > 0:
+            return None
+        bm = bmesh.from_edit_mesh(mesh)
+        return bm if len(bm.edges) <= MANY else None
+
+    def _seams(self) -> bytes:
+        mesh = self._obj.data
+        bm = self._edited()
+        if bm is not None:
+            return np.fromiter((edge.seam for edge in bm.edges), bool, len(bm.edges)).tobytes()
+        seams = np.empty(len(mesh.edges), bool)
+        mesh.edges.foreach_get("use_seam", seams)
+        return seams.tobytes()
+
+    def _values(self, *names: str) -> bytes:
+        """Attributes of ours on the faces."""
+        mesh = self._obj.data
+        if not mesh.is_editmode:
+            found = (attributes.get(mesh, attributes.PREFIX + name) for name in names)
+            return b"".join(b"" if values is None else values.tobytes() for values in found)
+        faces = bmesh.from_edit_mesh(mesh).faces  # while it is edited, the mesh itself has none
+        data = b""
+        for name in names:
+            number, way = (
+                layers.get(attributes.PREFIX + name) for layers in (faces.layers.float, faces.layers.float_vector)
+            )
+            if number is not None:
+                data += np.fromiter((face[number] for face in faces), np.float32, len(faces)).tobytes()
+            elif way is not None:
+                data += np.fromiter((x for face in faces for x in face[way]), np.float32, 3 * len(faces)).tobytes()
+        return data
+
+    def _down(self) -> bytes:
+        """Where weight and forces pull; nothing where there are none."""
+        given = getattr(self._obj, "flexmaps", None)
+        if given is None or not (
+            given.simulate.gravity or given.loads.force_x or given.loads.force_y or given.loads.force_z
+        ):
+            return b""
+        return _rounded(self._frame).encode()
+
+    def _settings(self, name: str) -> bytes:
+        given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
+        section, _, but = name.partition("!")
+        return b"" if given is None else settings.changed(getattr(given, section), but).encode()
+
+
+def _rounded(matrix: np.ndarray) -> str:
+    """A matrix without the noise of its last digits."""
+    size = max(float(np.abs(matrix).max()), 1e-30)
+    return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"
