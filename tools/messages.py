@@ -100,10 +100,6 @@ def _of_settings() -> Found:
 
 def _of_panels() -> Found:
     """Headings, and the texts in the sources of the sidebar."""
-    from flexmaps import panels
-
-    for cls in panels.CLASSES:
-        yield "", cls.bl_label, "heading"
     for file in sorted((ROOT / "panels").glob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and _name(node.func) in SHOWING:
@@ -121,9 +117,11 @@ def _of_panels() -> Found:
                     yield BUTTON, label, "button of colours"
                 elif kind.isidentifier() and label[:1].isupper():
                     yield "", label, "sidebar"
-            elif isinstance(node, ast.Assign) and _name(node.targets[0]).isupper() and _is_text(node.value):
-                text = ast.literal_eval(node.value)
-                if " " in text:
+            elif isinstance(node, ast.Assign) and _is_text(node.value):
+                name, text = _name(node.targets[0]), ast.literal_eval(node.value)
+                if name == "bl_label":
+                    yield "", text, "heading"
+                elif name.isupper() and " " in text:
                     yield "", text, "sidebar"
 
 
