@@ -18,7 +18,7 @@ PACKAGES = (
     "libgl1-mesa-dri,libegl1,libgl1,mesa-utils"
 )
 SUITE = "trixie"
-SCREEN = (1100, 900)
+SCREEN = (1100, 900)  # pixels: the sidebar without scrolling beside a view that shows a piece
 
 ENTER = """
 set -e
