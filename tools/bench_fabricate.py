@@ -40,8 +40,8 @@ from flexmaps.engine.surface.remeshing import regularise
 from rows import Row, Table, at_most, row
 
 SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
-SECONDS = {"bunny": 30.0}
-MEGABYTES = {"bunny": 15.0}
+SECONDS = {"bunny": 30.0}  # that all files may take to be written
+MEGABYTES = {"bunny": 15.0}  # that its SVG files may have
 KERFS = (0.0, 1e-4, 2e-4)  # metres
 COLOURS = {"#000000": "engrave", "#0000ff": "inner", "#ff0000": "outer"}
 

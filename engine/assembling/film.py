@@ -28,16 +28,16 @@ from .flight import flight, lowest
 from .order import steps
 from .stages import Stage, Stages, find_stages, lying
 
+# how long a panel flies and is joined, in steps, chosen by eye; the next panel flies meanwhile
 FLIGHT, CLOSING = 0.6, 0.9
-"""How long a panel flies and is joined, in steps; the next panel flies meanwhile."""
+# how far outside its place a panel arrives, as a share of the piece's size; chosen by eye
 HOVER = 0.15
-"""How far outside its place a panel arrives, as a share of the piece's size."""
+# shapes are the same if no hub, seen from its panel or from over a seam, differs by so many quad edges or radians; not measured
 SAME = 0.05
-"""Shapes are the same if no hub, seen from its panel or from over a seam, differs by so many quad edges or radians."""
+# from stage to stage a panel gets so many shapes, eight at most, that it strays by this share of an edge in between; by eye
 STRAIGHT, MOST = 0.05, 8
-"""From stage to stage a panel gets so many shapes, eight at most, that it strays by this share of an edge in between."""
+# how near tips are brought between two stages before the rest is spread, in quad edges: less is not to be seen
 NEAR = 1e-3
-"""How near tips are brought between two stages before the rest is spread, in quad edges: less is not to be seen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..mechanics.vectors import exponential, rotation_vector
 
-WAYPOINTS = 9
+WAYPOINTS = 9  # places of the arc between which a panel moves straight; chosen by eye
 
 
 def flight(

@@ -30,12 +30,12 @@ from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
 from .order import Step, steps
 
+# about so many stages, one after the other, in which an arriving panel is joined; every seam has one at least; by eye
 PARTS = 3
-"""About so many stages, one after the other, in which an arriving panel is joined; every seam has one at least."""
+# Newton steps that a piece may take to its rest after joints were opened, and after they were made weaker; not measured
 AT_ONCE, SLOWLY = 150, 40
-"""Newton steps that a piece may take to its rest after joints were opened, and after they were made weaker."""
+# shares of their stiffness of joints that are let go slowly; shifts at a joint are far stiffer than turns: many decades
 WEAKER = 10.0 ** -np.arange(1.0, 13.0)
-"""Shares of their stiffness of joints that are let go slowly. Shifts at a joint are far stiffer than turns: many decades."""
 
 
 @dataclass(frozen=True, eq=False)

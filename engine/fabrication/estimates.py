@@ -29,6 +29,7 @@ FASTEST = 0.06  # m/s
 CONTOUR = 0.4  # seconds for every contour: moving there and piercing
 ENGRAVING = 0.1  # m/s along the strokes of a label
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
+# by material, each with where its speed is published
 SPEEDS: dict[str, CutSpeed] = {
     "acrylic": CutSpeed(0.0125, _TABLE),
     "birch": CutSpeed(0.015, _TABLE),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,7 @@ class CutSheets:
     thickness: float
     cut: CutParams
     connections: Connections
+    _runs: dict[int, Runs] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def count(self) -> int:
@@ -71,14 +73,13 @@ class CutSheets:
 
     def runs(self, index: int, progress: Progress = SILENT) -> Runs:
         """What the cutter does on one sheet, lead-ins and holding tabs included."""
-        known = self.__dict__.setdefault("_runs", {})
-        if index not in known:
+        if index not in self._runs:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
             labels, holes = [c for p in panels for c in p.labels], [c for p in panels for c in p.holes]
             size = tuple(self.packing.sizes[index].tolist())
             outlines, holds = [p.outline for p in panels], [p.holds for p in panels]
-            known[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))
-        return known[index]
+            self._runs[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))
+        return self._runs[index]
 
     @property
     def cut_length(self) -> float:
@@ -122,12 +123,7 @@ def make_sheets(
         if params.labels
         else Labels(((),) * len(drawn), 0, 0)
     )
-    holds = _holds(design, progress.part(0.6, 0.6))
-    made_of = []
-    for i, o in enumerate(progress.part(0.6, 0.6).each(drawn, "areas of the panels")):
-        area = o.outer.area + sum(h.area for h in o.holes)
-        made_of.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
-    panels = tuple(made_of)
+    panels = _panels(design, drawn, labels, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
@@ -146,15 +142,28 @@ def make_sheets(
     traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
     shapes = [p.outline.sampled(2e-5) for p in traced]
     packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
+    return CutSheets(
+        panels + _keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
+        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
+    )  # fmt: skip
+
+
+def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, progress: Progress) -> tuple[Panel, ...]:
+    """One panel a patch."""
+    holds, panels = _holds(design, progress), []
+    for i, o in enumerate(progress.each(outlines, "areas of the panels")):
+        area = o.outer.area + sum(h.area for h in o.holes)
+        panels.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
+    return tuple(panels)
+
+
+def _keys(made: Connections, params: SheetParams) -> tuple[Panel, ...]:
+    """The loose keys as panels."""
     keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
-    panels += tuple(
+    return tuple(
         Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
         for k, (name, a) in zip(made.keys, keyed, strict=True)
     )
-    return CutSheets(
-        panels, packing, params, tuple(warnings), labels.placed, labels.left_out,
-        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
-    )  # fmt: skip
 
 
 def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:

@@ -24,7 +24,7 @@ from ..spirals.design import design_report
 from ..surface.mesh import QuadMesh
 from .result import Result
 
-SCHEMA = 1
+SCHEMA = 1  # of the keys of the report, see above
 
 
 def build(

@@ -19,8 +19,8 @@ from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, wi
 
 UNFOLDED = 0.15  # least speed along an edge of a tip, as a share of that along its other edge; at 0 the edge folds
 REACH = 0.85  # share of an arm, from its tip to its hub, that a connector may take
-_TABLE = 41
-_FOLDS = 41
+_TABLE = 41  # places along an arm of the table from length to parameter; not measured
+_FOLDS = 41  # places along a tip where its edges are looked at for folds; not measured
 
 
 def complexes(points: np.ndarray) -> np.ndarray:

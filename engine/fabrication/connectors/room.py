@@ -26,7 +26,7 @@ from .tips import Attempt, Tip, ends_of, make_tips
 
 # what is tried where the asked kind has no room
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
-SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
+SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # sizes that are tried in turn, as shares of the asked one; not measured
 STEP = 1e-5  # metres; the widths of arms are taken in these steps
 BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
 _SHIFTS = 12  # steps to either side

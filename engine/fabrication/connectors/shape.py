@@ -25,7 +25,7 @@ from ...params import ConnectorParams
 from ...spirals.arcs import Curve
 from ..panels.kerf import offset, relieved
 
-FLANK = math.tan(math.radians(25.0))
+FLANK = math.tan(math.radians(25.0))  # how far the flanks of a dovetail lean out, per length; chosen by eye
 LENGTH = 0.85  # of a head, in necks
 WALL = 0.6  # of a socket, in necks
 _SLACK = 2e-5  # metres that inside corners are wider than a mill, so that its path turns in them

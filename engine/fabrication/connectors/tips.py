@@ -20,7 +20,7 @@ from .shape import Size, face, head, socket
 # length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
-_SAMPLES = 31
+_SAMPLES = 31  # points along either edge of a tip, before arcs are fitted; not measured
 _TOLERANCE = 5e-6  # metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "full", "over")
 
@@ -174,9 +174,7 @@ def make_tips(
     through, wide, begin, point, way, aside = through.rows(k), wide.rows(k), begin[k], point[k], way[k], aside[k]
     tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, _SAMPLES)
     (left, right), (left_way, right_way) = through.edges(tau, wide)
-    steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
-    straight = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
-    straight &= (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
+    straight = _straight(left, right, left_way, right_way)
     shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
     shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
@@ -189,26 +187,23 @@ def make_tips(
     if not len(keep):
         return found
     across = _across(shapes, keep, shoulders, aside, left[:, 0], right[:, 0], point, way)
-    rings = [
-        np.concatenate(
-            [
-                right[i, :0:-1],
-                turned,
-                nodes[1:2],
-                point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]),
-                back,
-                left[i],
-            ]
-        )
-        for i, (nodes, _), turned, back in zip(keep.tolist(), *across, strict=True)
-    ]
-    polygons = _polygons(
-        [through.own.origin[i] + through.own.out[i] * ring for i, ring in zip(keep, rings, strict=True)]
-    )
+    rings = []
+    for i, (nodes, _), turned, returning in zip(keep.tolist(), *across, strict=True):
+        end = point[i] + way[i] * (shapes[i].sampled + 1j * aside[i])
+        ring = np.concatenate([right[i, :0:-1], turned, nodes[1:2], end, returning, left[i]])
+        rings.append(through.own.origin[i] + through.own.out[i] * ring)
+    polygons = _polygons(rings)
     for i, curve, polygon in zip(keep.tolist(), across[0], polygons, strict=True):
         if polygon is not None:
             found[k[i]] = Tip(base, int(rows[k[i]]), wide.rows(np.array([i])), float(begin[i]), curve, polygon)
     return found
+
+
+def _straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
+    """(n,) bool, of tips whose edges (n, samples), complex, with their directions, run the same way without a fold."""
+    steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
+    same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
+    return same & (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
 
 
 _Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

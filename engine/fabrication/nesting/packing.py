@@ -78,11 +78,7 @@ def pack(
         if tries >= TRIES:
             rest = done
             break
-        turn, size = boxes[i]
-        if not fits(size + 4.0 * cell, sheet, margin, rotation):
-            slanted = turn_that_fits(shapes[i], sheet, margin + 2.0 * cell, rotation)
-            turn = turn if slanted is None else slanted
-            size = _extent(shapes[i], turn)
+        turn, size = _slanted(shapes[i], *boxes[i], sheet, margin, cell, rotation)
         stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
         place = None
         for number, opened in enumerate(open_sheets):
@@ -108,6 +104,23 @@ def pack(
         shift[order[rest:]] = last.shift
         sizes += [(width, height) for width, height in last.sizes.tolist()]
     return Packing(sheet_of, turned, shift, np.array(sizes).reshape(-1, 2))
+
+
+def _slanted(
+    shape: np.ndarray,
+    turn: float,
+    size: np.ndarray,
+    sheet: tuple[float, float],
+    margin: float,
+    cell: float,
+    rotation: str,
+) -> tuple[float, np.ndarray]:
+    """The turn and the box of a shape: of its smallest box, or aslant where only that lets it fit on the sheet."""
+    if fits(size + 4.0 * cell, sheet, margin, rotation):
+        return turn, size
+    slanted = turn_that_fits(shape, sheet, margin + 2.0 * cell, rotation)
+    turn = turn if slanted is None else slanted
+    return turn, _extent(shape, turn)
 
 
 def _in_rows(

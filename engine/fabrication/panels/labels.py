@@ -16,7 +16,7 @@ from ...spirals.spiral import Arms, centre_line, width_at
 from .lettering import along, length, straight
 
 _FILL = 0.62  # height of the letters along an arm, as a share of its width
-_SAMPLES = 97
+_SAMPLES = 97  # places along an arm between which the line of a label is straight; not measured
 _TOGETHER = 1000  # quads whose arms are followed together
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
