@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -16,6 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from ..surface.curvature import corner_angles
 from ..surface.mesh import QuadMesh
 from .loops import counted, loops_of
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -46,25 +50,25 @@ class PatchLayout:
     """A quad mesh and where it is cut.
 
     mesh : the surface
-    cut : (E,) bool, True where the surface is cut; border edges are never marked
+    cut : True where the surface is cut; border edges are never marked
     notes : sentences for the report about how the layout came about (symmetry, forced small patches)
     origin : how the program itself cut it: along "lines" of quads or between "regions"; "" where the cuts are someone's choice,
         which merging has to begin with
     """
 
     mesh: QuadMesh
-    cut: np.ndarray
+    cut: Bool[np.ndarray, " edges"]
     notes: dict[str, object] = field(default_factory=dict)
     origin: str = ""
 
     @cached_property
-    def joined(self) -> np.ndarray:
-        """(J,) int: inner edges that are not cut."""
+    def joined(self) -> Int[np.ndarray, " joints"]:
+        """Inner edges that are not cut."""
         return np.flatnonzero(~self.cut & ~self.mesh.border)
 
     @cached_property
-    def patch_of(self) -> np.ndarray:
-        """(F,) int: the patch of every quad, numbered 0.. by the smallest quad in it."""
+    def patch_of(self) -> Int[np.ndarray, " quads"]:
+        """The patch of every quad, numbered 0.. by the smallest quad in it."""
         a, b = self.mesh.edge_quads[self.joined].T
         return groups(len(self.mesh.quads), a, b)
 
@@ -76,8 +80,8 @@ class PatchLayout:
         return tuple(np.split(order, np.cumsum(counts)[:-1]))
 
     @cached_property
-    def flat_corners(self) -> np.ndarray:
-        """(F, 4) int: the flat vertex of every quad corner.
+    def flat_corners(self) -> Int[np.ndarray, "quads 4"]:
+        """The flat vertex of every quad corner.
 
         Corners of two quads are one flat vertex where the quads share an uncut edge. Numbered 0..P-1.
         """
@@ -91,8 +95,8 @@ class PatchLayout:
     # -- measures of every patch ---------------------------------------------------------------------------------
 
     @cached_property
-    def euler(self) -> np.ndarray:
-        """(N,) int: Euler number of every patch, its inner cuts taken as outline; 1 is a disk, one less for every hole."""
+    def euler(self) -> Int[np.ndarray, " patches"]:
+        """Euler number of every patch, its inner cuts taken as outline; 1 is a disk, one less for every hole."""
         n = len(self.patches)
         patch = np.repeat(self.patch_of, 4)
         _, first = np.unique(self.flat_corners, return_index=True)
@@ -102,13 +106,13 @@ class PatchLayout:
         return vertices - (4 * faces - inner) + faces
 
     @cached_property
-    def outline_sides(self) -> np.ndarray:
-        """(F, 4) bool: sides of quads that lie on the outline of their patch (cut or border)."""
+    def outline_sides(self) -> Bool[np.ndarray, "quads 4"]:
+        """Sides of quads that lie on the outline of their patch (cut or border)."""
         return (self.cut | self.mesh.border)[self.mesh.quad_edges]
 
     @cached_property
-    def loop_of(self) -> np.ndarray:
-        """(F, 4) int: the loop of the outline that a side of a quad lies on, -1 for inner sides. Numbered 0.. ."""
+    def loop_of(self) -> Int[np.ndarray, "quads 4"]:
+        """The loop of the outline that a side of a quad lies on, -1 for inner sides. Numbered 0.. ."""
         quad, side = np.nonzero(self.outline_sides)
         start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
         used, ends = np.unique(np.stack([start, end]), return_inverse=True)
@@ -118,22 +122,22 @@ class PatchLayout:
         return result
 
     @cached_property
-    def loop_patch(self) -> np.ndarray:
-        """(L,) int: the patch of every loop."""
+    def loop_patch(self) -> Int[np.ndarray, " loops"]:
+        """The patch of every loop."""
         quad, side = np.nonzero(self.outline_sides)
         patch = np.empty(int(self.loop_of.max()) + 1, dtype=np.int64)
         patch[self.loop_of[quad, side]] = self.patch_of[quad]
         return patch
 
     @cached_property
-    def loop_lengths(self) -> np.ndarray:
-        """(L,) metres on the surface, ragged rims as if smooth; cuts inside a patch count twice, once for each side."""
+    def loop_lengths(self) -> Float[np.ndarray, " loops"]:
+        """Metres on the surface, ragged rims as if smooth; cuts inside a patch count twice, once for each side."""
         sides = self.outline_sides
         return np.bincount(self.loop_of[sides], weights=drawn_lengths(self.mesh)[self.mesh.quad_edges][sides])
 
     @cached_property
-    def planar(self) -> np.ndarray:
-        """(N,) bool: patches that can be laid flat: disks, or disks with holes that are no openings of a tube."""
+    def planar(self) -> Bool[np.ndarray, " patches"]:
+        """Patches that can be laid flat: disks, or disks with holes that are no openings of a tube."""
         loops = np.bincount(self.loop_patch, minlength=len(self.patches))
         good = (self.euler == 2 - loops) & (loops > 0)  # what is closed all round cannot
         for patch in np.flatnonzero(good & (loops > 1)).tolist():
@@ -146,8 +150,8 @@ class PatchLayout:
         return good
 
     @cached_property
-    def compactness(self) -> np.ndarray:
-        """(N,) perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
+    def compactness(self) -> Float[np.ndarray, " patches"]:
+        """Perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
 
         The perimeter is the longest loop, for the others are holes of the surface; see ``counted`` for narrow surfaces.
         """
@@ -160,16 +164,16 @@ class PatchLayout:
         return result / np.sqrt(area)
 
     @cached_property
-    def on_outline(self) -> np.ndarray:
-        """(P,) bool: flat vertices on the outline of their patch."""
+    def on_outline(self) -> Bool[np.ndarray, " points"]:
+        """Flat vertices on the outline of their patch."""
         quad, side = np.nonzero(self.outline_sides)
         mask = np.zeros(int(self.flat_corners.max()) + 1, dtype=bool)
         mask[self.flat_corners[quad, side]] = True
         mask[self.flat_corners[quad, (side + 1) % 4]] = True
         return mask
 
-    def isthmus_widths(self, widest: int = 8, *, own: bool = True) -> np.ndarray:
-        """(N,) int: quads across the narrowest isthmus of every patch, at most ``widest``.
+    def isthmus_widths(self, widest: int = 8, *, own: bool = True) -> Int[np.ndarray, " patches"]:
+        """Quads across the narrowest isthmus of every patch, at most ``widest``.
 
         An isthmus is a straight line of uncut edges through the patch with both ends on the outline. Those from border to
         border, where the surface itself is narrow, count only with ``own``.
@@ -194,20 +198,20 @@ class PatchLayout:
     # -- seams -----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def cut_degree(self) -> np.ndarray:
-        """(V,) int: number of cut edges at every vertex."""
+    def cut_degree(self) -> Int[np.ndarray, " vertices"]:
+        """Number of cut edges at every vertex."""
         return np.bincount(self.mesh.edges[self.cut].ravel(), minlength=len(self.mesh.vertices))
 
     @cached_property
-    def seam_of(self) -> np.ndarray:
-        """(E,) int: the seam that a cut edge belongs to, -1 for the others; numbered by their smallest edges.
+    def seam_of(self) -> Int[np.ndarray, " edges"]:
+        """The seam that a cut edge belongs to, -1 for the others; numbered by their smallest edges.
 
         A seam is a longest run of cut edges that meets no other cut and no border on its way.
         """
         return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
 
-    def _runs(self, passing: np.ndarray) -> np.ndarray:
-        """(E,) int: runs of cut edges that go on at the vertices (V,) bool ``passing``, -1 for uncut edges."""
+    def _runs(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
+        """Runs of cut edges that go on at the vertices ``passing``, -1 for uncut edges."""
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
         result = np.full(len(self.cut), -1, dtype=np.int64)
@@ -247,8 +251,8 @@ class PatchLayout:
 
 
 @lru_cache(maxsize=4)
-def drawn_lengths(mesh: QuadMesh) -> np.ndarray:
-    """(E,) metres: what every edge counts in an outline. A ragged rim of the surface counts as if it were smooth.
+def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
+    """Metres: what every edge counts in an outline. A ragged rim of the surface counts as if it were smooth.
 
     At a reflex corner of the border both edges count like the straight line that leaves the corner out.
     """
@@ -270,8 +274,8 @@ def drawn_lengths(mesh: QuadMesh) -> np.ndarray:
     return result
 
 
-def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarray]:
-    """The layout of some quads (n,), ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
+def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
+    """The layout of some quads, ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
     mesh = layout.mesh
     used, corners = np.unique(mesh.quads[quads], return_inverse=True)
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
@@ -280,10 +284,12 @@ def alone(layout: PatchLayout, quads: np.ndarray) -> tuple[PatchLayout, np.ndarr
     return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 
 
-def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def straight_on(
+    mesh: QuadMesh, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Go on along a parametric line: from side k of a quad to the next edge beyond its end, same side of the line.
 
-    Returns quad, side and valid, each (n,); not valid where the line ends at a border or an irregular vertex.
+    Returns quad, side and whether it is valid; not valid where the line ends at a border or an irregular vertex.
     """
     vertex = mesh.quads[quad, (side + 1) % 4]
     valid = (mesh.valence[vertex] == 4) & ~mesh.on_border[vertex]
@@ -296,7 +302,7 @@ def straight_on(mesh: QuadMesh, quad: np.ndarray, side: np.ndarray) -> tuple[np.
     return np.where(valid, next_quad, 0), np.where(valid, next_side, 0), valid
 
 
-def in_order(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray:
+def in_order(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """The edges of one run, in the order of walking along it from the end with the smaller edge number."""
     if len(edges) < 3:
         return np.sort(edges)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-NEXT = np.array([1, 2, 3, 0])
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int, Num
+
+NEXT = np.array([1, 2, 3, 0])  # the corner after each of a quad
 SQUARE = 4.0  # perimeter over the root of the area
 OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch round it has to be cut open
 
@@ -15,24 +19,26 @@ OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch ro
 class Loops:
     """Where the flat vertices of one patch lie on its outline.
 
-    loop : (n,) int, the loop that a flat vertex lies on; where : (n,) int, its position along it; both -1 for inner ones
-    lengths : (L,) int, edges of every loop
+    loop : the loop that a flat vertex lies on; where : its position along it; both -1 for inner ones
+    lengths : edges of every loop
     """
 
-    loop: np.ndarray
-    where: np.ndarray
-    lengths: np.ndarray
+    loop: Int[np.ndarray, " vertices"]
+    where: Int[np.ndarray, " vertices"]
+    lengths: Int[np.ndarray, " loops"]
 
     def __len__(self) -> int:
         return len(self.lengths)
 
-    def vertices(self, number: int) -> np.ndarray:
-        """(m,) int: the flat vertices of one loop, in order, the patch on their left."""
+    def vertices(self, number: int) -> Int[np.ndarray, " length"]:
+        """The flat vertices of one loop, in order, the patch on their left."""
         mine = np.flatnonzero(self.loop == number)
         return mine[np.argsort(self.where[mine])]
 
-    def turning(self, corners: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """(L,) radians: total geodesic curvature of every loop, from the angles (q, 4) at the corners (q, 4).
+    def turning(
+        self, corners: Int[np.ndarray, "quads 4"], angles: Float[np.ndarray, "quads 4"]
+    ) -> Float[np.ndarray, " loops"]:
+        """Radians: total geodesic curvature of every loop, from the angles at the corners.
 
         2 pi round a flat disk, -2 pi round a hole in a flat patch, 0 round a tube.
         """
@@ -40,10 +46,15 @@ class Loops:
         on = self.loop >= 0
         return np.bincount(self.loop[on], weights=np.pi - inner[on], minlength=len(self))
 
-    def mere_holes(self, corners: np.ndarray, angles: np.ndarray, border: np.ndarray) -> bool:
+    def mere_holes(
+        self,
+        corners: Int[np.ndarray, "quads 4"],
+        angles: Float[np.ndarray, "quads 4"],
+        border: Bool[np.ndarray, "quads 4"],
+    ) -> bool:
         """Are all loops but one holes of the surface, such as a flat patch could have? What is round a tube is none.
 
-        border : (q, 4) bool, sides on the border of the surface. A cut that floats inside the patch is no hole, and neither
+        border : sides on the border of the surface. A cut that floats inside the patch is no hole, and neither
         is another patch within this one.
         """
         if len(self) < 2:
@@ -54,8 +65,8 @@ class Loops:
         return bool((own & (np.abs(turning + 2 * np.pi) < OPEN))[hole].all())
 
 
-def loops_of(corners: np.ndarray, sides: np.ndarray) -> Loops:
-    """The loops of a patch: corners (q, 4) int flat vertices, sides (q, 4) bool on the outline."""
+def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads 4"]) -> Loops:
+    """The loops of a patch from its corners, as flat vertices, and the sides on its outline."""
     count = int(corners.max()) + 1
     following = np.full(count, -1, dtype=np.int64)
     following[corners[sides]] = corners[:, NEXT][sides]
@@ -75,8 +86,12 @@ def loops_of(corners: np.ndarray, sides: np.ndarray) -> Loops:
     return Loops(loop, where, np.array(lengths, dtype=np.int64))
 
 
-def counted(lengths: np.ndarray, border: np.ndarray, area: np.ndarray | float) -> np.ndarray:
-    """(L,) metres: what loops count in how compact a patch is, from their lengths, the border in them, and the patch's area.
+def counted(
+    lengths: Num[np.ndarray, " loops"],
+    border: Num[np.ndarray, " loops"],
+    area: Float[np.ndarray, " loops"] | float,
+) -> Num[np.ndarray, " loops"]:
+    """Metres: what loops count in how compact a patch is, from their lengths, the border in them, and the patch's area.
 
     Border beyond that of a square of the same area counts no more: there the surface itself is narrow, and cutting a ribbon
     into many short panels makes none of them any wider.
@@ -85,11 +100,16 @@ def counted(lengths: np.ndarray, border: np.ndarray, area: np.ndarray | float) -
 
 
 def perimeter(
-    sides: np.ndarray, corners: np.ndarray, loops: Loops, lengths: np.ndarray, border: np.ndarray, area: float
+    sides: Bool[np.ndarray, "quads 4"],
+    corners: Int[np.ndarray, "quads 4"],
+    loops: Loops,
+    lengths: Float[np.ndarray, "quads 4"],
+    border: Bool[np.ndarray, "quads 4"],
+    area: float,
 ) -> float:
     """Metres that the outline of a patch counts: its longest loop, for holes that the surface has cost no compactness.
 
-    lengths : (q, 4) metres of the sides; border : (q, 4) bool, sides on the border of the surface; area : square metres
+    lengths : metres of the sides; border : sides on the border of the surface; area : square metres
     """
     loop = loops.loop[corners[sides]]
     all_ = np.bincount(loop, weights=lengths[sides], minlength=len(loops))

@@ -8,23 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One curve of arcs.
 
-    points : (N, 2) metres
-    bulge : (N,) of the segment from point i to point i + 1; the last one closes a closed curve and is unused in an open one
+    points : metres
+    bulge : of the segment from point i to point i + 1; the last one closes a closed curve and is unused in an open one
     closed : whether it returns to its first point
     """
 
-    points: np.ndarray
-    bulge: np.ndarray
+    points: Float[np.ndarray, "n 2"]
+    bulge: Float[np.ndarray, " n"]
     closed: bool = True
 
     def _segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -63,14 +67,16 @@ class Curve:
         bulge = -self.bulge[::-1]
         return Curve(self.points[::-1], np.roll(bulge, -1), self.closed)
 
-    def sampled(self, tolerance: float = 1e-5) -> np.ndarray:
-        """(M, 2) metres: points on the curve whose chords stray from the arcs by at most ``tolerance``."""
+    def sampled(self, tolerance: float = 1e-5) -> Float[np.ndarray, "m 2"]:
+        """Metres: points on the curve whose chords stray from the arcs by at most ``tolerance``."""
         points = along_arcs(*self._segments(), tolerance)[0]
         return points if self.closed else np.concatenate([points, self.points[-1:]])
 
 
-def along_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (M, 2) on the arcs from ``a`` on to ``b`` (S, 2), without ``b``, and how many every arc has, (S,)."""
+def along_arcs(
+    a: np.ndarray, b: Float[np.ndarray, "segments 2"], bulge: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (M, 2) on the arcs from ``a`` on to ``b``, without ``b``, and how many every arc has, (S,)."""
     chord, angle = np.linalg.norm(b - a, axis=1), 4.0 * np.arctan(bulge)
     radius = 0.5 * chord / np.maximum(np.abs(np.sin(0.5 * angle)), 1e-12)
     step = 2.0 * np.arccos(np.clip(1.0 - tolerance / np.maximum(radius, 1e-12), 0.0, 1.0))
@@ -81,8 +87,10 @@ def along_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray, tolerance: float
     return arc_points(a[which], b[which], bulge[which], inner[:, None])[:, 0], count
 
 
-def arc_points(a: np.ndarray, b: np.ndarray, bulge: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(S, M, 2): points on the arcs from ``a`` to ``b`` (S, 2) at the shares (S, M) of their angle."""
+def arc_points(
+    a: np.ndarray, b: Float[np.ndarray, "segments 2"], bulge: np.ndarray, share: np.ndarray
+) -> Float[np.ndarray, "segments m 2"]:
+    """Points on the arcs from ``a`` to ``b`` at the shares (S, M) of their angle."""
     half = 2.0 * np.arctan(bulge)[:, None]
     flat = np.abs(half) < 1e-9
     safe = np.where(flat, 1.0, half)
@@ -124,16 +132,17 @@ def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 class Fitted:
     """Many open curves of arcs in one heap; the last point of a curve is left out, for the next curve begins there.
 
-    points, bulge : (N, 2) metres and (N,)
-    start : (C + 1,) where every curve begins
+    points : metres
+    bulge : as in ``Curve``
+    start : where every curve begins, and where the last one ends
     """
 
-    points: np.ndarray
-    bulge: np.ndarray
-    start: np.ndarray
+    points: Float[np.ndarray, "n 2"]
+    bulge: Float[np.ndarray, " n"]
+    start: Int[np.ndarray, " starts"]
 
-    def replaced(self, which: np.ndarray, other: Fitted) -> Fitted:
-        """The same with the curves ``which`` (K,) in the place of which those of ``other`` stand."""
+    def replaced(self, which: Int[np.ndarray, " k"], other: Fitted) -> Fitted:
+        """The same with the curves ``which`` in the place of which those of ``other`` stand."""
         sizes = np.diff(self.start)
         rest = np.setdiff1d(np.arange(len(sizes)), which)
         sizes[which] = np.diff(other.start)
@@ -148,17 +157,19 @@ class Fitted:
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)
+SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
 
 
 TOGETHER = 1500  # curves that are fitted at once: a quarter of a second of work, and 40 MB
 
 
-def fit(evaluate: Evaluate, ends: np.ndarray, tolerance: float, progress: Progress = SILENT) -> Fitted:
+def fit(
+    evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
+) -> Fitted:
     """Fit C curves by as few biarcs as stay within ``tolerance`` (metres) of them.
 
     ``evaluate(which, t)`` gives points and derivatives (C', M, 2) of the curves ``which`` at the parameters (C', M);
-    ``ends`` (C, 2) are the parameters of their first and last points. Spans are spread so that every one strays equally.
+    ``ends`` are the parameters of their first and last points. Spans are spread so that every one strays equally.
     """
     parts = []
     for part in progress.batches(max(len(ends), 1), TOGETHER, "fitting arcs"):
@@ -230,8 +241,10 @@ def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tupl
     return total / total[:, -1:], np.clip(need, 1, SPANS[-1])
 
 
-def _inverse(weight: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """(C, L): where the ascending rows of ``weight`` (C, M), given on an even grid of [0, 1], reach the ``levels`` (L,)."""
+def _inverse(
+    weight: Float[np.ndarray, "curves m"], levels: Float[np.ndarray, " loops"]
+) -> Float[np.ndarray, "curves loops"]:
+    """Where the ascending rows of ``weight``, given on an even grid of [0, 1], reach the ``levels``."""
     count, cells = len(weight), weight.shape[1] - 1
     # one row after the other, so that all are searched as one
     row = 2.0 * np.arange(count)[:, None]
@@ -241,8 +254,10 @@ def _inverse(weight: np.ndarray, levels: np.ndarray) -> np.ndarray:
     return np.clip((cell + (levels - lo) / np.maximum(hi - lo, 1e-15)) / cells, 0.0, 1.0)
 
 
-def _stray(nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int) -> np.ndarray:
-    """(C,) metres: largest distance of the true points (C, 6 spans + 1, 2) from the arcs."""
+def _stray(
+    nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int
+) -> Float[np.ndarray, " curves"]:
+    """Metres: largest distance of the true points (C, 6 spans + 1, 2) from the arcs."""
     ends = np.concatenate([nodes, last[:, None]], axis=1)
     shape = (len(nodes), spans, 2, 1)
     # points of a span are compared with both of its arcs; the nearer one counts

@@ -9,6 +9,7 @@ the links of closed chains: one round every inner flat vertex, and one round the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,23 +21,26 @@ from .arcs import Curve, Fitted, fit
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 
 @dataclass(frozen=True, eq=False)
 class Hubs:
     """Where consecutive arms part. Entry k belongs to the slot between arm k and arm k + 1.
 
-    left : (F, 4) t on the left edge of arm k where the fillet begins
-    right : (F, 4) t on the right edge of arm k + 1 where it ends
-    centre : (F, 4, 2) metres, the fillet's centre
+    left : t on the left edge of arm k where the fillet begins
+    right : t on the right edge of arm k + 1 where it ends
+    centre : metres, the fillet's centre
     fillet : metres, its radius
-    missed : (F, 4) bool, true where there is no room for a slot
+    missed : true where there is no room for a slot
     """
 
-    left: np.ndarray
-    right: np.ndarray
-    centre: np.ndarray
+    left: Float[np.ndarray, "quads 4"]
+    right: Float[np.ndarray, "quads 4"]
+    centre: Float[np.ndarray, "quads 4 2"]
     fillet: float
-    missed: np.ndarray
+    missed: Bool[np.ndarray, "quads 4"]
 
 
 def hubs(arms: Arms, fillet: float) -> Hubs:
@@ -69,8 +73,8 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     return Hubs(left, right, centre, fillet, missed)
 
 
-def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """(F, 4) metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
+def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
+    """Metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
     return np.where(lean > PARALLEL, apart, np.inf).min(axis=-1)
 
@@ -123,20 +127,20 @@ class Outline:
 class Tips:
     """Arms that end in something else than a plain cut; arm 4 f + k is arm k of quad f.
 
-    extra : (2, F, 4) metres, how much further out their left and their right edges are at their tips
-    full, over : (F, 4) t up to which they are that much wider, and from which they are as wide as ever
-    begin : (F, 4) t where their edges begin
+    extra : metres, how much further out their left and their right edges are at their tips
+    full, over : t up to which they are that much wider, and from which they are as wide as ever
+    begin : t where their edges begin
     across : of every such arm the curve from its right to its left edge, in its patch's frame
     """
 
-    extra: np.ndarray
-    full: np.ndarray
-    over: np.ndarray
-    begin: np.ndarray
+    extra: Float[np.ndarray, "2 quads 4"]
+    full: Float[np.ndarray, "quads 4"]
+    over: Float[np.ndarray, "quads 4"]
+    begin: Float[np.ndarray, "quads 4"]
     across: dict[int, Curve]
 
-    def wider(self, which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What to add to the width at t (N, M) for the edges ``which`` (N,): left ones first, then right ones."""
+    def wider(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
+        """What to add to the width at t for the edges ``which``: left ones first, then right ones."""
         arm = which % self.full.size
         return widening(
             2.0 * self.extra.ravel()[which][:, None],
@@ -146,8 +150,8 @@ class Tips:
         )
 
 
-def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
-    """(F, 4) t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
+def ends(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "quads 4"]:
+    """The t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
 
     At a seam between two patches both ends meet when the panels lie side by side. At a cut inside a patch they face each
     other in one panel, and must be at least ``slot`` metres apart there.
@@ -169,8 +173,8 @@ def ends(layout: PatchLayout, arms: Arms, slot: float) -> np.ndarray:
     return np.maximum(begin, np.where(inside, begin[quad, side], 0.0))
 
 
-def _from_segment(points: np.ndarray, segment: np.ndarray) -> np.ndarray:
-    """(N,) smallest distance of points (N, K, 2) from segments (N, 2, 2)."""
+def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, " n"]:
+    """Smallest distance of points from segments."""
     a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
     share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
@@ -324,8 +328,8 @@ def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
     return chains
 
 
-def touching(drawn: list[Outline], progress: Progress = SILENT) -> np.ndarray:
-    """(N, 3): patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
+def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
+    """Patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
     import shapely
 
     found = []

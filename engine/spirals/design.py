@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +29,9 @@ from .slots import (
 )
 from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 
 # A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
@@ -42,14 +45,14 @@ class SpiralDesign:
 
     flat : the flat patches that the spirals lie in
     params : fabricable range, sheet thickness, chirality
-    width : (F,) metres, width of the four arms
-    twist : (F,) radians, winding angle from the tip to the centre
+    width : metres, width of the four arms
+    twist : radians, winding angle from the tip to the centre
     """
 
     flat: FlatPatches
     params: SpiralParams
-    width: np.ndarray
-    twist: np.ndarray
+    width: Float[np.ndarray, " quads"]
+    twist: Float[np.ndarray, " quads"]
 
     @cached_property
     def arms(self) -> Arms:
@@ -75,13 +78,13 @@ class SpiralDesign:
         return drawn
 
     @cached_property
-    def scale(self) -> np.ndarray:
-        """(F,) metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
+    def scale(self) -> Float[np.ndarray, " quads"]:
+        """Metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
         return 2.0 * self.arms.radius.mean(axis=1)
 
     @cached_property
-    def area(self) -> np.ndarray:
-        """(F,) square metres of material, by its outline from edge to edge; the fillets are left out."""
+    def area(self) -> Float[np.ndarray, " quads"]:
+        """Square metres of material, by its outline from edge to edge; the fillets are left out."""
         share = np.linspace(0.0, 1.0, 33)
         outwards = np.roll(self.roots.right, 1, axis=1)[..., None] * share[::-1]
         right = edge(self.arms, outwards, RIGHT)[0]
@@ -91,8 +94,8 @@ class SpiralDesign:
         return 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
 
     @cached_property
-    def thin(self) -> np.ndarray:
-        """(N,) int: quads too small for the smallest width, with thinner arms than asked for."""
+    def thin(self) -> Int[np.ndarray, " n"]:
+        """Quads too small for the smallest width, with thinner arms than asked for."""
         return np.flatnonzero(self.width < self.params.width_min * (1.0 - 1e-6))
 
     @property
@@ -116,8 +119,8 @@ class SpiralDesign:
             self.__dict__["_narrowest"] = slot, bridge
         return self.__dict__["_narrowest"]
 
-    def narrower(self, width: float) -> np.ndarray:
-        """(N,) int: quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
+    def narrower(self, width: float) -> Int[np.ndarray, " n"]:
+        """Quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
         layout, every, fillet = self.flat.layout, np.arange(len(self.width)), self.params.fillet
         if 2.0 * fillet < width * (1.0 - 1e-9):
             return every
@@ -128,8 +131,8 @@ class SpiralDesign:
         return np.flatnonzero(least < 0.999 * width)
 
     @cached_property
-    def coordinates(self) -> np.ndarray:
-        """(F, 2): width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
+    def coordinates(self) -> Float[np.ndarray, "quads 2"]:
+        """Width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
         p = self.params
         bound = np.maximum(twist_bound(self.flat, p, self.width), 1e-9)
         width = (self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12)
@@ -151,18 +154,20 @@ def uniform(
 
 
 def from_curvature(
-    flat: FlatPatches, params: SpiralParams, curvature: np.ndarray, progress: Progress = SILENT
+    flat: FlatPatches, params: SpiralParams, curvature: Float[np.ndarray, " quads"], progress: Progress = SILENT
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : (F,) RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    curvature : RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
     return fitted(flat, params, *curvature_adjusted(params, curvature), progress=progress)
 
 
-def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Widths (F,) metres and twists (F,) radians that go with an RMS curvature (F,) in 1/m, whether they can be cut or not.
+def curvature_adjusted(
+    params: SpiralParams, curvature: Float[np.ndarray, " quads"]
+) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
+    """Widths in metres and twists in radians that go with an RMS curvature in 1/m, whether they can be cut or not.
 
     Both are linear in c = C / C_max, where C_max is a high percentile of the curvature (``params.curvature_top``; 100 is the
     maximum of the publication): one sharp crease would else leave all the rest of the surface at c near 0.
@@ -177,13 +182,13 @@ def curvature_adjusted(params: SpiralParams, curvature: np.ndarray) -> tuple[np.
 def fitted(
     flat: FlatPatches,
     params: SpiralParams,
-    width: np.ndarray,
-    twist: np.ndarray,
+    width: Float[np.ndarray, " quads"],
+    twist: Float[np.ndarray, " quads"],
     *,
     prove: bool = True,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """The design nearest to widths (F,) metres and twists (F,) radians that can be cut, joints and neighbours included.
+    """The design nearest to widths in metres and twists in radians that can be cut, joints and neighbours included.
 
     Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
@@ -194,8 +199,8 @@ def fitted(
     return proved(design, progress.part(0.6, 1.0)) if prove else design
 
 
-def outside(design: SpiralDesign) -> np.ndarray:
-    """(N,) int: quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
+def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
+    """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
     low, high = width_range(design.flat, design.params)
     known = np.isfinite(design.width) & np.isfinite(design.twist)
     width = np.where(known, design.width, low)
@@ -208,8 +213,10 @@ def outside(design: SpiralDesign) -> np.ndarray:
     return np.flatnonzero(~(known & fits))
 
 
-def width_range(flat: FlatPatches, params: SpiralParams) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) and (F,) metres: the smallest and the largest width in every quad.
+def width_range(
+    flat: FlatPatches, params: SpiralParams
+) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
+    """Metres: the smallest and the largest width in every quad.
 
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
@@ -266,8 +273,8 @@ def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) 
     )
 
 
-def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.ndarray:
-    """The quads nearest to places (N, 3), given as patch, x and y in metres."""
+def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
+    """The quads nearest to places, given as patch, x and y in metres."""
     found = []
     for patch, x, y in where:
         quads = flat.layout.patches[int(patch)]
@@ -279,7 +286,7 @@ def nearest_quads(flat: FlatPatches, where: np.ndarray, count: int = 4) -> np.nd
 def _relieved(
     flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths and twists (F,), reduced where the blended joints or the neighbours leave too little room."""
+    """Widths and twists, reduced where the blended joints or the neighbours leave too little room."""
     # a little more: the gap is judged at some points of every slot only
     slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
     mate, side = opposite_sides(mesh)
@@ -317,8 +324,8 @@ TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
 AMPLE = 1.5  # slots, a gap that need not give way to its neighbours'
 
 
-def _gap(shape: Arms, flat: FlatPatches, quads: np.ndarray, enough: float) -> np.ndarray:
-    """(N,) metres: narrowest gap beside the arms of some quads (N,), in their own quad and across their joints.
+def _gap(shape: Arms, flat: FlatPatches, quads: Int[np.ndarray, " n"], enough: float) -> Float[np.ndarray, " n"]:
+    """Metres: narrowest gap beside the arms of some quads, in their own quad and across their joints.
 
     Measured closely only where it may be less than ``enough`` metres.
     """

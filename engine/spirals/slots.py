@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, opposite_sides, width_at
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 # The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
 # loses slot at the hub: about here its arms are free over their greatest length.
@@ -44,8 +48,8 @@ def slot_needed(params: SpiralParams) -> float:
     return max(params.slot_min, 2.0 * params.fillet)
 
 
-def gaps(arms: Arms) -> np.ndarray:
-    """(F, 4) metres: narrowest gap between the outer part of arm k and the arm that faces it, less both half widths.
+def gaps(arms: Arms) -> Float[np.ndarray, "quads 4"]:
+    """Metres: narrowest gap between the outer part of arm k and the arm that faces it, less both half widths.
 
     Negative where the arms run through each other.
     """
@@ -54,8 +58,8 @@ def gaps(arms: Arms) -> np.ndarray:
     return _facing(arms, _rolled(arms, step), step)
 
 
-def _facing(outer: Arms, inner: Arms, step: int) -> np.ndarray:
-    """(F, K) metres: narrowest gap between the outer parts of arms and the arms that face them, ``step`` side on."""
+def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
+    """Metres: narrowest gap between the outer parts of arms and the arms that face them, ``step`` side on."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
     t = np.broadcast_to(np.linspace(0.0, DEPTH, 18), (*outer.radius.shape, 18))
     p = centre_line(outer, t)[0]
@@ -88,9 +92,13 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def gaps_across(
-    arms: Arms, mesh: QuadMesh, corners: np.ndarray, quads: np.ndarray, enough: float = math.inf
-) -> np.ndarray:
-    """(N, 4) metres: narrowest gap between the outer part of arm k of the ``quads`` (N,) and the arms across its joint.
+    arms: Arms,
+    mesh: QuadMesh,
+    corners: Float[np.ndarray, "quads 4 2"],
+    quads: Int[np.ndarray, " n"],
+    enough: float = math.inf,
+) -> Float[np.ndarray, "n 4"]:
+    """Metres: narrowest gap between the outer part of arm k of the ``quads`` and the arms across its joint.
 
     Gaps that are surely wider than ``enough`` metres are not measured closely.
     In strongly sheared quads an arm leaves its quad for a while, and may meet the two arms beside its joint in the
@@ -111,8 +119,10 @@ def gaps_across(
     return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
 
 
-def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray, enough: float = math.inf) -> np.ndarray:
-    """(N, 4) metres: narrowest gap between the two arms at corner k of the ``quads`` (N,) and those opposite round the corner.
+def gaps_round(
+    arms: Arms, layout: PatchLayout, quads: Int[np.ndarray, " n"], enough: float = math.inf
+) -> Float[np.ndarray, "n 4"]:
+    """Metres: narrowest gap between the two arms at corner k of the ``quads`` and those opposite round the corner.
 
     Gaps that are surely wider than ``enough`` metres are not measured closely.
     In strongly distorted quads the arms of two quads that share no more than a vertex may meet. ``CLEAR`` where a cut or the
@@ -140,8 +150,8 @@ def gaps_round(arms: Arms, layout: PatchLayout, quads: np.ndarray, enough: float
 def _least(
     one: Arms, placed: Callable[[np.ndarray, np.ndarray], np.ndarray], t: np.ndarray,
     two: Arms, laid: Callable[[np.ndarray, np.ndarray], np.ndarray], s: np.ndarray, enough: float,
-) -> np.ndarray:  # fmt: skip
-    """(N,) metres: narrowest gap between N single arms and N others at the parameters t and s and between them.
+) -> Float[np.ndarray, " n"]:  # fmt: skip
+    """Metres: narrowest gap between N single arms and N others at the parameters t and s and between them.
 
     ``placed`` and ``laid`` bring points (M, K, 2) of the arms with the numbers (M,) into one frame. Samples may lie a width
     apart, so the search goes on round the nearest two of them, but where the gap is surely wider than ``enough``.
@@ -189,8 +199,8 @@ def _sampled(
     return gap, near, np.divmod(apart.argmin(axis=1), at[1].shape[1])
 
 
-def _spacing(points: np.ndarray) -> np.ndarray:
-    """(M,) the largest distance of consecutive points (M, K, 2): more than half of the arc between them."""
+def _spacing(points: Float[np.ndarray, "m k 2"]) -> Float[np.ndarray, " m"]:
+    """The largest distance of consecutive points: more than half of the arc between them."""
     return np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=1)
 
 
@@ -198,8 +208,12 @@ def _as_it_is(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return points
 
 
-def _in_side_frame(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Points (N, M, 2) in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
+def _in_side_frame(
+    points: Float[np.ndarray, "n m 2"],
+    corners: Float[np.ndarray, "quads 4 2"],
+    at: tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]],
+) -> Float[np.ndarray, "n m 2"]:
+    """Points in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
     quad, side = at
     a, b = corners[quad, side], corners[quad, (side + 1) % 4]
     along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
@@ -210,13 +224,13 @@ def _in_side_frame(points: np.ndarray, corners: np.ndarray, at: tuple[np.ndarray
 def twist_bound(
     flat: FlatPatches,
     params: SpiralParams,
-    width: np.ndarray,
+    width: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
-    most: np.ndarray | None = None,
-) -> np.ndarray:
-    """(F,) radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
+    most: Float[np.ndarray, " quads"] | None = None,
+) -> Float[np.ndarray, " quads"]:
+    """Radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
 
-    ``width`` (F,) in metres; ``most`` (F,) radians where less than ``twist_max`` is asked for. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
+    ``width`` in metres; ``most`` radians where less than ``twist_max`` is asked for. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
     """
     slot, count = slot_needed(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
@@ -255,10 +269,12 @@ def _rolled(arms: Arms, step: int) -> Arms:
     return replace(arms, **rolled)
 
 
-def narrowest(arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float) -> tuple[float, float]:
+def narrowest(
+    arms: Arms, left: Float[np.ndarray, "quads 4"], right: Float[np.ndarray, "quads 4"], fillet: float
+) -> tuple[float, float]:
     """Narrowest slot and narrowest piece of material in metres, measured between the true edges of the arms.
 
-    left, right : (F, 4) t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
+    left, right : t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
     At its root a slot is as wide as its fillet's diameter.
     """
     # the arm itself, up to its hub
@@ -277,11 +293,11 @@ def clockwise(arms: Arms) -> bool:
 
 
 def slot_widths(
-    arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray
+    arms: Arms, left: Float[np.ndarray, "quads 4"], right: Float[np.ndarray, "quads 4"], share: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Width of every slot, measured from the edge of its outer arm at the shares (N,) of the way from mouth to root.
 
-    left, right : (F, 4) t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
+    left, right : t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
     metres, as the diameter of the circle between the edges that touches the outer arm there, the cosine of the angle between both edges (negative in the open corner of two arms), and t on the outer and on the inner arm.
     """
     step = 1 if clockwise(arms) else -1

@@ -9,6 +9,7 @@ on smoothly from one quad into the other.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,42 +17,45 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
 
 # the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
 _CROSSING_MIN = 0.1
 # what must be left of the radius of curvature of an arm's inner edge, as a share of that of its centre line
 _INNER_RADIUS_MIN = 0.6
-_BLEND_MAX = 0.7
+_BLEND_MAX = 0.7  # largest share of an arm over which it is blended: the rest stays a spiral
 
 Floats = float | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Arms:
-    """All arms as numbers. Every function of this module takes t of shape (F, 4, N), in [0, 1], and returns (F, 4, N, ...).
+    """All arms as numbers: four of every quad, or single ones, see ``one_by_one``. Every function of this module takes t of shape (F, 4, N), in [0, 1], and returns (F, 4, N, ...).
 
-    centre : (F, 2) metres
-    radius : (F, 4) metres, from the centre to the middle of side k
-    angle : (F, 4) radians, direction from the centre to the middle of side k, ascending within a quad
-    wind : (F,) radians, twist with the sign of the sense of rotation
-    width : (F,) metres, away from the joints
-    joint_width : (F, 4) metres, at the joint
-    blend_slope : (F, 4, 2) metres, what the blend adds to the derivative of the centre line at the joint
-    share : (F, 4), share of t over which arm and joint are blended
+    centre : metres
+    radius : metres, from the centre to the middle of side k
+    angle : radians, direction from the centre to the middle of side k, ascending within a quad
+    wind : radians, twist with the sign of the sense of rotation
+    width : metres, away from the joints
+    joint_width : metres, at the joint
+    blend_slope : metres, what the blend adds to the derivative of the centre line at the joint
+    share : share of t over which arm and joint are blended
     """
 
-    centre: np.ndarray
-    radius: np.ndarray
-    angle: np.ndarray
-    wind: np.ndarray
-    width: np.ndarray
-    joint_width: np.ndarray
-    blend_slope: np.ndarray
-    share: np.ndarray
+    centre: Float[np.ndarray, "quads 2"]
+    radius: Float[np.ndarray, "quads arms"]
+    angle: Float[np.ndarray, "quads arms"]
+    wind: Float[np.ndarray, " quads"]
+    width: Float[np.ndarray, " quads"]
+    joint_width: Float[np.ndarray, "quads arms"]
+    blend_slope: Float[np.ndarray, "quads arms 2"]
+    share: Float[np.ndarray, "quads arms"]
 
-    def unblended(self, wind: np.ndarray) -> Arms:
-        """The same arms as pure spirals of another winding angle (F,)."""
+    def unblended(self, wind: Float[np.ndarray, " quads"]) -> Arms:
+        """The same arms as pure spirals of another winding angle."""
         return replace(
             self,
             wind=wind,
@@ -63,8 +67,8 @@ class Arms:
         """The arms of some quads only."""
         return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
 
-    def one_by_one(self, quad: np.ndarray, side: np.ndarray) -> Arms:
-        """N single arms (N,), as N "quads" of one arm each, so that any choice of them can be evaluated together."""
+    def one_by_one(self, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]) -> Arms:
+        """N single arms, as N "quads" of one arm each, so that any choice of them can be evaluated together."""
         of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind", "width")}
         of_arm = {
             n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "blend_slope", "share")
@@ -72,8 +76,8 @@ class Arms:
         return Arms(**of_quad, **of_arm)
 
 
-def opposite_sides(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """The quad (F, 4) and its side (F, 4) across every side; at the border the quad and the side themselves."""
+def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.ndarray, "quads 4"]]:
+    """The quad and its side across every side; at the border the quad and the side themselves."""
     own = np.arange(len(mesh.quads))[:, None]
     quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
     across = np.where(quads[..., 0] == own, 1, 0)[..., None]
@@ -83,8 +87,10 @@ def opposite_sides(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     return np.where(border, own, quad), np.where(border, np.arange(4), side)
 
 
-def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray) -> Arms:
-    """The arms of the spirals with these widths (F,) in metres and twists (F,) in radians, joints blended."""
+def arms(
+    flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, " quads"], twist: Float[np.ndarray, " quads"]
+) -> Arms:
+    """The arms of the spirals with these widths in metres and twists in radians, joints blended."""
     centre, radius, angle = _spokes(flat)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
     width = np.asarray(width, dtype=float)
@@ -97,8 +103,8 @@ def arms(flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.n
     return _longer_blends(replace(pure, blend_slope=_blend_slopes(pure, flat.corners, quad, side)))
 
 
-def widest_arms(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
-    """(F,) metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
+def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " quads"]:
+    """Metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
     _, radius, angle = _spokes(flat)
     opening = np.diff(angle, axis=1)
     # edges at the distance a from straight centre lines meet at a (1 + cos) / sin from the centre
@@ -106,15 +112,17 @@ def widest_arms(flat: FlatPatches, params: SpiralParams) -> np.ndarray:
     return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
 
 
-def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> np.ndarray:
-    """(F,) metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
+def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[np.ndarray, " quads"]:
+    """Metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
     _, radius, angle = _spokes(flat)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
     return (1.0 - depth) * radius.min(axis=1) * least - slot
 
 
-def _spokes(flat: FlatPatches) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centre (F, 2), and distance and direction (F, 4) of the middles of the sides from it, directions ascending."""
+def _spokes(
+    flat: FlatPatches,
+) -> tuple[Float[np.ndarray, "quads 2"], Float[np.ndarray, "quads 4"], Float[np.ndarray, "quads 4"]]:
+    """Centre, and distance and direction of the middles of the sides from it, directions ascending."""
     corners = flat.corners
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
@@ -160,8 +168,8 @@ def _longer_blends(blended: Arms) -> Arms:
     return replace(blended, share=share)
 
 
-def inner_radius(arms: Arms) -> np.ndarray:
-    """(F, 4): smallest radius of curvature of an arm's inner edge within its blend, as a share of the centre line's.
+def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
+    """Smallest radius of curvature of an arm's inner edge within its blend, as a share of the centre line's.
 
     1 where an arm is straight there; the edge folds at 0.
     """

@@ -10,8 +10,14 @@ import numpy as np
 
 from .mesh import QuadMesh
 
-REFLEX, CONVEX, SHARP, TIP = 3.0, 0.25, 2.0, 0.5  # cost of a corner of a patch by its angle; of a cut that ends nowhere
-WIDE, NARROW, ACUTE = np.radians(222.0), np.radians(138.0), np.radians(50.0)
+# cost of a corner of a patch, in edges, by its angle: reflex ones spoil an outline most; chosen by eye, so that a seam goes
+# three edges round rather than have one
+REFLEX = 3.0
+CONVEX = 0.25  # cost of a corner narrower than a straight line
+SHARP = 2.0  # cost of a corner too pointed for an arm
+TIP = 0.5  # cost of a cut that ends nowhere
+WIDE, NARROW = np.radians(222.0), np.radians(138.0)  # 2 and 3 of 5 quads round a vertex count as straight
+ACUTE = np.radians(50.0)  # below the 60 degrees of six quads round a vertex
 
 
 @dataclass(frozen=True, eq=False)

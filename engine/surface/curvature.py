@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.sparse import coo_array
 
 from .mesh import QuadMesh
 
-SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
+SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can; any small number does
 
 
-def rms_curvature(mesh: QuadMesh) -> np.ndarray:
-    """Root mean square of the principal curvatures, sqrt((k1^2 + k2^2) / 2), at the middle of every quad: (F,) 1/m.
+def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
+    """Root mean square of the principal curvatures, sqrt((k1^2 + k2^2) / 2), at the middle of every quad, 1/m.
 
     See ``principal_curvatures``.
     """
     return np.sqrt((principal_curvatures(mesh) ** 2).mean(axis=1))
 
 
-def principal_curvatures(mesh: QuadMesh) -> np.ndarray:
-    """Largest and smallest normal curvature at the middle of every quad: (F, 2) 1/m, positive where it is hollow
+def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
+    """Largest and smallest normal curvature at the middle of every quad, 1/m, positive where it is hollow
     seen from the side that the normals point to.
 
     A quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all quads round it (16 in
@@ -55,8 +60,10 @@ def principal_curvatures(mesh: QuadMesh) -> np.ndarray:
     return fitted / (1.0 - lift) / scale[:, None]
 
 
-def _of_graph(b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray) -> np.ndarray:
-    """(n, 2) principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
+def _of_graph(
+    b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray
+) -> Float[np.ndarray, "points 2"]:
+    """Principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
     first = 1 + b**2 + c**2
     gauss = (d * f - e**2) / first**2
     mean = ((1 + c**2) * d - 2 * b * c * e + (1 + b**2) * f) / (2 * first**1.5)
@@ -74,8 +81,8 @@ def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     return ring.row[order], ring.col[order]
 
 
-def _smooth_normals(mesh: QuadMesh) -> np.ndarray:
-    """(F, 3) unit: every quad's normal, averaged with its neighbours' weighted by area."""
+def _smooth_normals(mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
+    """Unit: every quad's normal, averaged with its neighbours' weighted by area."""
     total = 2 * mesh.area_vectors
     around = np.where((mesh.neighbours >= 0)[..., None], mesh.area_vectors[mesh.neighbours], 0.0)
     # a neighbour on the far side of a sharp fold has no say
@@ -84,8 +91,8 @@ def _smooth_normals(mesh: QuadMesh) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
 
 
-def angle_defects(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Total Gaussian curvature at every inner vertex (V,) and within every quad (F,), radians.
+def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float[np.ndarray, " quads"]]:
+    """Total Gaussian curvature at every inner vertex and within every quad, radians.
 
     2 pi less the angles round a vertex, 0 at the border; the angles of a quad less 2 pi, which is not 0 where it is
     warped. Both together obey the theorem of Gauss and Bonnet exactly.
@@ -95,8 +102,8 @@ def angle_defects(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     return np.where(mesh.on_border, 0.0, 2 * np.pi - round_vertex), angle.sum(axis=1) - 2 * np.pi
 
 
-def corner_angles(mesh: QuadMesh) -> np.ndarray:
-    """(F, 4) radians: the angle between the two sides at every corner of every quad."""
+def corner_angles(mesh: QuadMesh) -> Float[np.ndarray, "quads 4"]:
+    """Radians: the angle between the two sides at every corner of every quad."""
     p = mesh.vertices[mesh.quads]
     forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
     cross = np.linalg.norm(np.cross(forward, backward), axis=2)

@@ -56,8 +56,8 @@ class QuadMesh:
     vertices: Float[np.ndarray, "vertices 3"]
     quads: Int[np.ndarray, "quads 4"]
 
-    def moved(self, vertices: np.ndarray) -> QuadMesh:
-        """The same quads with other vertex positions (V, 3), metres; the topology is shared, not computed again."""
+    def moved(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
+        """The same quads with other vertex positions, metres; the topology is shared, not computed again."""
         other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
         for name in TOPOLOGY:
             if name in self.__dict__:
@@ -75,26 +75,26 @@ class QuadMesh:
         return pairs, of_side.reshape(-1, 4)
 
     @property
-    def edges(self) -> np.ndarray:
-        """(E, 2) int: the vertices of every edge, the smaller index first."""
+    def edges(self) -> Int[np.ndarray, "edges 2"]:
+        """The vertices of every edge, the smaller index first."""
         return self._edges[0]
 
     @property
-    def quad_edges(self) -> np.ndarray:
-        """(F, 4) int: the edge under side k of every quad."""
+    def quad_edges(self) -> Int[np.ndarray, "quads 4"]:
+        """The edge under side k of every quad."""
         return self._edges[1]
 
     @property
-    def edge_quads(self) -> np.ndarray:
-        """(E, 2) int: the quads on both sides of every edge; -1 where there is none.
+    def edge_quads(self) -> Int[np.ndarray, "edges 2"]:
+        """The quads on both sides of every edge; -1 where there is none.
 
         Column 0 is the quad that runs along the edge from its smaller to its larger vertex, if there is one.
         """
         return self._edge_uses[0]
 
     @property
-    def edge_sides(self) -> np.ndarray:
-        """(E, 2) int: which side (0-3) of the quads in ``edge_quads`` lies on the edge; -1 where there is none."""
+    def edge_sides(self) -> Int[np.ndarray, "edges 2"]:
+        """Which side (0-3) of the quads in ``edge_quads`` lies on the edge; -1 where there is none."""
         return self._edge_uses[1]
 
     @cached_property
@@ -109,48 +109,48 @@ class QuadMesh:
         return quads, sides
 
     @cached_property
-    def neighbours(self) -> np.ndarray:
-        """(F, 4) int: the quad across every side; -1 at the border."""
+    def neighbours(self) -> Int[np.ndarray, "quads 4"]:
+        """The quad across every side; -1 at the border."""
         pair = self.edge_quads[self.quad_edges]
         own = np.arange(len(self.quads))[:, None]
         return np.where(pair[..., 0] == own, pair[..., 1], pair[..., 0])
 
     @cached_property
-    def border(self) -> np.ndarray:
-        """(E,) bool: edges with a quad on one side only."""
+    def border(self) -> Bool[np.ndarray, " edges"]:
+        """Edges with a quad on one side only."""
         return (self.edge_quads < 0).any(axis=1)
 
     @cached_property
-    def valence(self) -> np.ndarray:
-        """(V,) int: number of edges at every vertex."""
+    def valence(self) -> Int[np.ndarray, " vertices"]:
+        """Number of edges at every vertex."""
         return np.bincount(self.edges.ravel(), minlength=len(self.vertices))
 
     @cached_property
-    def on_border(self) -> np.ndarray:
-        """(V,) bool: vertices on the border."""
+    def on_border(self) -> Bool[np.ndarray, " vertices"]:
+        """Vertices on the border."""
         mask = np.zeros(len(self.vertices), dtype=bool)
         mask[self.edges[self.border].ravel()] = True
         return mask
 
     @property
-    def irregular(self) -> np.ndarray:
-        """(V,) bool: inner vertices without 4 edges. Border vertices with other than 3 are irregular but for valence 2."""
+    def irregular(self) -> Bool[np.ndarray, " vertices"]:
+        """Inner vertices without 4 edges. Border vertices with other than 3 are irregular but for valence 2."""
         inner = ~self.on_border & (self.valence != 4) & (self.valence > 0)
         return inner | (self.on_border & (self.valence > 3))
 
     @cached_property
-    def dual(self) -> np.ndarray:
-        """(D, 2) int: pairs of quads that share an edge; row d belongs to ``dual_edges[d]``."""
+    def dual(self) -> Int[np.ndarray, "joints 2"]:
+        """Pairs of quads that share an edge; row d belongs to ``dual_edges[d]``."""
         return self.edge_quads[self.dual_edges]
 
     @cached_property
-    def dual_edges(self) -> np.ndarray:
-        """(D,) int: the edges that are not on the border."""
+    def dual_edges(self) -> Int[np.ndarray, " joints"]:
+        """The edges that are not on the border."""
         return np.flatnonzero(~self.border)
 
     @cached_property
-    def body_of(self) -> np.ndarray:
-        """(F,) int: the connected body that every quad belongs to."""
+    def body_of(self) -> Int[np.ndarray, " quads"]:
+        """The connected body that every quad belongs to."""
         n = len(self.quads)
         a, b = self.dual.T
         return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
@@ -158,8 +158,8 @@ class QuadMesh:
     # -- geometry ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def edge_lengths(self) -> np.ndarray:
-        """(E,) metres."""
+    def edge_lengths(self) -> Float[np.ndarray, " edges"]:
+        """Metres."""
         return np.linalg.norm(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]], axis=1)
 
     @cached_property
@@ -168,22 +168,22 @@ class QuadMesh:
         return float(np.median(self.edge_lengths))
 
     @cached_property
-    def centroids(self) -> np.ndarray:
-        """(F, 3) metres: mean of the four corners; the target positions of the spirals' centres."""
+    def centroids(self) -> Float[np.ndarray, "quads 3"]:
+        """Metres: mean of the four corners; the target positions of the spirals' centres."""
         return self.vertices[self.quads].mean(axis=1)
 
     @cached_property
-    def area_vectors(self) -> np.ndarray:
-        """(F, 3) square metres: half the cross product of the diagonals; its length is the (projected) area."""
+    def area_vectors(self) -> Float[np.ndarray, "quads 3"]:
+        """Square metres: half the cross product of the diagonals; its length is the (projected) area."""
         p = self.vertices[self.quads]
         return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
     @cached_property
-    def areas(self) -> np.ndarray:
-        """(F,) square metres."""
+    def areas(self) -> Float[np.ndarray, " quads"]:
+        """Square metres."""
         return np.linalg.norm(self.area_vectors, axis=1)
 
     @cached_property
-    def normals(self) -> np.ndarray:
-        """(F, 3) unit normals."""
+    def normals(self) -> Float[np.ndarray, "quads 3"]:
+        """Unit normals."""
         return self.area_vectors / np.maximum(self.areas, 1e-300)[:, None]

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..progress import SILENT, Progress
 from .mesh import QuadMesh
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 SEARCH = "Looking for symmetries"
 
@@ -17,14 +21,14 @@ SEARCH = "Looking for symmetries"
 class Symmetry:
     """A rigid motion that maps a mesh onto itself.
 
-    vertices : (V,) int, where every vertex goes; quads : (F,) int; edges : (E,) int
-    matrix : (3, 3) orthogonal, about the centre of the mesh
+    vertices, quads, edges : where each of them goes
+    matrix : orthogonal, about the centre of the mesh
     """
 
-    vertices: np.ndarray
-    quads: np.ndarray
-    edges: np.ndarray
-    matrix: np.ndarray
+    vertices: Int[np.ndarray, " vertices"]
+    quads: Int[np.ndarray, " quads"]
+    edges: Int[np.ndarray, " edges"]
+    matrix: Float[np.ndarray, "3 3"]
 
     @property
     def name(self) -> str:
@@ -84,8 +88,8 @@ def symmetries(
     return list(found.values())
 
 
-def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:
-    """(F, 9) metres: what a rigid motion about the centre leaves of a quad.
+def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
+    """Metres: what a rigid motion about the centre leaves of a quad.
 
     Distances of its corners and middle, sorted, and how many edges its corners are from irregular vertices and borders.
     """
@@ -151,8 +155,8 @@ def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
     return where if (keys[where] == wanted).all() else None
 
 
-def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray | None:
-    """(F,) int: the quad that has the images of a quad's edges for its own."""
+def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"] | None:
+    """The quad that has the images of a quad's edges for its own."""
     own, images = np.sort(mesh.quad_edges, axis=1), np.sort(edges[mesh.quad_edges], axis=1)
     first, second = np.lexsort(own.T), np.lexsort(images.T)
     if (own[first] != images[second]).any():
@@ -163,7 +167,7 @@ def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> np.ndarray | None:
 
 
 def keeping(found: list[Symmetry], cut: np.ndarray) -> list[Symmetry]:
-    """Those symmetries that map the cuts (E,) bool of a layout onto themselves."""
+    """Those symmetries that map the cuts of a layout onto themselves."""
     return [s for s in found if (cut[s.edges] == cut).all()]
 
 

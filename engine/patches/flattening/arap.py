@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
@@ -20,28 +21,31 @@ from scipy.sparse.linalg import splu
 from ...surface.mesh import QuadMesh
 from ..loops import NEXT
 
+if TYPE_CHECKING:
+    from jaxtyping import Complex, Float, Int
+
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
-PREVIOUS = np.array([3, 0, 1, 2])
+PREVIOUS = np.array([3, 0, 1, 2])  # the corner before each of a quad
 
 
 @dataclass(frozen=True, eq=False)
 class CornerTriangles:
     """The four corner triangles of every quad, each laid into the plane without distortion.
 
-    along, against : (F, 4) complex, 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
-    along_bar, against_bar : (F, 4) complex, 1/m: the same for b
-    area : (F, 4) square metres
-    flat : (F, 4) complex, metres: the corners of every quad projected to its plane
-    stiffness : (F, 4, 4) square metres times 1/m^2: the quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
+    along, against : 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
+    along_bar, against_bar : 1/m: the same for b
+    area : square metres
+    flat : metres, the corners of every quad projected to its plane
+    stiffness : square metres times 1/m^2: the quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
     """
 
-    along: np.ndarray
-    against: np.ndarray
-    along_bar: np.ndarray
-    against_bar: np.ndarray
-    area: np.ndarray
-    flat: np.ndarray
-    stiffness: np.ndarray
+    along: Complex[np.ndarray, "quads 4"]
+    against: Complex[np.ndarray, "quads 4"]
+    along_bar: Complex[np.ndarray, "quads 4"]
+    against_bar: Complex[np.ndarray, "quads 4"]
+    area: Float[np.ndarray, "quads 4"]
+    flat: Complex[np.ndarray, "quads 4"]
+    stiffness: Float[np.ndarray, "quads 4 4"]
 
     def pick(self, quads: np.ndarray) -> CornerTriangles:
         """Those of some quads only."""
@@ -71,8 +75,12 @@ def corner_triangles(mesh: QuadMesh) -> CornerTriangles:
     return _triangles(forward, backward, flat)
 
 
-def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> CornerTriangles:
-    """From the two sides at every corner, (F, 4, 3) metres, and the projected corners (F, 4)."""
+def _triangles(
+    forward: Float[np.ndarray, "quads 4 3"],
+    backward: Float[np.ndarray, "quads 4 3"],
+    flat: Complex[np.ndarray, "quads 4"],
+) -> CornerTriangles:
+    """From the two sides at every corner, metres, and the projected corners."""
     length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
@@ -102,14 +110,16 @@ def _triangles(forward: np.ndarray, backward: np.ndarray, flat: np.ndarray) -> C
     return CornerTriangles(along, against, along_bar, against_bar, area, flat, stiffness)
 
 
-def quad_energy(tri: CornerTriangles, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """E of every quad (F,), from the a and b (F, 4) of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
+def quad_energy(
+    tri: CornerTriangles, a: Complex[np.ndarray, "quads 4"], b: Complex[np.ndarray, "quads 4"]
+) -> Float[np.ndarray, " quads"]:
+    """E of every quad from the a and b of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
     energy = 2.0 * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)
     return (tri.area * energy).sum(axis=1) / np.maximum(tri.area.sum(axis=1), 1e-300)
 
 
-def square_energy(corners: np.ndarray) -> np.ndarray:
-    """How far flat quads (F, 4) complex are from a square of the same area: the measure of ``quad_energy`` from it, (F,)."""
+def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
+    """How far flat quads are from a square of the same area: the measure of ``quad_energy`` from it."""
     d = corners[:, NEXT] - corners
     diagonal_a, diagonal_b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     side = np.sqrt(np.maximum(0.5 * (diagonal_a.conj() * diagonal_b).imag, 1e-300))[:, None]
@@ -127,15 +137,15 @@ def square_energy(corners: np.ndarray) -> np.ndarray:
 class FlatPatch:
     """One patch in the plane.
 
-    points : (n,) complex, metres
-    rotation : (q, 4) complex of length 1, the nearest rotation of every corner triangle: the warm start of a neighbour
-    energy : (q,) E of every quad
+    points : metres, as complex numbers
+    rotation : complex numbers of length 1, the nearest rotation of every corner triangle: where merged patches start
+    energy : E of every quad
     flips : number of corner triangles that are not positively oriented
     """
 
-    points: np.ndarray
-    rotation: np.ndarray
-    energy: np.ndarray
+    points: Complex[np.ndarray, " vertices"]
+    rotation: Complex[np.ndarray, "quads 4"]
+    energy: Float[np.ndarray, " quads"]
     flips: int
 
     @property
@@ -190,7 +200,9 @@ class PatchProblem:
             self._held = np.full(len(self.sizes), n)
             np.minimum.at(self._held, np.repeat(self.patch_of, 4), self.place[self._flat_corners])
 
-    def factor(self, weights: np.ndarray, springs: Springs | None = None) -> np.ndarray:
+    def factor(
+        self, weights: Float[np.ndarray, " quads"], springs: Springs | None = None
+    ) -> Float[np.ndarray, "band vertices"]:
         """Banded Cholesky factor of the weighted Laplacian; one vertex a patch is held, which changes nothing else."""
         self.tick()
         values = (weights[:, None, None] * self.tri.stiffness).reshape(-1)[self._lower]
@@ -215,8 +227,10 @@ class PatchProblem:
                 return factor
         return np.full_like(band, np.nan)
 
-    def maps(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """a and b (q, 4) of every corner triangle."""
+    def maps(
+        self, points: Complex[np.ndarray, " vertices"]
+    ) -> tuple[Complex[np.ndarray, "quads 4"], Complex[np.ndarray, "quads 4"]]:
+        """a and b of every corner triangle."""
         u = points[self.corners]
         d = u[:, NEXT] - u
         before = d[:, PREVIOUS]
@@ -224,9 +238,13 @@ class PatchProblem:
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
     def global_step(
-        self, factor: np.ndarray, weights: np.ndarray, rotation: np.ndarray, springs: Springs | None = None
-    ) -> np.ndarray:
-        """The points (n,) that fit the rotations (q, 4) best."""
+        self,
+        factor: Float[np.ndarray, "band vertices"],
+        weights: Float[np.ndarray, " quads"],
+        rotation: Complex[np.ndarray, "quads 4"],
+        springs: Springs | None = None,
+    ) -> Complex[np.ndarray, " vertices"]:
+        """The points that fit the rotations best."""
         self.tick()
         t = self.tri
         s = t.area * weights[:, None] * rotation
@@ -247,16 +265,16 @@ class PatchProblem:
         return solution[self.place, 0] + 1j * solution[self.place, 1]
 
     @cached_property
-    def _turns(self) -> np.ndarray:
-        """(j,) complex of length 1: the turn over every joint that makes both sides of it parallel."""
+    def _turns(self) -> Complex[np.ndarray, " joints"]:
+        """Complex numbers of length 1: the turn over every joint that makes both sides of it parallel."""
         fa, ka, fb, kb = self.joints
         flat = self.tri.flat
         turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
         size = np.abs(turn)
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
-    def unfolded(self) -> np.ndarray:
-        """(q, 4) complex: rotations to start from, carried from every patch's middle quad outwards over uncut sides."""
+    def unfolded(self) -> Complex[np.ndarray, "quads 4"]:
+        """Rotations to start from, carried from every patch's middle quad outwards over uncut sides."""
         q = len(self.quads)
         if q == len(self.sizes):
             return np.ones((q, 4), dtype=complex)
@@ -275,20 +293,20 @@ class PatchProblem:
             values[quad] = values[parent] * step[parent, quad]
         return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
 
-    def _middle(self) -> np.ndarray:
-        """(p,) int: of every patch the quad that is nearest to its centre."""
+    def _middle(self) -> Int[np.ndarray, " patches"]:
+        """Of every patch the quad that is nearest to its centre."""
         centre = self.mesh.centroids[self.quads]
         first = np.cumsum(self.sizes) - self.sizes
         mean = np.add.reduceat(centre, first, axis=0) / self.sizes[:, None]
         away = ((centre - mean[self.patch_of]) ** 2).sum(axis=1)
         return np.lexsort((away, self.patch_of))[first]
 
-    def worst(self, energy: np.ndarray) -> np.ndarray:
-        """(p,) the largest of the energies (q,) in every patch."""
+    def worst(self, energy: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " patches"]:
+        """The largest of the energies in every patch."""
         return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
-    def smoothest(self) -> np.ndarray:
-        """(q, 4) complex: rotations that fit all uncut sides together best, where carrying them along paths misleads.
+    def smoothest(self) -> Complex[np.ndarray, "quads 4"]:
+        """Rotations that fit all uncut sides together best, where carrying them along paths misleads.
 
         The lowest eigenvector of the connection Laplacian (Singer & Wu 2012), by inverse iteration.
         """
@@ -317,8 +335,8 @@ class PatchProblem:
         one, two = order[same], order[same + 1]
         return one // 4, one % 4, two // 4, two % 4
 
-    def patch(self, points: np.ndarray) -> FlatPatch:
-        """The patch with its vertices at points (n,); where those are no numbers it is the worst there is."""
+    def patch(self, points: Complex[np.ndarray, " vertices"]) -> FlatPatch:
+        """The patch with its vertices at points; where those are no numbers it is the worst there is."""
         if not np.isfinite(points).all():
             turns, energy = np.ones(self.corners.shape, dtype=complex), np.full(len(self.corners), np.inf)
             return FlatPatch(points, turns, energy, self.corners.size)
@@ -330,16 +348,16 @@ class PatchProblem:
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Soft wanted side vectors along the outline: ends (m, 2) int, vectors (m,) complex metres, stiffness (m,)."""
+    """Soft wanted side vectors along the outline, metres, from flat vertex to flat vertex."""
 
-    ends: np.ndarray
-    vectors: np.ndarray
-    stiffness: np.ndarray
+    ends: Int[np.ndarray, "springs 2"]
+    vectors: Complex[np.ndarray, " springs"]
+    stiffness: Float[np.ndarray, " springs"]
 
 
 def settle(
     problem: PatchProblem,
-    rotation: np.ndarray | None = None,
+    rotation: Complex[np.ndarray, "quads 4"] | None = None,
     *,
     rounds: int = 30,
     tolerance: float = 2e-4,
@@ -347,7 +365,7 @@ def settle(
 ) -> FlatPatch:
     """Alternate nearest rotations and linear solves until the points rest (Liu et al. 2008).
 
-    rotation : (q, 4) complex to start from; carried over the patch where it is not given
+    rotation : to start from; carried over the patch where it is not given
     tolerance : stop when the worst energy changes by less than this share in a round
     hopeless : give up early when the worst energy stays above this
     """

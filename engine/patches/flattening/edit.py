@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ..layout import PatchLayout
 from .flatten import FlatPatches, flatten
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool
 
 
 def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
@@ -26,8 +30,10 @@ def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> 
     return _flipped(flat, edges, True, params)
 
 
-def with_cuts(flat: FlatPatches, cut: np.ndarray, params: LayoutParams, progress: Progress = SILENT) -> FlatPatches:
-    """The flat patches of the same mesh under other cuts (E,) bool; unchanged patches are taken over as they are.
+def with_cuts(
+    flat: FlatPatches, cut: Bool[np.ndarray, " edges"], params: LayoutParams, progress: Progress = SILENT
+) -> FlatPatches:
+    """The flat patches of the same mesh under other cuts; unchanged patches are taken over as they are.
 
     Raises FlexMapsError naming the quads of a patch that cannot be laid flat in one piece.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,32 +16,35 @@ from .arap import corner_triangles, quad_energy, square_energy
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
 
+if TYPE_CHECKING:
+    from jaxtyping import Complex, Float, Int
+
 
 @dataclass(frozen=True, eq=False)
 class FlatPatches:
     """The flat rest shape of every patch.
 
     layout : the mesh and its cuts
-    points : (P, 2) metres, the flat vertices, indexed by ``layout.flat_corners``; every patch in a frame of its own,
+    points : metres, the flat vertices, indexed by ``layout.flat_corners``; every patch in a frame of its own,
         its area centroid at the origin, counter-clockwise seen from outside, its longest extent along x
-    energy : (F,) E of every quad: mean over its 4 corner triangles, weighted by area, of (s1-1)^2 + (s2-1)^2, with s1, s2
+    energy : E of every quad: mean over its 4 corner triangles, weighted by area, of (s1-1)^2 + (s2-1)^2, with s1, s2
         the singular values of the map from the surface to the plane
-    square : (F,) the same measure against a perfect square of the same area: how regular a quad is
+    square : the same measure against a perfect square of the same area: how regular a quad is
     """
 
     layout: PatchLayout
-    points: np.ndarray
-    energy: np.ndarray
-    square: np.ndarray
+    points: Float[np.ndarray, "points 2"]
+    energy: Float[np.ndarray, " quads"]
+    square: Float[np.ndarray, " quads"]
 
     @property
-    def corners(self) -> np.ndarray:
-        """(F, 4, 2) metres: the flat corners of every quad in its patch's frame."""
+    def corners(self) -> Float[np.ndarray, "quads 4 2"]:
+        """Metres: the flat corners of every quad in its patch's frame."""
         return self.points[self.layout.flat_corners]
 
     @cached_property
     def outlines(self) -> tuple[np.ndarray, ...]:
-        """Flat vertices of every patch's outline, (m,) int, counter-clockwise, each once; holes are left out."""
+        """Flat vertices of every patch's outline, counter-clockwise, each once; holes are left out."""
         return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
 
 
@@ -50,12 +54,12 @@ def flatten(
     params: LayoutParams,
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
-    start: np.ndarray | None = None,
+    start: Complex[np.ndarray, "quads 4"] | None = None,
 ) -> FlatPatches:
     """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
 
     The two sides of every seam are brought to the same length as far as the distortion limit allows.
-    start : (F, 4) complex of length 1, rotations of the corner triangles to start from where they are known
+    start : rotations of the corner triangles to start from where they are known, complex numbers of length 1
     """
     known = _known(previous, layout)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
@@ -75,8 +79,8 @@ def flatten(
     return measured(layout, points)
 
 
-def measured(layout: PatchLayout, points: np.ndarray) -> FlatPatches:
-    """FlatPatches with the energies that belong to given flat points (P, 2) metres."""
+def measured(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
+    """FlatPatches with the energies that belong to given flat points, metres."""
     u = (points[:, 0] + 1j * points[:, 1])[layout.flat_corners]
     tri = corner_triangles(layout.mesh)
     d = np.roll(u, -1, axis=1) - u
@@ -85,10 +89,12 @@ def measured(layout: PatchLayout, points: np.ndarray) -> FlatPatches:
     return FlatPatches(layout, points, quad_energy(tri, a, b), square_energy(u))
 
 
-def in_frame(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Points (n,) complex moved to their patch's frame, (n, 2): area centroid at 0, longest extent along x.
+def in_frame(
+    points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
+) -> Float[np.ndarray, "vertices 2"]:
+    """Points moved to their patch's frame: area centroid at 0, longest extent along x.
 
-    corners : (q, 4) int, the quads of the patch
+    corners : the quads of the patch
     """
     u = points[corners]
     area = 0.5 * ((u[:, 2] - u[:, 0]).conj() * (u[:, 3] - u[:, 1])).imag
@@ -119,8 +125,8 @@ def _known(previous: FlatPatches | None, layout: PatchLayout) -> dict[bytes, int
     return {_key(previous.layout, quads): i for i, quads in enumerate(previous.layout.patches)}
 
 
-def outline(layout: PatchLayout, patch: int) -> np.ndarray:
-    """(m,) int: the flat vertices on the outer loop of a patch, counter-clockwise, from its smallest one on."""
+def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
+    """The flat vertices on the outer loop of a patch, counter-clockwise, from its smallest one on."""
     quads = layout.patches[patch]
     loop = layout.loop_of[quads]
     outer = np.flatnonzero(layout.loop_patch == patch)
@@ -134,8 +140,8 @@ def outline(layout: PatchLayout, patch: int) -> np.ndarray:
     return np.array(walk)
 
 
-def seam_mismatch(flat: FlatPatches) -> np.ndarray:
-    """(C,) for every cut edge: how much its two flat sides differ in length, as a share of its length on the surface."""
+def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
+    """For every cut edge: how much its two flat sides differ in length, as a share of its length on the surface."""
     mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
     sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
     pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
@@ -161,7 +167,7 @@ def overlapping(flat: FlatPatches) -> list[int]:
     )
 
 
-def flips(corners: np.ndarray) -> np.ndarray:
-    """(F,) int: how many of the four corner triangles of flat quads (F, 4), complex, are not positively oriented."""
+def flips(corners: Complex[np.ndarray, "quads 4"]) -> Int[np.ndarray, " quads"]:
+    """How many of the four corner triangles of flat quads are not positively oriented."""
     d = np.roll(corners, -1, axis=1) - corners
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..layout import groups
 
-WIDE = 0.4  # relative width of an isthmus from which on it is none
-ROUNDING = 8.0 * np.finfo(float).eps
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Complex, Int
+
+WIDE = 0.4  # relative width of an isthmus from which on it is none: a rectangle 1.5 times as long as wide has it
+ROUNDING = 8.0 * np.finfo(float).eps  # bound of the error of an orientation, relative to its terms (Shewchuk 1997)
 
 
-def simple(points: np.ndarray, corners: np.ndarray, sides: np.ndarray, patch: np.ndarray | None = None) -> bool:
+def simple(
+    points: Complex[np.ndarray, " vertices"],
+    corners: Int[np.ndarray, "quads 4"],
+    sides: Bool[np.ndarray, "quads 4"],
+    patch: Int[np.ndarray, " quads"] | None = None,
+) -> bool:
     """Does the outline of a patch neither cross nor touch itself, and is there just one loop that is no hole?
 
-    points : (n,) complex, metres; corners : (q, 4) int; sides : (q, 4) bool, the sides on the outline.
-    patch : (q,) int from 0 on, where the quads are those of several patches, of which every one is looked at by itself
+    points : metres; sides : those on the outline.
+    patch : from 0 on, where the quads are those of several patches, of which every one is looked at by itself
     Without a flip every point of the plane is covered as often as the loops wind round it: loops that are apart, one of them
     counter-clockwise, leave nothing but 0 and 1. Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
     """
@@ -78,10 +88,10 @@ def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
-def isthmus_width(outline: np.ndarray, rim: np.ndarray | None = None) -> float:
-    """The narrowest isthmus of a polygon (m,) complex: its width over the shorter part of the outline behind it.
+def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray, " points"] | None = None) -> float:
+    """The narrowest isthmus of a polygon: its width over the shorter part of the outline behind it.
 
-    rim : (m,) bool, points on the border of the surface; an isthmus between two of them is the surface's own and left out.
+    rim : points on the border of the surface; an isthmus between two of them is the surface's own and left out.
     Only parts of at least a fifth of the outline count. A rectangle four times as long as wide has 0.2; more than 0.4
     is not told apart.
     """

@@ -11,7 +11,7 @@ from ...params import LayoutParams
 from ...surface.symmetry import Symmetry
 from .flatten import FlatPatches, flips, overlapping, seam_mismatch
 
-REMARKS = 3  # patches beyond a limit that are named one by one; chosen for what the sidebar has place for
+REMARKS = 3  # patches beyond a limit that are named one by one; chosen by eye
 
 
 def layout_report(flat: FlatPatches) -> dict[str, Any]:

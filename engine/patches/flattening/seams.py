@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,13 +15,21 @@ from ..layout import PatchLayout
 from .arap import NEXT, FlatPatch, PatchProblem, Springs, minimax, settle
 from .outline import simple
 
-ROUNDS, QUICK = 24, 10  # rounds for a whole layout, and for the few patches of a hand edit
-# Patches of fewer quads than SMALL are solved side by side, HEAP quads together, for alone each takes as long as all of
-# these: 3,840 patches of one quad took 32 s alone and take 3 s so.
-SMALL, HEAP = 8, 64
-STIFFNESS = 3.0  # of a seam side against its quads, at first
-ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier
-MISMATCH_CAP = 0.07  # difference of the two sides, as a share of their length, above which a seam edge gets stiffer
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Complex, Float, Int
+
+ROUNDS = 24  # rounds for a whole layout; the best state counts; @ROUNDS2@
+QUICK = 10  # rounds for the few patches of a hand edit, which is to take 0.1 s
+# Patches of fewer quads are solved side by side, for alone each takes as long as many together: 3,840 patches of one quad
+# took 32 s alone and take 3 s so.
+SMALL = 8
+HEAP = 64  # quads that are solved side by side
+STIFFNESS = 3.0  # of a seam side against its quads, at first; @STIFFNESS@
+ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier; @ENERGY_CAP@
+# difference of the two sides, as a share of their length, above which a seam edge gets stiffer; @MISMATCH_CAP@
+MISMATCH_CAP = 0.07
+SOFTER, STIFFER = 0.8, 1.6  # least and largest change of a stiffness in a round; not measured, they keep rounds from swinging
+YIELD = 0.7  # change of the stiffness where a patch is beyond the limit, so that its seams give way; not measured
 
 
 @dataclass(eq=False)
@@ -29,27 +38,27 @@ class _Work:
 
     problem: PatchProblem
     flat: FlatPatch
-    weights: np.ndarray
-    quad: np.ndarray  # (m,) local quad of every side on a seam
-    side: np.ndarray  # (m,)
-    edge: np.ndarray  # (m,) mesh edge
-    outline: np.ndarray  # (q, 4) bool, sides on the outline
+    weights: Float[np.ndarray, " quads"]
+    quad: Int[np.ndarray, " sides"]  # local quad of every side on a seam
+    side: Int[np.ndarray, " sides"]
+    edge: Int[np.ndarray, " sides"]  # mesh edge
+    outline: Bool[np.ndarray, "quads 4"]  # sides on the outline
 
 
 def match_seams(
     layout: PatchLayout,
     patches: Sequence[np.ndarray],
-    corners: np.ndarray,
+    corners: Complex[np.ndarray, "quads 4"],
     params: LayoutParams,
     progress: Progress,
-    start: np.ndarray | None = None,
+    start: Complex[np.ndarray, "quads 4"] | None = None,
     rounds: int = ROUNDS,
-) -> np.ndarray:
+) -> Complex[np.ndarray, "quads 4"]:
     """Flatten some patches, given by their quads, with springs that pull both sides of a seam to their mean length.
 
-    Returns the flat corners (F, 4) of all patches, complex, metres.
-    corners : (F, 4) those of the patches that stay as they are: their seams are taken as given
-    start : (F, 4) complex of length 1, rotations to start from, constant turns of every patch left open
+    Returns the flat corners of all patches, metres.
+    corners : those of the patches that stay as they are: their seams are taken as given
+    start : rotations to start from, complex numbers of length 1, up to a constant turn of every patch
     """
     mesh = layout.mesh
     limit = params.distortion_limit
@@ -70,13 +79,13 @@ def match_seams(
             work.problem.tick = partial(progress, 0.1 + 0.9 * share, "Fitting the seams")
             _relax(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
-        change = np.clip(apart / MISMATCH_CAP, 0.8, 1.6)
+        change = np.clip(apart / MISMATCH_CAP, SOFTER, STIFFER)
         # distortion comes first: where a patch is beyond the limit, its seams give way
         worst = np.zeros(len(mesh.quads))
         for work in works:
             worst[work.problem.quads] = work.problem.worst(work.flat.energy)[work.problem.patch_of]
         over = (worst[pair] > params.distortion_limit).any(axis=1)
-        change[over] = 0.7
+        change[over] = YIELD
         floor = np.where(over, 0.1 * STIFFNESS, STIFFNESS)
         stiffness[cut] = np.clip(stiffness[cut] * change, floor, 1e3)
         score = _score(works, length, pair, sides, mesh.edge_lengths[cut], params)
@@ -119,8 +128,8 @@ def _problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[
     return PatchProblem(layout.mesh, quads, local, tick, [len(patch) for patch in patches])
 
 
-def _sound(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float) -> np.ndarray:
-    """(p,) bool: which of the patches are proven injective and within the limit of distortion."""
+def _sound(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float) -> Bool[np.ndarray, " patches"]:
+    """Which of the patches are proven injective and within the limit of distortion."""
     u, first = flat.points[problem.corners], np.cumsum(problem.sizes) - problem.sizes
     d = u[:, NEXT] - u
     flipped = ~((np.roll(d, 1, axis=1).conj() * d).imag > 0.0).all(axis=1)

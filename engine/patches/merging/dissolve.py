@@ -7,6 +7,7 @@ among several, or keep part of a cut as a dart, even if what comes of it has a n
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,10 @@ from .board import NOTHING, Board, Change
 from .sketch import Piece
 from .straighten import badness, gain_of
 
-DRAWN = 1e-3  # what an edge of cut counts beside a patch
+if TYPE_CHECKING:
+    from jaxtyping import Int
+
+DRAWN = 1e-3  # what an edge of cut counts beside a patch: it only decides between equals
 
 
 def rescue(board: Board) -> bool:
@@ -39,8 +43,8 @@ def rescue(board: Board) -> bool:
     return changed
 
 
-def _around(board: Board, piece: Piece) -> np.ndarray:
-    """(q, 4) int: serials of the patches across every side of a patch's quads, -1 across its own and at the border."""
+def _around(board: Board, piece: Piece) -> Int[np.ndarray, "quads 4"]:
+    """Serials of the patches across every side of a patch's quads, -1 across its own and at the border."""
     mesh = board.mesh
     other = np.where(mesh.neighbours[piece.quads] < 0, -1, board.piece_of[mesh.neighbours[piece.quads]])
     return np.where(other == piece.serial, -1, other)

@@ -13,9 +13,10 @@ from ..tracing.trace import middle_line
 from .board import Board
 from .straighten import LONG, badness, drawing_cost
 
-MISMATCH = 0.1  # largest difference of a seam's sides that the last merges may leave, as a share of an edge
-HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better
-FEW = 40  # median quads a patch below which another way of laying out is tried
+# largest difference of a seam's sides that the last merges may leave, as a share of an edge; @MISMATCH@
+MISMATCH = 0.1
+HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better; @HALF@
+FEW = 40  # median quads a patch below which another way of laying out is tried; @FEW@
 
 
 class Ranking:

@@ -7,6 +7,7 @@ is measured by the angles on both sides of the line (Polthier & Schmies 1998).
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -17,8 +18,12 @@ from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, attempted, gain_of
 
-BEND = 3.0  # what a quarter turn costs, in median edges, as much as a reflex corner of a patch
-SLIDES = (0, 2, 5)  # how many edges the ends of a seam may move along the outline of both patches
+if TYPE_CHECKING:
+    from jaxtyping import Int
+
+# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; @BEND@
+BEND = 3.0
+SLIDES = (0, 2, 5)  # edges that the ends of a seam may move along the outline of both patches; not measured
 
 
 @lru_cache(maxsize=4)
@@ -74,8 +79,8 @@ def reroute(board: Board) -> bool:
     return changed
 
 
-def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> np.ndarray | None:
-    """(n,) int: the edges of the straightest way through both patches between the ends of a seam, or near them."""
+def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[np.ndarray, " n"] | None:
+    """The edges of the straightest way through both patches between the ends of a seam, or near them."""
     mesh = board.mesh
     quads = np.concatenate([board.pieces[n].quads for n in names.tolist()])
     edges = np.unique(mesh.quad_edges[quads])

@@ -17,7 +17,7 @@ from ..loops import NEXT, Loops, loops_of, perimeter
 if TYPE_CHECKING:
     from jaxtyping import Bool, Complex, Int
 
-WIDEST = 8  # edges: longer straight lines are no isthmuses
+WIDEST = 8  # edges: longer straight lines are no isthmuses; 5 and 12 give the same patches on seven surfaces
 
 
 @dataclass(frozen=True, eq=False)

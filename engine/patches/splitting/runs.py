@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -11,9 +12,13 @@ from scipy.sparse.csgraph import dijkstra
 
 from ..flattening.flatten import FlatPatches
 
-BEND = 3.0  # what a quarter turn of a run costs, in mean edges
-# starts times directed edges: beyond, only some of the starts are taken; and so many at a time
-MOST, CHUNK = 10_000_000, 500_000
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
+BEND = 3.0  # what a quarter turn of a run costs, in mean edges; as in drawing seams anew
+# starts times directed edges: beyond, only some of the starts are taken, which bounds memory to some 200 MB
+MOST = 10_000_000
+CHUNK = 500_000  # starts times directed edges that are looked at between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,19 +27,19 @@ class Runs:
 
     A run may go along the rim of a hole, where there is nothing to cut.
 
-    loop : (n,) flat vertices of the outline; inner : (m,) mesh edges inside the patch, and round its holes
+    loop : flat vertices of the outline; inner : mesh edges inside the patch, and round its holes
     tail, head : (2 m,) flat vertices of every inner edge in both directions
-    starts : (s,) directed edges that begin on the outline; ends : (e,) those that end there
-    cost : (s, e) metres, length and bends; before : (s, 2 m) the directed edge before every one
+    starts : directed edges that begin on the outline; ends : those that end there
+    cost : metres, length and bends; before : (s, 2 m) the directed edge before every one
     """
 
-    loop: np.ndarray
-    inner: np.ndarray
+    loop: Int[np.ndarray, " points"]
+    inner: Int[np.ndarray, " m"]
     tail: np.ndarray
     head: np.ndarray
-    starts: np.ndarray
-    ends: np.ndarray
-    cost: np.ndarray
+    starts: Int[np.ndarray, " starts"]
+    ends: Int[np.ndarray, " ends"]
+    cost: Float[np.ndarray, "starts ends"]
     before: np.ndarray
 
     def edges(self, start: int, end: int) -> np.ndarray:
@@ -93,8 +98,8 @@ def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[
     return one[forward], two[forward]
 
 
-def chord_areas(points: np.ndarray) -> np.ndarray:
-    """(n, n) square metres: area of an outline's part from point i on to point j, closed by the chord."""
+def chord_areas(points: np.ndarray) -> Float[np.ndarray, "points points"]:
+    """Square metres: area of an outline's part from point i on to point j, closed by the chord."""
     after = np.roll(points, -1, axis=0)
     parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
     sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]

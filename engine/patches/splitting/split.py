@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,10 +24,14 @@ from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from .runs import Runs, chord_areas, straight_runs
 
-ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet
-CHECKED = 40  # runs that are looked at closely, best first
-NEEDED, UNEVEN = 2.0, 0.5  # what one more piece costs, and pieces as unequal as can be, against a run across the patch
-CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
+ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet: 3 degrees apart
+CHECKED = 40  # runs that are looked at closely, best first; not measured, it bounds the time
+NEEDED = 2.0  # what one more piece costs, against a run across the patch; chosen by eye
+UNEVEN = 0.5  # what pieces as unequal as can be cost, against a run across the patch; chosen by eye
+CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew; chosen with a margin
 ROUNDING = 1e-4  # by how much, as a share, a patch that was stored and read again may have grown
 SLACK = 0.005  # share of the sheet's longer side that is left for connectors and for the packing
 
@@ -117,14 +122,14 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
         )
 
 
-def usable(sheet: SheetParams) -> np.ndarray:
-    """(2,) metres: width and height of the largest box that may lie on the sheet."""
+def usable(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
+    """Metres: width and height of the largest box that may lie on the sheet."""
     size = np.array([sheet.sheet_width, sheet.sheet_height])
     return size - 2.0 * sheet.margin - SLACK * size.max()
 
 
-def excess(points: np.ndarray, box: np.ndarray, sheet: SheetParams) -> float:
-    """How many times too large points (M, 2) are for a box (2,), in the best allowed direction; at most 1 fits."""
+def excess(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
+    """How many times too large points are for a box, in the best allowed direction; at most 1 fits."""
     return float(_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
 
 
@@ -137,13 +142,13 @@ def _directions() -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _widths(points: np.ndarray) -> np.ndarray:
-    """(ANGLES,) metres: extent of points (M, 2) along every direction."""
+def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
+    """(ANGLES,) metres: extent of points along every direction."""
     return np.ptp(points @ _directions(), axis=0)
 
 
-def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> np.ndarray:
-    """(A, 2, N): extents over the sheet's, across and along it, for widths (ANGLES, N) in the directions that are allowed."""
+def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
+    """Extents over the sheet's, across and along it, for widths (ANGLES, N) in the directions that are allowed."""
     height = np.roll(width, -ANGLES // 2, axis=0)
     both = np.stack([width / box[0], height / box[1]], axis=1)
     if rotation == "FREE":
@@ -158,8 +163,8 @@ def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> np.ndarray:
     return np.concatenate([lengthwise, crosswise])
 
 
-def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> np.ndarray:
-    """(N,) int: into how many pieces a grid of sheets would divide shapes of these widths (ANGLES, N)."""
+def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> Int[np.ndarray, " patches"]:
+    """Into how many pieces a grid of sheets would divide shapes of these widths (ANGLES, N)."""
     return np.ceil(_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
@@ -237,7 +242,8 @@ def _needed(
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners (q, 4, 2), its isthmus."""
+    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners, and the quads across its
+    narrowest isthmus."""
 
     layout: PatchLayout
     edges: np.ndarray
@@ -270,8 +276,8 @@ def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, box: np.ndarra
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
 
 
-def _cut_once(layout: PatchLayout, run: np.ndarray, cut: np.ndarray, done: set[int]) -> set[int]:
-    """Mark a run in ``cut`` (E,) unless it leaves its patch or that patch has been cut; returns the patch, if so."""
+def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
+    """Mark a run in ``cut`` unless it leaves its patch or that patch has been cut; returns the patch, if so."""
     patches = set(np.unique(layout.patch_of[layout.mesh.edge_quads[run]]).tolist())
     if len(patches) != 1 or patches <= done:
         return set()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -23,14 +24,18 @@ from ..flattening.outline import simple
 from ..layout import PatchLayout, drawn_lengths, groups
 from ..loops import loops_of, perimeter
 
-MERGING_SHARE = (
-    0.85  # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length
-)
-CORE = 0.35  # half-width of the band in which the cut is looked for, as a share of the distance between the two quads
-CONE = 0.6  # how much cheaper a cut through a vertex with curvature is, at most
-# radians of total curvature in a region, and at one vertex in it, from which on flattening it is not tried: a hemisphere
-# has 6.3 and E 0.1; four quads round a corner of a cube, 1.57, have E 0.06
-ROUND, POINTED = 6.5, 1.5
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Int
+
+# share of the distortion limit that merging uses up; the rest is for seams with sides of equal length. @MERGING_SHARE@
+MERGING_SHARE = 0.85
+# half-width of the band in which the cut is looked for, as a share of the distance between the two quads; @CORE@
+CORE = 0.35
+CONE = 0.6  # how much cheaper a cut through a vertex with curvature is, at most; @CONE@
+# radians of total curvature in a region from which on flattening it is not tried: a hemisphere has 6.3 and E 0.1
+ROUND = 6.5
+# radians of curvature at one vertex from which on flattening is not tried: four quads round a cube's corner, 1.57, have E 0.06
+POINTED = 1.5
 
 
 class Halving:
@@ -50,8 +55,8 @@ class Halving:
         self.price = mesh.edge_lengths[edges] * (1.0 - CONE * cone)
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
 
-    def layout(self, quads: np.ndarray, progress: Progress = SILENT) -> PatchLayout:
-        """Cuts between regions of some quads (n,), whole bodies, that lie flat one by one.
+    def layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
+        """Cuts between regions of some quads, whole bodies, that lie flat one by one.
 
         A quad whose own energy is above the limit stays alone.
         """
@@ -128,8 +133,10 @@ class Halving:
         part = groups(n, pair[same, 0], pair[same, 1])
         return [quads[part == k] for k in range(int(part.max()) + 1)]
 
-    def _cut(self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray) -> np.ndarray:
-        """(n,) bool: the cheapest cut between what is clearly nearer to the one quad and what is to the other."""
+    def _cut(
+        self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray
+    ) -> Bool[np.ndarray, " n"]:
+        """The cheapest cut between what is clearly nearer to the one quad and what is to the other."""
         n = len(from_one)
         share = from_one / np.maximum(from_one + from_two, 1e-300)
         one, two = share <= 0.5 - 0.5 * CORE, share >= 0.5 + 0.5 * CORE

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from ..flattening.arap import PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout, straight_on
 from .regions import MERGING_SHARE, Halving
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool
 
 
 @one_thread
@@ -55,7 +59,7 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
 
 
 def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
-    """Patches of the ``wanted`` bodies (B,) bool, halved until they are under the distortion limit and injective."""
+    """Patches of the ``wanted`` bodies, halved until they are under the distortion limit and injective."""
     mesh = layout.mesh
     good: set[bytes] = set()
     for round_ in range(30):
@@ -85,8 +89,8 @@ def _worst(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> 
     return flat.worst if simple(flat.points, corners, layout.outline_sides[quads]) else np.inf
 
 
-def motorcycles(mesh: QuadMesh) -> np.ndarray:
-    """(E,) bool: the edges driven over by motorcycles that start at every irregular vertex, one edge a step.
+def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
+    """The edges driven over by motorcycles that start at every irregular vertex, one edge a step.
 
     Two that meet head-on stop; two that cross at the same moment both go on, which keeps symmetry.
     """
@@ -111,10 +115,10 @@ def motorcycles(mesh: QuadMesh) -> np.ndarray:
     return cut
 
 
-def make_disks(layout: PatchLayout, where: np.ndarray | None = None) -> PatchLayout:
+def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = None) -> PatchLayout:
     """Cut every patch that cannot be laid flat along its shortest straight parametric line, until all can.
 
-    where : (B,) bool, only in these bodies
+    where : only in these bodies
     """
     for _ in range(10 * len(layout.mesh.quads)):
         bad = np.flatnonzero(~layout.planar).tolist()

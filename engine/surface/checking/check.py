@@ -34,6 +34,7 @@ Codes of the findings, first those that may be the cause of others:
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,9 +44,12 @@ from .finding import REMESH, Finding, counted, finding, named
 from .geometry import degenerate, far_out, in_unit, lengths_of, sizes
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
+if TYPE_CHECKING:
+    from jaxtyping import Int
 
-def edges_of(polygons: PolygonMesh) -> np.ndarray:
-    """(E, 2) int: the vertices of every edge, the smaller first, in the order of the findings' ``edges``.
+
+def edges_of(polygons: PolygonMesh) -> Int[np.ndarray, "edges 2"]:
+    """The vertices of every edge, the smaller first, in the order of the findings' ``edges``.
 
     The same order as ``QuadMesh.edges``.
     """
@@ -67,8 +71,8 @@ def converted(polygons: PolygonMesh) -> PolygonMesh:
     return replace(polygons, vertices=vertices, corners=corners.astype(np.int64), sizes=sizes.astype(np.int64))
 
 
-def used_vertices(polygons: PolygonMesh) -> np.ndarray:
-    """(U,) int, ascending: vertices that belong to a face; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
+def used_vertices(polygons: PolygonMesh) -> Int[np.ndarray, " used"]:
+    """Ascending: vertices that belong to a face; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
     return np.unique(polygons.corners)
 
 

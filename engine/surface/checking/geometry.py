@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, counted, finding, named
 from .topology import Sides, sides_of
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # 99th to 1st percentile of the faces' mean edge lengths
 SIZES = 1e-6, 1e6  # metres: least and largest median edge; beyond these nothing can be cut, whatever the units
@@ -33,8 +37,8 @@ def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
         return replace(polygons, vertices=np.ldexp(vertices, -power)), power
 
 
-def lengths_of(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """(E,): the length of every edge."""
+def lengths_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
+    """The length of every edge."""
     a, b = polygons.vertices[sides.edges.T]
     return np.linalg.norm(np.asarray(b, float) - a, axis=1)
 
@@ -87,8 +91,8 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     return found
 
 
-def _corner_areas(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """(F,): the largest parallelogram at a corner of every face, between the sides that meet there."""
+def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
+    """The largest parallelogram at a corner of every face, between the sides that meet there."""
     p = polygons.vertices
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     side = p[sides.following] - p[polygons.corners]
@@ -121,8 +125,8 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     return found + _inside_out(polygons, sides, body, area_vectors)
 
 
-def _area_vectors(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """(F, 3): half the sum of cross products round every face, about its first corner."""
+def _area_vectors(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
+    """Half the sum of cross products round every face, about its first corner."""
     p = np.asarray(polygons.vertices, float)
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     origin = p[polygons.corners[starts]][sides.face]
@@ -130,8 +134,8 @@ def _area_vectors(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
     return 0.5 * np.add.reduceat(crosses, starts, axis=0)
 
 
-def breadth(corners: np.ndarray) -> np.ndarray:
-    """(F,): how much room quads (F, 4, 3) leave for a cross of arms to the middles of their sides; a square's is its side.
+def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " faces"]:
+    """How much room quads leave for a cross of arms to the middles of their sides; a square's is its side.
 
     Arms of the width w whose straight centre lines cross at the acute angle t touch each other up to w / (2 tan(t / 2))
     from the middle of the quad. The breadth is the w at which that is the whole of the shorter arms.

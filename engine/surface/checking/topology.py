@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -10,25 +11,28 @@ from scipy.sparse.csgraph import connected_components
 
 from ..mesh import PolygonMesh
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Int
+
 
 @dataclass(frozen=True, eq=False)
 class Sides:
     """The sides of all faces; side c runs from corner c of the mesh to the next corner of the same face.
 
-    edges : (E, 2) int, vertices, the smaller first, by ascending vertex pair
-    face, edge, following : (C,) int, the face and edge of every side, and the vertex at its end
-    forward : (C,) bool, True where the side runs from the edge's smaller vertex to the larger
-    after : (C,) int, the side that follows in the same face
-    pairs : (D, 2) int, the two sides on every edge of exactly two sides
+    edges : vertices, the smaller first, by ascending vertex pair
+    face, edge, following : the face and edge of every side, and the vertex at its end
+    forward : True where the side runs from the edge's smaller vertex to the larger
+    after : the side that follows in the same face
+    pairs : the two sides on every edge of exactly two sides
     """
 
-    edges: np.ndarray
-    face: np.ndarray
-    edge: np.ndarray
-    following: np.ndarray
-    forward: np.ndarray
-    after: np.ndarray
-    pairs: np.ndarray
+    edges: Int[np.ndarray, "edges 2"]
+    face: Int[np.ndarray, " corners"]
+    edge: Int[np.ndarray, " corners"]
+    following: Int[np.ndarray, " corners"]
+    forward: Bool[np.ndarray, " corners"]
+    after: Int[np.ndarray, " corners"]
+    pairs: Int[np.ndarray, "pairs 2"]
 
 
 def sides_of(polygons: PolygonMesh) -> Sides:
@@ -55,15 +59,15 @@ def _components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
 
 
-def bodies(sides: Sides, faces: int) -> np.ndarray:
-    """(F,) int: the body of every face, joined over edges, numbered from 0."""
+def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
+    """The body of every face, joined over edges, numbered from 0."""
     order = np.argsort(sides.edge, kind="stable")
     same = sides.edge[order][1:] == sides.edge[order][:-1]
     return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
 
 
-def fans(sides: Sides) -> np.ndarray:
-    """(C,) int: the fan of every corner, numbered from 0: corners at one vertex whose faces hang together over its edges."""
+def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
+    """The fan of every corner, numbered from 0: corners at one vertex whose faces hang together over its edges."""
     start, end = np.arange(len(sides.face)), sides.after
     one, two = sides.pairs.T
     flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
@@ -102,8 +106,8 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return np.flatnonzero(turned), one_sided, np.unique(sides.edge[one[~agree]])
 
 
-def repeated_faces(polygons: PolygonMesh) -> np.ndarray:
-    """(K,) int, ascending: faces with the same vertices as an earlier one, in whatever order."""
+def repeated_faces(polygons: PolygonMesh) -> Int[np.ndarray, " repeated"]:
+    """Ascending: faces with the same vertices as an earlier one, in whatever order."""
     sizes = polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import FlexMapsError
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of text in UTF-16
@@ -20,15 +24,15 @@ Row = tuple[int, list[bytes]]  # the number of a line, and its words
 class RawMesh:
     """What a parser found, not yet checked.
 
-    vertices : (V, 3) float, corners : (C,) int, sizes : (F,) int as in PolygonMesh; indices may be out of range, and
+    vertices, corners, sizes : as in PolygonMesh; indices may be out of range, and
         sizes as small as 0
     vertex_place, face_place : tell where in the file a vertex or a face stands, for messages ("line 12")
     left_out : sentences about what the file holds beyond its mesh
     """
 
-    vertices: np.ndarray
-    corners: np.ndarray
-    sizes: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    corners: Int[np.ndarray, " corners"]
+    sizes: Int[np.ndarray, " quads"]
     vertex_place: Callable[[int], str]
     face_place: Callable[[int], str]
     left_out: tuple[str, ...] = ()
@@ -107,8 +111,8 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
     raise AssertionError("a row of numbers that was refused has no fault")
 
 
-def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> np.ndarray:
-    """(C,) int from rows of words of any length; raises with the line of the first word that is no integer."""
+def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> Int[np.ndarray, " corners"]:
+    """From rows of words of any length; raises with the line of the first word that is no integer."""
     try:
         found = np.array([int(word) for word in chain.from_iterable(rows)], dtype=np.int64)
         if not _grouped(rows):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -11,7 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from ..mesh import QuadMesh
 
-STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
+STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it: two ends of one cannot pass each other
 TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there
 CREASE = np.radians(80.0)  # faces that meet at a larger angle than this have a crease between them
 CREASE_EDGES = 6  # fewest edges in a row of creases that counts: single sharp edges are noise
@@ -26,8 +29,8 @@ def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(V, 3) unit, weighted by area."""
+def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+    """Unit, weighted by area."""
     p = points[mesh.quads]
     vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     total = np.zeros_like(points)
@@ -39,9 +42,10 @@ def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 class Guide:
     """Where the vertices may go: the surface of the mesh as it came, its lines (border and creases) and their corners.
 
-    reach : (V,) metres, the longest step of every vertex
-    fixed : (V,) bool; sliding : (S,) int, vertices on a line; before, after : (S,) int, their neighbours on it
-    line_edges : (L, 2) int, the lines
+    max_step : metres, the longest step of every vertex
+    fixed : vertices that do not move
+    sliding : vertices on a line; before, after : their neighbours on it
+    line_edges : the edges of the lines
     """
 
     mesh: QuadMesh
@@ -49,12 +53,12 @@ class Guide:
     vertices: np.ndarray
     triangles: np.ndarray
     normals: np.ndarray
-    reach: np.ndarray
-    fixed: np.ndarray
-    sliding: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    line_edges: np.ndarray
+    max_step: Float[np.ndarray, " vertices"]
+    fixed: Bool[np.ndarray, " vertices"]
+    sliding: Int[np.ndarray, " sliding"]
+    before: Int[np.ndarray, " sliding"]
+    after: Int[np.ndarray, " sliding"]
+    line_edges: Int[np.ndarray, "lines 2"]
 
     @classmethod
     def of(cls, mesh: QuadMesh, boundary: bool) -> Guide:
@@ -72,8 +76,8 @@ class Guide:
         fixed, sliding, before, after = _along(mesh, line_edges)
         return cls(mesh, tree, vertices, triangles, normals, STEP * shortest, fixed, sliding, before, after, line_edges)
 
-    def back(self, start: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """(V, 3) metres: ``wanted`` brought back to the surface and the lines, no further than ``reach`` from ``start``."""
+    def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+        """Metres: ``wanted`` brought back to the surface and the lines, no further than ``max_step`` from ``start``."""
         step = wanted - start
         normal = _vertex_normals(self.mesh, start)
         step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
@@ -82,7 +86,7 @@ class Guide:
         step[self.sliding] = np.einsum("si,si->s", step[self.sliding], tangent)[:, None] * tangent
         step[self.fixed] = 0.0
         length = np.linalg.norm(step, axis=1)
-        step *= np.minimum(1.0, self.reach / np.maximum(length, 1e-300))[:, None]
+        step *= np.minimum(1.0, self.max_step / np.maximum(length, 1e-300))[:, None]
         _, face, found = self.tree.squared_distance(self.vertices, self.triangles, start + step)
         # on a thin part the nearest point may lie on the far side
         found[np.einsum("vi,vi->v", self.normals[face], normal) < 0] = start[
@@ -98,8 +102,8 @@ class Guide:
         return found
 
 
-def _lines(mesh: QuadMesh, boundary: bool) -> np.ndarray:
-    """(L,) int: edges of the border and of creases."""
+def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
+    """Edges of the border and of creases."""
     a, b = mesh.dual.T
     sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
     if len(sharp):
@@ -113,7 +117,7 @@ def _lines(mesh: QuadMesh, boundary: bool) -> np.ndarray:
 
 
 def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fixed vertices (V,) bool: ends, crossings and corners of lines; the sliding ones, and their neighbours along the line."""
+    """Fixed vertices: ends, crossings and corners of lines; the sliding ones, and their neighbours along the line."""
     n = len(mesh.vertices)
     ends = np.concatenate([line_edges, line_edges[:, ::-1]])
     ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
@@ -142,8 +146,8 @@ def samples(mesh: QuadMesh) -> np.ndarray:
     return np.concatenate([mesh.vertices, mesh.centroids])
 
 
-def distances(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """(n,) metres: from points (n, 3) to the surface."""
+def distances(mesh: QuadMesh, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+    """Metres: from points to the surface."""
     import igl
 
     return np.sqrt(igl.point_mesh_squared_distance(points, *fan(mesh))[0])

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,20 +15,23 @@ from ..checking.topology import sides_of, split_vertices
 from ..mesh import PolygonMesh
 from .regularise import best_squares
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
 USELESS = FOLDED | {"thin"}  # no spiral has room in them
 POOR = USELESS | {"concave", "warped"}
-ROUNDS = 6  # of moving and taking out
+ROUNDS = 6  # of moving and taking out; not measured
 SMALL = 0.7  # of the median quad's side: the least that a corner is to be drawn to
-MOVES = 12  # of every corner in a round
+MOVES = 12  # of every corner in a round; not measured
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A surface of triangles that points are brought back to: vertices (V, 3) metres, triangles (T, 3) int."""
+    """A surface of triangles that points are brought back to; metres."""
 
-    vertices: np.ndarray
-    triangles: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
 
     @cached_property
     def _tree(self) -> Any:
@@ -49,28 +52,30 @@ class Target:
         a, b, c = self.vertices[self.triangles.T]
         return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
-    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The nearest points of the surface and its unit normals there, (n, 3) each."""
+    def nearest(
+        self, points: Float[np.ndarray, "points 3"]
+    ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+        """The nearest points of the surface and its unit normals there."""
         _, triangle, found = self._tree.squared_distance(self.vertices, self.triangles, np.ascontiguousarray(points))
         return np.asarray(found).reshape(-1, 3), self._normals[np.asarray(triangle).ravel()]
 
     @cached_property
-    def border(self) -> np.ndarray:
-        """(B, 2) int: the edges of one triangle only."""
+    def border(self) -> Int[np.ndarray, "border 2"]:
+        """The edges of one triangle only."""
         sides = np.sort(np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         edges, uses = np.unique(sides, axis=0, return_counts=True)
         return np.ascontiguousarray(edges[uses == 1])
 
-    def to_border(self, points: np.ndarray) -> np.ndarray:
-        """(n,) metres: from points (n, 3) to the border; infinite where there is none."""
+    def to_border(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+        """Metres: from points to the border; infinite where there is none."""
         if not len(self.border):
             return np.full(len(points), np.inf)
         import igl
 
         return np.sqrt(igl.point_mesh_squared_distance(points, self.vertices, self.border)[0])
 
-    def distances(self, points: np.ndarray) -> np.ndarray:
-        """(n,) metres: from points (n, 3) to the surface."""
+    def distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
+        """Metres: from points to the surface."""
         return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
 
 
@@ -112,8 +117,8 @@ def _poor(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
 Wish = Callable[[np.ndarray], np.ndarray]  # from all vertices (V, 3) to where they are to go
 
 
-def _to_middles(quads: PolygonMesh, links: np.ndarray) -> Wish:
-    """Every vertex to the mean of its neighbours, along the directed ``links`` (n, 2) from it to them."""
+def _to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Wish:
+    """Every vertex to the mean of its neighbours, along the directed ``links`` from it to them."""
     count = len(quads.vertices)
     degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
 
@@ -138,8 +143,10 @@ def _to_squares(quads: PolygonMesh, links: np.ndarray) -> Wish:
     return wish
 
 
-def _summed(at: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """(count, 3): the sums of values (n, 3) by their place ``at`` (n,)."""
+def _summed(
+    at: Int[np.ndarray, " points"], values: Float[np.ndarray, "points 3"], count: int
+) -> Float[np.ndarray, "vertices 3"]:
+    """The sums of values by their place ``at``, one for each of ``count`` places."""
     return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
 
 
@@ -178,8 +185,8 @@ def _moved(
     return PolygonMesh(points, quads.corners, quads.sizes)
 
 
-def _border_corners(points: np.ndarray, border: np.ndarray) -> np.ndarray:
-    """(V,) bool: where the border turns by more than 50 degrees, or meets itself."""
+def _border_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " vertices"]:
+    """Where the border turns by more than 50 degrees, or meets itself."""
     sums = np.zeros_like(points)
     directions = points[border[:, 1]] - points[border[:, 0]]
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]
@@ -262,8 +269,8 @@ def _sound(points: np.ndarray, corners: np.ndarray) -> bool:
     return bool(np.bincount(sides.edge).max() <= 2) and not len(split_vertices(mesh, sides))
 
 
-def of_rows(points: np.ndarray, rows: np.ndarray) -> PolygonMesh:
-    """Faces of equally many corners, rows (F, n) int of points (V, 3), without the points that belong to none."""
+def of_rows(points: Float[np.ndarray, "vertices 3"], rows: Int[np.ndarray, "quads points"]) -> PolygonMesh:
+    """Faces of equally many corners, rows of points, without the points that belong to none."""
     used, fresh = np.unique(rows, return_inverse=True)
     return PolygonMesh(
         np.asarray(points, float)[used], fresh.reshape(-1).astype(np.int64), np.full(len(rows), rows.shape[1])

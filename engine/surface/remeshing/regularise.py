@@ -8,6 +8,7 @@ stay on these lines, their corners stay where they are.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +18,12 @@ from ..mesh import QuadMesh
 from ..symmetry import symmetries
 from .guide import Guide, distances, samples
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float
+
 MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
-EVERY = 8  # rounds after which spoilt quads are looked for
-MENDING = 36  # how often spoilt quads are mended at the end
+EVERY = 8  # rounds after which spoilt quads are looked for, for which a search tree is built: dearer than a round
+MENDING = 36  # how often spoilt quads are mended at the end, in three stages of a third each
 GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it had before
 WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
 DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
@@ -27,8 +31,8 @@ WARP = 0.15  # how far corners may lie off their quad's plane, relative to its s
 SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
 
 
-def square_energy(corners: np.ndarray) -> np.ndarray:
-    """How far quads (F, 4, 3) are from a square of the same area: 0 for a square, (F,).
+def square_energy(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
+    """How far quads are from a square of the same area: 0 for a square.
 
     Mean over the four corner triangles of (s1-1)^2 + (s2-1)^2 of the map from the square, as ``FlatPatches.square``, but
     in space.
@@ -78,16 +82,16 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
 class _Hold:
     """What stands against spoiling.
 
-    weight : (F,) how much every quad's wish counts; more for quads that became worse
-    anchor : (V,) how strongly a vertex is drawn to its first place, relative to its quads; more where surface is lost
+    weight : how much every quad's wish counts; more for quads that became worse
+    anchor : how strongly a vertex is drawn to its first place, relative to its quads; more where surface is lost
     """
 
     mesh: QuadMesh
-    weight: np.ndarray
-    anchor: np.ndarray
+    weight: Float[np.ndarray, " quads"]
+    anchor: Float[np.ndarray, " vertices"]
 
-    def pull(self, points: np.ndarray) -> np.ndarray:
-        """(V, 3) metres: from every vertex to the mean of the corners that its quads want it to be, and its first place."""
+    def pull(self, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+        """Metres: from every vertex to the mean of the corners that its quads want it to be, and its first place."""
         corners = points[self.mesh.quads]
         squares = best_squares(corners)
         # distances relative to the quad's size are what counts: without it large quads crush small neighbours
@@ -99,22 +103,22 @@ class _Hold:
         share = (1.0 / (1.0 + self.anchor))[:, None]
         return share * (wanted - points) + (1.0 - share) * (self.mesh.vertices - points)
 
-    def after(self, worse: np.ndarray, away: np.ndarray, keep: float = 1.0) -> _Hold:
-        """Tighter where quads (F,) became ``worse`` or where the surface went ``away``; elsewhere ``keep`` of it."""
+    def after(self, worse: Bool[np.ndarray, " quads"], away: Bool[np.ndarray, " quads"], keep: float = 1.0) -> _Hold:
+        """Tighter where quads became ``worse`` or where the surface went ``away``; elsewhere ``keep`` of it."""
         weight = np.where(worse, np.minimum(2 * self.weight, 100.0), 1 + keep * (self.weight - 1))
         near = _corners_of(self.mesh, away)
         return replace(self, weight=weight, anchor=np.where(near, 2 * self.anchor + 0.2, keep * self.anchor))
 
 
-def _corners_of(mesh: QuadMesh, quads: np.ndarray) -> np.ndarray:
-    """(V,) bool: the vertices of some quads (F,) bool."""
+def _corners_of(mesh: QuadMesh, quads: Bool[np.ndarray, " quads"]) -> Bool[np.ndarray, " vertices"]:
+    """The vertices of some quads."""
     mask = np.zeros(len(mesh.vertices), dtype=bool)
     mask[mesh.quads[quads]] = True
     return mask
 
 
-def best_squares(corners: np.ndarray) -> np.ndarray:
-    """(F, 4, 3): the corners of the square nearest to every quad (F, 4, 3) in the sense of least squares.
+def best_squares(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4 3"]:
+    """The corners of the square nearest to every quad in the sense of least squares.
 
     The diagonals G = (d1, d2) of a square are orthogonal and equally long; the nearest such pair is
     s Q with the polar factor Q = G (G^T G)^-1/2 and s the mean singular value.
@@ -189,8 +193,10 @@ def _symmetric(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.nda
     return mesh.vertices + total / (1 + len(group))
 
 
-def _spoilt(mesh: QuadMesh, points: np.ndarray, limit: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """(F,) bool each: quads that became much worse, and quads that the new surface leaves, at ``limit`` times what is allowed."""
+def _spoilt(
+    mesh: QuadMesh, points: np.ndarray, limit: float = 1.0
+) -> tuple[Bool[np.ndarray, " quads"], Bool[np.ndarray, " quads"]]:
+    """Quads that became much worse, and quads that the new surface leaves, at ``limit`` times what is allowed."""
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
     worse = after > np.maximum(GOOD * limit, (1 + (WORSE - 1) * limit) * before)
     distance = distances(mesh.moved(points), samples(mesh))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..checking.check import Finding, findings
 from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
 from ..mesh import PolygonMesh
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one
@@ -38,9 +41,10 @@ LOST = 3  # quad edges that the quads may miss the surface by, one point in twen
 # times the surface's area: more has a second skin. A voxel remesh gives an open surface two sides, and of few quads
 # QuadriFlow closes it: an open half ball came back with 1.47 to 1.66, all that kept their border with 0.92 to 0.97
 DOUBLED = 1.2
-# a quad fills a hole where all its corners are so near the border, and its middle so far from the surface, in quad edges,
-# or where it shows its back
-AT_BORDER, FILLING = 0.6, 0.1
+# quad edges: a quad fills a hole where all its corners are so near the border, and its middle is off the surface or shows
+# its back
+AT_BORDER = 0.6
+FILLING = 0.1  # quad edges between the middle of a quad and the surface from which on it fills a hole
 
 
 class Tool(Protocol):
@@ -356,8 +360,8 @@ def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
     return opened if _is_clean(opened) else raw
 
 
-def _samples(target: Target) -> np.ndarray:
-    """(n, 3): at most 4000 middles of triangles, evenly picked by area."""
+def _samples(target: Target) -> Float[np.ndarray, "points 3"]:
+    """At most 4000 middles of triangles, evenly picked by area."""
     a, b, c = target.vertices[target.triangles.T]
     area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
     at = np.searchsorted(area, (np.arange(4000) + 0.5) / 4000 * area[-1])
