@@ -19,9 +19,9 @@ import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening import edit, flatten, outline
-from flexmaps.engine.patches.flattening.arap import corner_triangles, quad_energy
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.flattening.triangles import corner_triangles, quad_energy
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT

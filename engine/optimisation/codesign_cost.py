@@ -12,9 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..patches.flattening.arap import NEXT, PREVIOUS, CornerTriangles, corner_triangles
 from ..patches.flattening.flatten import FlatPatches, seam_mismatch
+from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
+from ..patches.loops import NEXT, PREVIOUS
 
 SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were
 

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int, Num
 
 NEXT = np.array([1, 2, 3, 0])  # the corner after each of a quad
+PREVIOUS = np.array([3, 0, 1, 2])  # the corner before each of a quad
 SQUARE = 4.0  # perimeter over the root of the area
 OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch round it has to be cut open
 

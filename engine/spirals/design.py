@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,14 @@ _THINNEST = 0.5
 _SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
 
 
+@dataclass
+class Drawn:
+    """What drawing a design has given so far: its plain outlines by their tolerance, and its narrowest places, metres."""
+
+    plain: dict[float, tuple[Fitted, list[Outline]]] = field(default_factory=dict)
+    narrowest: tuple[float, float] | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class SpiralDesign:
     """One spiral a quad.
@@ -53,6 +61,7 @@ class SpiralDesign:
     params: SpiralParams
     width: Float[np.ndarray, " quads"]
     twist: Float[np.ndarray, " quads"]
+    drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
     @cached_property
     def arms(self) -> Arms:
@@ -66,7 +75,7 @@ class SpiralDesign:
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
-        plain: dict[float, tuple[Fitted, list[Outline]]] = self.__dict__.setdefault("_plain", {})
+        plain = self.drawn.plain
         if tips is None and tolerance in plain:
             return plain[tolerance][1]
         known = plain[tolerance][0] if tolerance in plain else None
@@ -104,8 +113,8 @@ class SpiralDesign:
         return self.measured()
 
     def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
-        """The same, once looked for, with progress."""
-        if "_narrowest" not in self.__dict__:
+        """``narrowest``, looked for at the first call, with progress."""
+        if self.drawn.narrowest is None:
             layout, slot, bridge = self.flat.layout, np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
             for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
@@ -116,8 +125,8 @@ class SpiralDesign:
                 across = gaps_across(self.arms, layout.mesh, self.flat.corners, some)[~layout.outline_sides[some]]
                 beside = float(gaps_round(self.arms, layout, some).min())
                 slot, bridge = min(slot, found[0], float(across.min(initial=np.inf)), beside), min(bridge, found[1])
-            self.__dict__["_narrowest"] = slot, bridge
-        return self.__dict__["_narrowest"]
+            self.drawn.narrowest = slot, bridge
+        return self.drawn.narrowest
 
     def narrower(self, width: float) -> Int[np.ndarray, " n"]:
         """Quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""

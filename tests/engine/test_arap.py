@@ -4,14 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.patches.flattening.arap import (
-    PatchProblem,
-    corner_triangles,
-    minimax,
-    quad_energy,
-    settle,
-    square_energy,
-)
+from flexmaps.engine.patches.flattening.arap import PatchProblem, minimax, settle
+from flexmaps.engine.patches.flattening.triangles import corner_triangles, quad_energy, square_energy
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh

@@ -352,45 +352,6 @@ def test_first_error_is_raised_with_the_others_named():
     assert caught.value.faces == [0]
 
 
-def test_scaled():
-    mesh = of(shapes.make("vault", 1.0))
-    assert check.scaled(mesh) is mesh
-    assert check.median_edge(check.scaled(mesh, edge=0.015)) == pytest.approx(0.015)
-    assert np.ptp(check.scaled(mesh, height=0.3).vertices[:, 2]) == pytest.approx(0.3)
-    loose = polygons([*mesh.vertices, [0, 0, 1e6]], mesh.corners.reshape(-1, 4).tolist())
-    assert np.ptp(check.scaled(loose, height=0.3).vertices[:-1, 2]) == pytest.approx(0.3)
-    for wrong in ({"edge": 0.0}, {"edge": -1.0}, {"height": float("nan")}, {"edge": 1.0, "height": 1.0}):
-        with pytest.raises(FlexMapsError):
-            check.scaled(mesh, **wrong)
-    with pytest.raises(FlexMapsError, match="flat along z"):
-        check.scaled(polygons(*grid()), height=0.3)
-    broken = polygons([[0, 0, 0], [1, 0, 0], [1, 1, 0], [np.nan, 1, 0]], [[0, 1, 2, 3]])
-    assert errors(check.scaled(broken, edge=0.02)) == {"not-finite"}
-    empty = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
-    assert errors(check.scaled(empty, height=0.02)) == {"no-faces"}
-
-
-@settings(max_examples=100, deadline=None)
-@given(data=st.data())
-def test_any_polygons_are_judged(data):
-    """Whatever the faces, the check answers; and what passes is a manifold, oriented quad mesh."""
-    n = data.draw(st.integers(3, 9))
-    vertices = data.draw(st.lists(st.tuples(*[st.integers(-2, 2)] * 3), min_size=n, max_size=n))
-    index = st.integers(0, n - 1)
-    faces = data.draw(st.lists(st.lists(index, min_size=1, max_size=5), min_size=1, max_size=8))
-    mesh = polygons(vertices, faces)
-    if errors(mesh):
-        with pytest.raises(FlexMapsError):
-            check.as_quad_mesh(mesh)
-        return
-    quads = check.as_quad_mesh(mesh)
-    assert (np.bincount(quads.quad_edges.ravel()) <= 2).all()
-    sides = np.stack([quads.quads, np.roll(quads.quads, -1, axis=1)], axis=-1).reshape(-1, 2)
-    assert len(np.unique(sides, axis=0)) == len(sides)  # every side runs along its edge once in each way
-    assert (quads.edge_lengths > 0).all()
-    assert (quads.areas > 0).all()
-
-
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_orientation_against_brute_force(seed):

@@ -249,8 +249,8 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
 
 def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connectors(flat_grid):
     fresh, drawn = (_halves(flat_grid, 2.0) for _ in range(2))
-    fresh.__dict__.pop("_plain")  # what the proof has drawn
-    assert "_plain" in drawn.__dict__
+    fresh.drawn.plain.clear()  # what the proof has drawn
+    assert drawn.drawn.plain
     one, two = (connectors.connect(made, ConnectorParams()).outlines for made in (fresh, drawn))
     for a, b in zip(one, two, strict=True):
         for curve, other in zip((a.outer, *a.holes), (b.outer, *b.holes), strict=True):

@@ -1,15 +1,13 @@
 """As-rigid-as-possible flattening of one patch, in 2D complex algebra (Liu et al. 2008), without any SVD.
 
-The map of a corner triangle to the plane is u = a z + b conj(z) with complex a and b; its singular values are
-|a| + |b| and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|. Every quad has four corner
-triangles, which are both of its triangulations.
+Rotations and linear solves take turns; see ``triangles`` for the maps a and b of the corner triangles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,118 +17,13 @@ from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from ...surface.mesh import QuadMesh
-from ..loops import NEXT
+from ..loops import NEXT, PREVIOUS
+from .triangles import corner_triangles, quad_energy
 
 if TYPE_CHECKING:
     from jaxtyping import Complex, Float, Int
 
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
-PREVIOUS = np.array([3, 0, 1, 2])  # the corner before each of a quad
-
-
-@dataclass(frozen=True, eq=False)
-class CornerTriangles:
-    """The four corner triangles of every quad, each laid into the plane without distortion.
-
-    along, against : 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
-    along_bar, against_bar : 1/m: the same for b
-    area : square metres
-    flat : metres, the corners of every quad projected to its plane
-    stiffness : square metres times 1/m^2: the quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
-    """
-
-    along: Complex[np.ndarray, "quads 4"]
-    against: Complex[np.ndarray, "quads 4"]
-    along_bar: Complex[np.ndarray, "quads 4"]
-    against_bar: Complex[np.ndarray, "quads 4"]
-    area: Float[np.ndarray, "quads 4"]
-    flat: Complex[np.ndarray, "quads 4"]
-    stiffness: Float[np.ndarray, "quads 4 4"]
-
-    def pick(self, quads: np.ndarray) -> CornerTriangles:
-        """Those of some quads only."""
-        return CornerTriangles(
-            self.along[quads],
-            self.against[quads],
-            self.along_bar[quads],
-            self.against_bar[quads],
-            self.area[quads],
-            self.flat[quads],
-            self.stiffness[quads],
-        )
-
-
-@lru_cache(maxsize=4)
-def corner_triangles(mesh: QuadMesh) -> CornerTriangles:
-    """The corner triangles of every quad of a mesh (Liu et al. 2008, section 3, in complex form)."""
-    p = mesh.vertices[mesh.quads]
-    normal = mesh.normals
-    x_axis = p[:, 2] - p[:, 0]
-    x_axis = x_axis - normal * np.einsum("fi,fi->f", x_axis, normal)[:, None]
-    x_axis /= np.maximum(np.linalg.norm(x_axis, axis=1), 1e-300)[:, None]
-    y_axis = np.cross(normal, x_axis)
-    centred = p - p.mean(axis=1, keepdims=True)
-    flat = np.einsum("fki,fi->fk", centred, x_axis) + 1j * np.einsum("fki,fi->fk", centred, y_axis)
-    forward, backward = p[:, NEXT] - p, p[:, PREVIOUS] - p
-    return _triangles(forward, backward, flat)
-
-
-def _triangles(
-    forward: Float[np.ndarray, "quads 4 3"],
-    backward: Float[np.ndarray, "quads 4 3"],
-    flat: Complex[np.ndarray, "quads 4"],
-) -> CornerTriangles:
-    """From the two sides at every corner, metres, and the projected corners."""
-    length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
-    double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
-    inner = np.einsum("fki,fki->fk", forward, backward)
-    z1 = length_f.astype(complex)
-    z0 = (inner + 1j * double_area) / np.where(length_f > 0, length_f, 1.0)
-    # turn each triangle to lie best on the projection of its quad, so that one rotation fits all four
-    w1, w0 = flat[:, NEXT] - flat, flat[:, PREVIOUS] - flat
-    turn = w1 * z1.conj() + w0 * z0.conj()
-    size = np.abs(turn)
-    turn = np.where(size > 0, turn / np.where(size > 0, size, 1.0), 1.0)
-    z1, z0 = z1 * turn, z0 * turn
-    d = z1 * z0.conj() - z1.conj() * z0
-    # a triangle without area has no map of its own, and no weight
-    inverse = np.where(np.abs(d) > 0, 1.0, 0.0) / np.where(np.abs(d) > 0, d, 1.0)
-    # u1 = a z1 + b conj(z1) with u1 = d[k]; u0 = a z0 + b conj(z0) with u0 = -d[k-1]
-    along, against = z0.conj() * inverse, z1.conj() * inverse
-    along_bar, against_bar = -z0 * inverse, -z1 * inverse
-    area = 0.5 * double_area
-    stiffness = np.zeros((len(flat), 4, 4))
-    for k in range(4):
-        for first, second in ((along, against), (along_bar, against_bar)):
-            row = np.zeros((len(flat), 4), dtype=complex)
-            row[:, NEXT[k]] += first[:, k]
-            row[:, k] += second[:, k] - first[:, k]
-            row[:, PREVIOUS[k]] -= second[:, k]
-            stiffness += area[:, k, None, None] * (row.conj()[:, :, None] * row[:, None, :]).real
-    return CornerTriangles(along, against, along_bar, against_bar, area, flat, stiffness)
-
-
-def quad_energy(
-    tri: CornerTriangles, a: Complex[np.ndarray, "quads 4"], b: Complex[np.ndarray, "quads 4"]
-) -> Float[np.ndarray, " quads"]:
-    """E of every quad from the a and b of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
-    energy = 2.0 * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)
-    return (tri.area * energy).sum(axis=1) / np.maximum(tri.area.sum(axis=1), 1e-300)
-
-
-def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """How far flat quads are from a square of the same area: the measure of ``quad_energy`` from it."""
-    d = corners[:, NEXT] - corners
-    diagonal_a, diagonal_b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
-    side = np.sqrt(np.maximum(0.5 * (diagonal_a.conj() * diagonal_b).imag, 1e-300))[:, None]
-    # a unit square's corner k: z1 = i^k, z0 = i^(k+1)
-    unit = 1j ** np.arange(4)
-    z1, z0 = unit[None, :] * side, 1j * unit[None, :] * side
-    det = z1 * z0.conj() - z1.conj() * z0
-    u1, u0 = d, -d[:, PREVIOUS]
-    a = (u1 * z0.conj() - u0 * z1.conj()) / det
-    b = (z1 * u0 - z0 * u1) / det
-    return 2.0 * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2).mean(axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,9 +12,9 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...threads import one_thread
 from ..layout import PatchLayout
-from .arap import corner_triangles, quad_energy, square_energy
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
+from .triangles import corner_triangles, quad_energy, square_energy
 
 if TYPE_CHECKING:
     from jaxtyping import Complex, Float, Int

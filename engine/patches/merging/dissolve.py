@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 DRAWN = 1e-3  # what an edge of cut counts beside a patch: it only decides between equals
 
 
-def rescue(board: Board) -> bool:
+def dissolve(board: Board) -> bool:
     """Give up patches that are too small, the smallest first; True if any went."""
     changed = False
     board.lenient = True

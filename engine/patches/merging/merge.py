@@ -17,20 +17,20 @@ from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
 from .board import BOTTLENECK, Board, Change, Effort
-from .dissolve import rescue
+from .dissolve import dissolve
 from .halve import halved, leaves_plane
 from .ranking import Ranking, split_long, worth
 from .reroute import reroute
-from .straighten import natural_stops, tidy, widen
+from .straighten import natural_stops, straighten, widen
 
 # quads times seams, above which only one way is tried, with one group of symmetries after the other: a million tries all
 # everywhere, and on seven surfaces gives the same in 1.5 times the time
 WORK = 70_000
-WORK_LEAST = 2e6  # work, see ``Effort``, at least; only surfaces of many thousand quads without a layout run into it
+WORK_LEAST = 2e6  # work, see ``Effort``, at least: a bound that is the same on every machine; not measured
 WORK_EACH = 2.5e3  # work for every quad
 STOPS = 12  # most places where a part of a seam may begin or end; 6 gives the same on seven surfaces
-ROUNDS = 3  # how often at most what was merged is merged again: it rests after one or two; @ROUNDS@
-TRIES = 5  # most groups of symmetries that are tried; @TRIES@
+ROUNDS = 3  # how often at most what was merged is merged again; 1 and 6 give the same on seven surfaces
+TRIES = 5  # most groups of symmetries that are tried; 2 and 10 give the same on seven surfaces
 
 
 @one_thread
@@ -216,7 +216,7 @@ def run(board: Board, strategy: Strategy, progress: Progress) -> None:
             return
     _in_turns(board, strategy, progress.part(0.6, 0.9))
     widen(board)
-    if rescue(board):
+    if dissolve(board):
         # the patches that are left have other neighbours now
         greedy(board, strategy, progress.part(0.9, 0.95))
         _in_turns(board, strategy, progress.part(0.95, 1.0))
@@ -225,13 +225,13 @@ def run(board: Board, strategy: Strategy, progress: Progress) -> None:
 def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
     for turn in range(4):
         part = progress.part(turn / 4, (turn + 1) / 4)
-        changed = tidy(board, part, darts=not strategy.short or turn == 3)
+        changed = straighten(board, part, darts=not strategy.short or turn == 3)
         changed |= strategy.redraw and reroute(board)
         changed |= open_parts(board, strategy, part)
         if not changed:
             break
         greedy(board, strategy, part)
-    tidy(board, progress, darts=True)
+    straighten(board, progress, darts=True)
 
 
 def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:

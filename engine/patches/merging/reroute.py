@@ -21,7 +21,7 @@ from .straighten import GAIN, attempted, gain_of
 if TYPE_CHECKING:
     from jaxtyping import Int
 
-# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; @BEND@
+# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; not measured
 BEND = 3.0
 SLIDES = (0, 2, 5)  # edges that the ends of a seam may move along the outline of both patches; not measured
 

@@ -37,7 +37,7 @@ class Slide:
     hosts: Int[np.ndarray, " quads"]
 
 
-def tidy(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
+def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
     """Slide seams while it pays, and if ``darts``, close inner cuts; True if anything changed."""
     changed = False
     for sweep in range(sweeps):
