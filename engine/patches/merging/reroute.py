@@ -21,7 +21,8 @@ from .straighten import GAIN, attempted, gain_of
 if TYPE_CHECKING:
     from jaxtyping import Int
 
-# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; not measured
+# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; 1.5 and 6 give
+# the same on two irregular surfaces
 BEND = 3.0
 SLIDES = (0, 2, 5)  # edges that the ends of a seam may move along the outline of both patches; not measured
 
