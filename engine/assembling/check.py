@@ -64,7 +64,7 @@ class AssemblyCheck:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Sentences for the user: which seams are hard to join, why, and what helps."""
-        told = (
+        limits = (
             ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
              "a lower distortion limit or smaller patches help"),
             ("force", f"a joint pulls with more than {HAND:g} N", "a thinner sheet or thinner arms help"),
@@ -72,7 +72,7 @@ class AssemblyCheck:
              "a thinner sheet, a larger object or another material help"),
         )  # fmt: skip
         found = []
-        for kind, what, helps in told:
+        for kind, what, helps in limits:
             names = [s.name for s in self.seams if kind in s.hard]
             if names:
                 some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")

@@ -113,8 +113,8 @@ def _numbers(
     for patch, quads in candidates:
         for x, y in middles[quads[open_[quads]]].tolist():
             box = int(x // NUMBER[0]), int(y // NUMBER[1])
-            beside = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
-            if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in beside):
+            neighbours = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
+            if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in neighbours):
                 written[box] = x, y
                 page.text(panel_name(patch), (x, y - 0.0012), 0.0036, INK, middle=True)
                 break

@@ -27,7 +27,7 @@ GREY = "#7a7f87"
 BAY = 0.006  # metres; narrower gaps between the arms on an outline are left out of small pictures
 SMALL = 0.005  # metres on paper; of smaller panels a picture shows the hull, and no number
 # Quads that all pictures of steps together may show, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
-# steps are told in words.
+# steps are described in words.
 SHOWN = 250_000
 LINES = 58  # steps in words on a page, in each of two columns
 

@@ -36,7 +36,7 @@ class Result:
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
     sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
-    lost : why a member that was there once cannot be used, by its name; told instead of "there is none yet"
+    lost : why a member that was there once cannot be used, by its name; reported instead of "there is none yet"
     undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
     seconds : wall time of every stage that ran
     """

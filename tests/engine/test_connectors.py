@@ -155,7 +155,7 @@ def test_joints_without_room_for_a_dovetail_get_ends_for_glue(flat_grid):
 
 def test_joints_without_any_room_keep_plain_ends_and_are_told(flat_grid, monkeypatch):
     made = _halves(flat_grid, 0.5)
-    monkeypatch.setattr(connectors.Room, "judged", lambda self, which, *_: [None] * len(which))
+    monkeypatch.setattr(connectors.FreeSpace, "judged", lambda self, which, *_: [None] * len(which))
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.connectors
     assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]
@@ -262,18 +262,18 @@ def test_edges_that_were_drawn_before_are_those_that_are_drawn_with_the_connecto
 
 
 def test_lines_of_sight_end_where_shapely_sees_the_first_piece(flat_grid):
-    room = connectors.Room(_halves(flat_grid, 0.5), ConnectorParams())
+    space = connectors.FreeSpace(_halves(flat_grid, 0.5), ConnectorParams())
     rng = np.random.default_rng(3)
-    rings = room.bodies.rings
+    rings = space.bodies.rings
     view = 0.004
     near = rings[rng.integers(0, len(rings), 40), 0]
     origin = near[:, None] + rng.uniform(-0.002, 0.002, (40, 8)) + 1j * rng.uniform(-0.002, 0.002, (40, 8))
     way = np.exp(2j * np.pi * rng.random(origin.shape))
-    arm = rng.integers(0, room.bodies.arm.max() + 1, (40, 2))
-    seen = room.bodies.sight(origin, way, np.full(40, view), arm)
+    arm = rng.integers(0, space.bodies.arm.max() + 1, (40, 2))
+    seen = space.bodies.sight(origin, way, np.full(40, view), arm)
     expected = np.full(seen.shape, view)
     for row in range(len(origin)):
-        other = ~np.isin(room.bodies.arm, arm[row])
+        other = ~np.isin(space.bodies.arm, arm[row])
         pieces = shapely.union_all(shapely.polygons(np.stack([rings[other].real, rings[other].imag], axis=-1)))
         for k, (start, end) in enumerate(zip(origin[row], origin[row] + view * way[row], strict=True)):
             ray = shapely.LineString([(start.real, start.imag), (end.real, end.imag)])

@@ -15,7 +15,7 @@ from ...progress import SILENT, Progress
 from ...spirals.contours import Outline, ends
 from ...spirals.design import SpiralDesign
 from ..panels.labels import seam_labels
-from .room import SCALES, Room
+from .free_space import SCALES, FreeSpace
 from .shape import key, size
 from .tips import Attempt, Tip
 
@@ -119,8 +119,9 @@ def connect(
 ) -> Connections:
     """Give every joint its connector, as large as there is room, and draw the panels with them.
 
-    ``tolerance`` in metres is that of the outlines; ``mill`` the diameter of the mill that cuts them, 0 for a beam. Joints without room keep their plain ends and are told. Raises
-    ``FlexMapsError`` where the clearance is so large that nothing holds.
+    ``tolerance`` in metres is that of the outlines; ``mill`` the diameter of the mill that cuts them, 0 for a beam. Joints
+    without room keep their plain ends, and the warnings name them. Raises ``FlexMapsError`` where the clearance is so large
+    that nothing holds.
     """
     taken = np.zeros((len(design.width), 4))
     if params.connector == "none" or not design.flat.layout.cut.any():
@@ -133,32 +134,32 @@ def connect(
             f"With a clearance of {params.clearance * 1e3:g} mm connectors would slip out, for the smallest ones catch by "
             f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
         )
-    room = Room(design, params, mill, progress.part(0.0, 0.1))
-    chosen = _chosen(room, progress.part(0.1, 0.8))
+    space = FreeSpace(design, params, mill, progress.part(0.0, 0.1))
+    chosen = _chosen(space, progress.part(0.1, 0.8))
     labels = seam_labels(design.flat.layout)
     made: list[Connector] = []
     unsolved: list[tuple[str, int, int]] = []
     tips: list[Tip] = []
     for joint, choice in enumerate(chosen):
-        quad, side = room.joints.quad[joint].tolist(), room.joints.side[joint].tolist()
+        quad, side = space.joints.quad[joint].tolist(), space.joints.side[joint].tolist()
         name = labels[quad[0], side[0]]
         if choice is None:
             unsolved.append((name, quad[0], quad[1]))
             continue
         attempt = choice.attempt
-        seam, place = int(room.joints.seam[joint]), int(room.joints.place[joint])
-        largest = room.sizes(joint, attempt.kind)[0]
+        seam, place = int(space.joints.seam[joint]), int(space.joints.place[joint])
+        largest = space.sizes(joint, attempt.kind)[0]
         swapped = attempt.kind == "dovetail" and attempt.male != place % 2
         made.append(Connector(name, seam, place, attempt, tuple(quad), tuple(side), attempt.size != largest, swapped))
         tips.extend(choice.tips)
-    for half in (room.through.own, room.through.other):
+    for half in (space.through.own, space.through.other):
         full = np.zeros(len(half.arm))
         for tip in tips:
             if tip.through.own is half:
                 full[tip.row] = tip.wide.full[0]
         taken.ravel()[half.arm] = np.maximum(half.along(full), 0.0)
     progress(0.8, "outlines with connectors")
-    gathered = room.gathered(tips, ends(design.flat.layout, design.arms, room.slot), tolerance)
+    gathered = space.gathered(tips, ends(design.flat.layout, design.arms, space.slot), tolerance)
     drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
@@ -175,9 +176,9 @@ class _Choice:
 class _Search:
     """Goes through the attempts of all joints, one joint's after the other but those of many joints at once."""
 
-    def __init__(self, room: Room):
-        self.room = room
-        self.attempts = [room.attempts(joint) for joint in range(len(room.joints.edge))]
+    def __init__(self, space: FreeSpace):
+        self.space = space
+        self.attempts = [space.attempts(joint) for joint in range(len(space.joints.edge))]
         self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
 
     def next(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
@@ -194,7 +195,7 @@ class _Search:
             for place, joint in enumerate(waiting):
                 if not first and place % CHUNK == 0:
                     progress(len(found) / len(joints), "connectors")
-                    self.room.look(waiting[place : place + CHUNK])
+                    self.space.look(waiting[place : place + CHUNK])
                 more = list(islice(self.attempts[joint], each))
                 tries += [(joint, attempt) for attempt in more]
                 if not more:
@@ -211,23 +212,23 @@ class _Search:
 
     def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
         """Keep the attempts that have room."""
-        made = self.room.judged([joint for joint, _ in tries], [attempt for _, attempt in tries])
+        made = self.space.judged([joint for joint, _ in tries], [attempt for _, attempt in tries])
         for (joint, attempt), tips in zip(tries, made, strict=True):
             if tips is not None:
                 self.ready[joint].append(_Choice(attempt, *tips))
 
 
-def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
+def _chosen(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
     """For every joint the first attempt with room; ``None`` where none has."""
-    search = _Search(room)
-    every = list(range(len(room.joints.edge)))
+    search = _Search(space)
+    every = list(range(len(space.joints.edge)))
     found = search.next(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]
     # tips that are too near to each other: the larger one of two gives way, as long as anything changes
     changed = set(every)
     for turn in range(50):
         progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
-        giving = _crowded(room, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
+        giving = _crowded(space, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
         for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn)).items():
@@ -236,7 +237,7 @@ def _chosen(room: Room, progress: Progress) -> list[_Choice | None]:
     return chosen
 
 
-def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int], progress: Progress) -> list[int]:
+def _crowded(space: FreeSpace, chosen: list[_Choice | None], changed: set[int], progress: Progress) -> list[int]:
     """Joints that have to give way because two tips are nearer than the smallest slot.
 
     Only tips near those of the ``changed`` joints are looked for.
@@ -248,12 +249,12 @@ def _crowded(room: Room, chosen: list[_Choice | None], changed: set[int], progre
     fresh = np.flatnonzero(np.isin(owner, list(changed)))
     if not len(fresh):
         return []
-    flat, beside = np.stack([c.placed for _, c in some], axis=1).reshape(2, -1)
-    tree, slot = shapely.STRtree(flat), 0.999 * room.slot
+    flat, mated = np.stack([c.placed for _, c in some], axis=1).reshape(2, -1)
+    tree, slot = shapely.STRtree(flat), 0.999 * space.slot
     area = shapely.area(flat)
     giving: set[int] = set()
     # in one panel, and in two panels that lie side by side along their joint
-    for shapes in (flat, beside):
+    for shapes in (flat, mated):
         around = shapely.box(*(shapely.bounds(shapes[fresh]) + slot * np.array([-1.0, -1.0, 1.0, 1.0])).T)
         for part in progress.batches(len(fresh), _TIPS, "connectors that are too near to each other"):
             one, two = tree.query(around[part])

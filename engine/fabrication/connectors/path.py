@@ -18,7 +18,7 @@ from ...spirals.design import SpiralDesign
 from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, width_at
 
 UNFOLDED = 0.15  # least speed along an edge of a tip, as a share of that along its other edge; at 0 the edge folds
-REACH = 0.85  # share of an arm, from its tip to its hub, that a connector may take
+ARM_SHARE = 0.85  # share of an arm, from its tip to its hub, that a connector may take
 _TABLE = 41  # places along an arm of the table from length to parameter; not measured
 _FOLDS = 41  # places along a tip where its edges are looked at for folds; not measured
 
@@ -94,7 +94,7 @@ class Halves:
         length = np.concatenate([np.zeros((len(t), 1)), np.cumsum(np.abs(np.diff(p, axis=1)), axis=1)], axis=1)
         speed = np.abs(d[:, 0])
         patch = design.flat.layout.patch_of[quad]
-        return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, REACH * end)
+        return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
 
     def rows(self, which: np.ndarray) -> Halves:
         """Some of the arms."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...spirals.arcs import Curve, along_arcs
 from ...spirals.spiral import LEFT, RIGHT
-from .path import REACH, UNFOLDED, Throughs, Widening, complexes, pairs
+from .path import ARM_SHARE, UNFOLDED, Throughs, Widening, complexes, pairs
 from .shape import Size, face, head, socket
 
 # length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
@@ -87,7 +87,7 @@ class Tip:
         import shapely
 
         own = self.through.own.rows(np.array([self.row]))
-        t = np.linspace(max(self.over, 0.0), float(own.end[0]) / REACH, _SAMPLES)[None]
+        t = np.linspace(max(self.over, 0.0), float(own.end[0]) / ARM_SHARE, _SAMPLES)[None]
         ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[:, ::-1], RIGHT)[0]], axis=1)
         return shapely.Polygon(pairs(own.placed(ring)[0]))
 

@@ -45,9 +45,9 @@ def offset(curve: Curve, distance: float) -> Curve:
         raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
     ahead = np.roll(row, -1)
     turn = np.angle(before[ahead] * after[row].conj())
-    beside = (row + 1) % len(bulge) == ahead
-    smooth = beside & (np.abs(turn) < SMOOTH)
-    fill = beside & ~smooth & (turn * distance > 0.0)
+    adjacent = (row + 1) % len(bulge) == ahead
+    smooth = adjacent & (np.abs(turn) < SMOOTH)
+    fill = adjacent & ~smooth & (turn * distance > 0.0)
     inner = np.arange(len(row)) < len(row) - (not curve.closed)
     first, last = begins.copy(), ends.copy()
     joined = row[smooth & inner], ahead[smooth & inner]

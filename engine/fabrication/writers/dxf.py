@@ -17,14 +17,14 @@ from ...spirals.arcs import Curve
 from ..sheets import CutSheets
 from .operations import OPERATIONS, WRITING, Operation, on_sheet
 
-TOLD = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
+WRITES = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
 def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R2010, which knows its units."""
     drawing = _document(sheets, index, "R2010", _entities(sheets, index, progress.part(0.0, 0.7)))
     with open(path, "w", encoding=drawing.output_encoding) as stream:
-        drawing.write(_Told(stream, progress.part(0.7, 0.7)))
+        drawing.write(_Monitored(stream, progress.part(0.7, 0.7)))
 
 
 def write_r12(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
@@ -45,15 +45,15 @@ def write_r12(sheets: CutSheets, index: int, path: Path, progress: Progress = SI
     path.write_text("".join([*parts, after]), encoding="ascii", newline="\r\n")
 
 
-class _Told:
-    """A stream that tells the progress of what is written to it, for ezdxf writes a whole drawing at once."""
+class _Monitored:
+    """A stream that reports to the progress while it is written to, for ezdxf writes a whole drawing at once."""
 
     def __init__(self, stream: TextIO, progress: Progress):
         self.stream, self.progress, self.count = stream, progress, 0
 
     def write(self, text: str) -> None:
         self.count += 1
-        if self.count % TOLD == 0:
+        if self.count % WRITES == 0:
             self.progress(0.0, WRITING)
         self.stream.write(text)
 

@@ -1,6 +1,6 @@
 """Where connectors sit, and whether there is room for them: the joints at all cuts, and what is near every joint.
 
-Room is judged with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat panel, and
+FreeSpace is judged with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat panel, and
 from those of the panel on the other side once both lie side by side. Where the arms beside a joint are near, as in
 strongly wound spirals, there is more room a little way along the arm and to one side: the parting line moves there.
 """
@@ -83,10 +83,10 @@ class Openings:
     right: np.ndarray
     width: np.ndarray
 
-    def asides(self, s: Size, shifts: np.ndarray, beside: bool) -> list[tuple[float, float]]:
+    def asides(self, s: Size, shifts: np.ndarray, overhanging: bool) -> list[tuple[float, float]]:
         """Of all ``shifts`` (k,) where a connector of this size has room, and how far to the left it has to sit there.
 
-        Its neck stays on the arm, unless it may lie ``beside`` it: then it hangs on the widened end only.
+        Its neck stays on the arm, unless it may be ``overhanging``: then it hangs on the widened end only.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
         shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
@@ -99,12 +99,12 @@ class Openings:
         left, right = (np.where(outside, np.inf, e[window]).min(axis=1) for e in (self.left, self.right))
         low, high = 0.5 * extra - right, left - 0.5 * extra
         best = np.clip(0.0, low, np.maximum(low, high))
-        most = 0.5 * extra if beside else np.minimum(0.5 * self.width[(first + last) // 2], 0.5 * extra)
+        most = 0.5 * extra if overhanging else np.minimum(0.5 * self.width[(first + last) // 2], 0.5 * extra)
         fits = (low <= high) & (np.abs(best) <= most + 1e-9)
         return list(zip(shifts[fits].tolist(), best[fits].tolist(), strict=True))
 
 
-class Room:
+class FreeSpace:
     """What is known of a design before any connector is made."""
 
     def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
@@ -146,11 +146,11 @@ class Room:
         openings, steps = self._openings[joint], np.array(self._shifts(joint))
         for kind in kinds:
             for back in (0.0,) if kind == "dovetail" else BACKS:
-                for beside, s in product((False, True), self.sizes(joint, kind)):
+                for overhanging, s in product((False, True), self.sizes(joint, kind)):
                     if kind == "dovetail" and s.length > gap:
                         continue
-                    fitting = openings.asides(s, steps, beside)
-                    for shift, aside in fitting if beside else fitting[:_TRIES]:
+                    fitting = openings.asides(s, steps, overhanging)
+                    for shift, aside in fitting if overhanging else fitting[:_TRIES]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 
@@ -229,8 +229,8 @@ class Room:
         own, other = through.own, through.other
         there = complexes(points)
         local = (there - own.origin[rows]) / own.out[rows]
-        beside = other.origin[rows] - other.out[rows] * local
-        placed = there + self.pitch * own.patch[rows], beside + self.pitch * other.patch[rows]
+        mated = other.origin[rows] - other.out[rows] * local
+        placed = there + self.pitch * own.patch[rows], mated + self.pitch * other.patch[rows]
         return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed])
 
     def look(self, which: Sequence[int]) -> None:
