@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 from .geometry import QUARTER
 
-ARMS = 4
+ARMS = 4  # of a spiral
 EAST, NORTH, WEST, SOUTH = range(ARMS)
 
 

@@ -17,9 +17,9 @@ from .assembly_solid import joint_turn
 from .geometry import Spiral
 from .solid import COARSE, Fineness
 
-SCALE, THICKNESS, YOUNGS, POISSON = 0.020, 0.002, 2.6e9, 0.3
+SCALE, THICKNESS, YOUNGS, POISSON = 0.020, 0.002, 2.6e9, 0.3  # m, m, Pa and none, of all cases
+# the mesh on which the stiffness table is made; assemblies of more than a few spirals take ``COARSE``
 FINE = Fineness(length=2.5, turn=0.7, across=2, through=1, root=0.4)
-"""The mesh on which the stiffness table is made; assemblies of more than a few spirals take ``COARSE``."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +134,10 @@ def _faces(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
     return frames, SCALE * np.array(middles)
 
 
+# per twist in degrees, what share of the forces bends the spirals about as far
 SOFTNESS = {0.0: 1.0, 180.0: 0.4, 300.0: 0.25}
-"""Per twist in degrees, what share of the forces bends the spirals about as far."""
-WIDTH, STOUT = 0.0015, 0.002
-HOME = Held(0)
+WIDTH, STOUT = 0.0015, 0.002  # metres, of the arms
+HOME = Held(0)  # the first hub, held where it lies
 
 
 def cases() -> list[Case]:

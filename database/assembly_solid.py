@@ -23,14 +23,11 @@ from .elastic import SECTION, STATION_PAIRS, Elements
 from .geometry import QUARTER, Spiral, centre_line
 from .statics import Group, Model
 
-ITERATIONS = 60
-TOLERANCE = 1e-8
-"""Work of the last step over the energy; positions end far closer than the mesh resolves."""
-HOLD = 100.0
-"""Stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is."""
-SHARES = (0.0, 0.5, 0.8, 1.0)
-"""Of the stress that is left out where the tangent is indefinite with it."""
-HALF_TURN = np.diag([-1.0, -1.0, 1.0])
+ITERATIONS = 60  # Newton steps; none of the stored states takes more than 5
+TOLERANCE = 1e-8  # work of the last step over the energy; positions end far closer than the mesh resolves
+HOLD = 100.0  # stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is
+SHARES = (0.0, 0.5, 0.8, 1.0)  # of the stress that is left out where the tangent is indefinite with it
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])  # about the normal: what joins the axes of two tips
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,14 +20,12 @@ from ..engine.errors import FlexMapsError
 from . import linear, rods
 from .sampling import LAWS, VERSION, Sampler, Samples, Subject, key, subjects
 
-CHUNK = 25
-HELD_OUT = 10
-"""One sample in this many is kept whole and never fitted."""
-ENOUGH = 400
-"""Samples of a spiral after which more hardly change its fits."""
-PER_LAW = {"strain": 1000, "newton": 200}
+CHUNK = 25  # samples in a file: what is lost at most when the work is stopped
+HELD_OUT = 10  # one sample in this many is kept whole and never fitted
+ENOUGH = 400  # samples of a spiral after which more hardly change its fits
+PER_LAW = {"strain": 1000, "newton": 200}  # samples of a spiral that are made, by the law of their loads
+# the models whose parameters are fitted to samples; the hub-to-hub one follows from the linear limit
 MODELS = ("chord", "arm")
-"""The models whose parameters are fitted to samples; the hub-to-hub one follows from the linear limit."""
 
 
 @dataclass(frozen=True)

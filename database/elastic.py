@@ -13,9 +13,9 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 from .solid import LOBATTO_WEIGHTS, derivative_matrix, lagrange
 
-ALONG = 4
-SECTION = 16
-STATION_PAIRS = [(p, r) for p in range(ALONG) for r in range(p + 1)]
+ALONG = 4  # nodes, and stations of the quadrature, along an element
+SECTION = 16  # nodes and points of an element's section, 4 by 4
+STATION_PAIRS = [(p, r) for p in range(ALONG) for r in range(p + 1)]  # the pairs of stations that a tangent couples
 
 
 def _section_basis() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -22,14 +22,14 @@ from . import packs, rods
 from .packs import Series
 from .sampling import SEED, VERSION
 
+# smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive
 SMALLEST = 1e-3
-"""Smallest parameter, as a share of the one that would explain all energies alone: stiffnesses stay positive."""
+# The same for what the networks learn, which are logarithms: smaller ones on chords, where the model is least true,
+# hardly change the energies, but scatter over powers of ten with the samples
 SMALLEST_MAPPED = {"pair": SMALLEST, "chord": 0.1}
-"""The same for what the networks learn, which are logarithms: smaller ones on chords, where the model is least true, hardly
-change the energies, but scatter over powers of ten with the samples."""
-FEWEST = 10
+FEWEST = 10  # samples a spiral below which a fit is refused
+# samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then
 FEWEST_CHORD = 400
-"""Samples a spiral below which the chord parameters scatter too much for a smooth map; their network is left out then."""
 MODELS = ("chord", "pair", "arm")
 
 

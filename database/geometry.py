@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 
 QUARTER = 1j
-HALF_WIDTH = 0.5
+HALF_WIDTH = 0.5  # of an arm, in arm widths
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 
 from .statics import Model
 
-IN_PLANE = (0, 1, 5)
-OUT_OF_PLANE = (2, 3, 4)
-TIP = 1
+IN_PLANE = (0, 1, 5)  # places of (Fx, Fy, Mz) in a wrench
+OUT_OF_PLANE = (2, 3, 4)  # places of (Fz, Mx, My)
+TIP = 1  # the tip whose compliance is asked for
 
 
 def transport(offset: np.ndarray) -> np.ndarray:

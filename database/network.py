@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-SPREADS = np.linspace(0.2, 0.8, 20)
+SPREADS = np.linspace(0.2, 0.8, 20)  # in units of the inputs' ranges: twenty, as in FlexMaps section 6.3
+# RMS errors, of the unit range, at which neurons are no longer added. FlexMaps has one; parameters fitted to finitely
+# many samples scatter, and a network that follows the scatter is wild between its nodes
 GOALS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
-"""RMS errors, of the unit range, at which neurons are no longer added. FlexMaps has one; parameters fitted to finitely many
-samples scatter, and a network that follows the scatter is wild between its nodes."""
-HALF = np.sqrt(np.log(2.0))
-"""A neuron's answer falls to one half at a distance of one spread."""
+HALF = np.sqrt(np.log(2.0))  # A neuron's answer falls to one half at a distance of one spread
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ..engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
-HUB = 4
+HUB = 4  # place of the hub behind the four tips
 
 
 def _arm_frames(rest_tips: np.ndarray) -> np.ndarray:

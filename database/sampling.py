@@ -20,12 +20,12 @@ from .geometry import Spiral
 from .solid import Fineness
 from .statics import Model
 
-VERSION = 1
+VERSION = 1  # changes whenever the samples do
 LAWS = ("strain", "newton")
-POISSON = 0.3
-YOUNGS = 2.6e9
-SEED = 2018
-LOADED = (1, 2, 3)
+POISSON = 0.3  # of FlexMaps section 6.2
+YOUNGS = 2.6e9  # Pa, of FlexMaps section 6.2
+SEED = 2018  # of all samples
+LOADED = (1, 2, 3)  # the tips that are loaded; tip 0 is held
 
 
 @dataclass(frozen=True)

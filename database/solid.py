@@ -14,9 +14,9 @@ from scipy.spatial import cKDTree
 from ..engine.errors import FlexMapsError
 from .geometry import HALF_WIDTH, QUARTER, Outline, Spiral, centre_line, edge, outline
 
-LOBATTO = np.array([0.0, 0.5 - 0.1 * np.sqrt(5.0), 0.5 + 0.1 * np.sqrt(5.0), 1.0])
-LOBATTO_WEIGHTS = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0
-ARMS = 4
+LOBATTO = np.array([0.0, 0.5 - 0.1 * np.sqrt(5.0), 0.5 + 0.1 * np.sqrt(5.0), 1.0])  # nodes of a cubic element on [0, 1]
+LOBATTO_WEIGHTS = np.array([1.0, 5.0, 5.0, 1.0]) / 12.0  # of the quadrature there
+ARMS = 4  # of a spiral
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,11 @@ from .geometry import Spiral
 from .solid import Fineness
 from .statics import Model
 
-COUNTS = (9, 7, 11, 3)
-"""Nodes in ln(s/w), ln(w/h), twist / limit and Poisson's ratio."""
+COUNTS = (9, 7, 11, 3)  # nodes in ln(s/w), ln(w/h), twist / limit and Poisson's ratio
+# of the solids: twice as fine across as ``COARSE``
 FINENESS = Fineness(length=2.5, turn=0.7, across=2, through=1, root=0.4)
-NARROW = replace(FINENESS, across=4)
-"""For stout spirals with narrow slots, whose hubs bulge far out."""
-CHANNELS = 18
+NARROW = replace(FINENESS, across=4)  # for stout spirals with narrow slots, whose hubs bulge far out
+CHANNELS = 18  # of a node: 12 entries of the compliance, 6 peak strains
 
 
 def roots(count: int) -> np.ndarray:
@@ -79,8 +78,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     return out
 
 
-NODE_VERSION = 2
-"""Changes whenever what ``arm`` returns does."""
+NODE_VERSION = 2  # changes whenever what ``arm`` returns does
 
 
 def digest(fineness: Fineness) -> str:
@@ -120,10 +118,10 @@ def write(values: np.ndarray, path: Path, provenance: dict) -> None:
     stiffness.load_table.cache_clear()
 
 
-DROP = 8e-3
+DROP = 8e-3  # Chebyshev coefficients below this are left out
 
 
-HELD_OUT_SEED = 20180801
+HELD_OUT_SEED = 20180801  # of the spirals that judge the table
 
 
 def held_out(count: int = 48, seed: int = HELD_OUT_SEED) -> list[tuple[Spiral, float]]:

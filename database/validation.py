@@ -29,9 +29,11 @@ from .assembly_solid import Balance, Welded
 from .statics import Model
 
 FOLDER = Path(__file__).resolve().parent / "validation"
-VERSION = 1
+VERSION = 1  # of the stored solids
 MODELS = ("arm", "rod")
-MATERIAL = Material("Reference", YOUNGS, POISSON, 1185.0, 0.02, True, "FlexMaps section 6.2")
+MATERIAL = Material(
+    "Reference", YOUNGS, POISSON, 1185.0, 0.02, True, "FlexMaps section 6.2"
+)  # its density and strain limit play no part
 
 
 @dataclass(frozen=True, eq=False)

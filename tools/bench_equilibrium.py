@@ -39,10 +39,10 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 BENIGN = {"cubesphere", "quad_dome", "dome", "torus", "vault", "saddle", "strip"}
-SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}
-SEEDS = 5
+SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}  # wanted, by mesh
+SEEDS = 5  # starts a surface
 NOISE = 0.05  # of an edge, and radians
-SIZES = (150, 600, 2400, 10_000, 20_000)
+SIZES = (150, 600, 2400, 10_000, 20_000)  # spirals, about
 LARGEST = SIZES[-1]
 
 
@@ -127,7 +127,7 @@ def _derivatives(model: ElasticModel, pose: Pose) -> tuple[float, float, float]:
 
 # -- closed forms ----------------------------------------------------------------------------------------------------
 
-HUBS = 41
+HUBS = 41  # of the row that is bent
 
 
 def closed_forms(table: Table) -> None:

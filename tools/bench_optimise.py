@@ -35,9 +35,9 @@ from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
 from rows import Row, Table, at_most, row
 
-EDGE = 0.02
+EDGE = 0.02  # metres
 MATERIAL = MATERIALS["vero"]  # 2600 MPa
-BASELINE_STEPS = 150
+BASELINE_STEPS = 150  # of L-BFGS
 LOW = 0.05  # share of the height below which open surfaces are supported
 
 
@@ -53,6 +53,7 @@ class Published:
     faster: float | None = None
 
 
+# by our name of the surface
 PUBLISHED = {
     "cubesphere": Published("Sphere", 137, 1, 1.41, 0.259, 15.0),
     "three_holes": Published("3Holes", 937, 17, 21.23, 0.185, 30.0),

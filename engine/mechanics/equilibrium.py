@@ -247,7 +247,7 @@ def _bent(pose: Pose, modes: np.ndarray, k: int) -> Pose:
     return pose
 
 
-MODES = 6
+MODES = 6  # softest ones that starts are bent along; by eye
 BEND = 0.8  # radians, largest turn of the smallest bent start
 
 

@@ -19,6 +19,8 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
 
+# widths at which the largest twist is computed; in between it is interpolated. Not measured: what is cut is checked
+# again
 KNOTS = 6
 START = 1e-2  # a little twist even at the lower end of x1, where the slope would be infinite
 

@@ -275,9 +275,9 @@ class Excess:
         return cls(value, unit * near / limit, curvature, found)
 
 
-STRAIN_WEIGHT = 1.0
-HOPELESS = 0.25
-NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)
+STRAIN_WEIGHT = 1.0  # of the excess of strain against the mismatch; by eye
+HOPELESS = 0.25  # excess of strain from which on its penalty grows in a straight line; by eye
+NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)  # where strains do not count
 
 
 def _shifts(pull: np.ndarray) -> np.ndarray:

@@ -38,7 +38,7 @@ from .work import CURVING, FIT, SPACE, Work
 Stage = Callable[["Cut", Progress], "Cut"]
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 CUTTING = "Room between the arms"
-TOLERANCE = 1e-6
+TOLERANCE = 1e-6  # of the equilibria on the way, where the settings ask for a finer one; not measured
 ALIKE = 1e-6  # relative differences of lengths, and radians
 FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise

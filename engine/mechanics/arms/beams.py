@@ -13,10 +13,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import chebyshev as cheb
 
-LARGEST_TWIST = math.radians(620.0)
-SHEAR_FACTOR = 1.2
-_DEGREE = 44
-_TERMS = 12
+LARGEST_TWIST = math.radians(620.0)  # where the series ends: a little beyond ``stiffness.TWIST_CAP``
+SHEAR_FACTOR = 1.2  # of a rectangular section (Timoshenko and Goodier)
+_DEGREE = 44  # of the Chebyshev series: within 3e-10 of the integrals at 300 twists
+_TERMS = 12  # of the torsion constant: within 6e-7 at heights of 0.05 to 20
 
 
 @dataclass(frozen=True, eq=False)

@@ -240,7 +240,7 @@ def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
     return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
 
 
-BATCH = 1000
+BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
 def _bend_levers(assembly: Assembly) -> np.ndarray:

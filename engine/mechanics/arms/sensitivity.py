@@ -25,7 +25,7 @@ from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain_slopes
 from .stiffness import ArmCompliance
 
-WIDTH, TWIST = 0, 1
+WIDTH, TWIST = 0, 1  # places of both parameters of a spiral
 
 
 @dataclass(frozen=True, eq=False)

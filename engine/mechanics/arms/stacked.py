@@ -9,7 +9,7 @@ import numpy as np
 
 from ..vectors import fill_skew
 
-EYE = np.eye(3)[:, :, None]
+EYE = np.eye(3)[:, :, None]  # the unit matrix of every joint
 
 
 def joints_last(values: np.ndarray) -> np.ndarray:

@@ -28,20 +28,18 @@ from ..beyond import Beyond
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
-SCALE_RANGE = (5.0, 50.0)
-"""s/w of the table's nodes."""
-SLENDEREST = 400.0
-"""s/w up to which finite elements bear out how the corrections fade."""
-SHORTEST = 2.0
-"""s/w at which an arm is all hub: shorter ones count as that short."""
-WIDTH_RANGE = (0.3, 3.0)
-POISSON_RANGE = (0.0, 0.45)
-SLOT_SHARE = 0.14
-TWIST_CAP = math.radians(600.0)
-CAP_POWER = 8
-IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)
+SCALE_RANGE = (5.0, 50.0)  # s/w of the table's nodes
+SLENDEREST = 400.0  # s/w up to which finite elements bear out how the corrections fade
+SHORTEST = 2.0  # s/w at which an arm is all hub: shorter ones count as that short
+WIDTH_RANGE = (0.3, 3.0)  # w/h of the table's nodes
+POISSON_RANGE = (0.0, 0.45)  # Poisson's ratios of the table's nodes
+SLOT_SHARE = 0.14  # slot over width at the largest twist of the nodes
+TWIST_CAP = math.radians(600.0)  # largest twist of the nodes
+CAP_POWER = 8  # how sharply the limit bends into the cap; by eye
+IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # places of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
+# of a lower triangle, in the order of the table
 ENTRIES: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-_DIAGONAL = (0, 2, 5)
+_DIAGONAL = (0, 2, 5)  # places of the diagonal in ``ENTRIES``
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +106,7 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
     return Table(np.ascontiguousarray(full @ basis), pairs, provenance)
 
 
-FORMAT = 1
+FORMAT = 1  # of the file
 
 
 @dataclass(frozen=True, eq=False)

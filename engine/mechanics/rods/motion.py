@@ -37,17 +37,15 @@ class RodState:
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
+# makes a derivative by x, y and the edge's roll against a hub one by x, y and the roll of the hub's frame
 FLIP = np.array([1.0, 1.0, -1.0])
-"""Makes a derivative by x, y and the edge's roll against a hub one by x, y and the roll of the hub's frame."""
 
 # increments (d, w) of either end from those of both hubs: first shift, first turn, second shift, second turn
 SPLIT = np.zeros((2, 6, 12))
-SPLIT[:, :3, :3], SPLIT[:, :3, 6:9], SPLIT[0, 3:, 3:6], SPLIT[1, 3:, 9:] = (
-    -np.eye(3),
-    np.eye(3),
-    np.eye(3),
-    np.eye(3),
-)
+SPLIT[:, :3, :3] = -np.eye(3)  # the first hub's shift counts backwards
+SPLIT[:, :3, 6:9] = SPLIT[0, 3:, 3:6] = SPLIT[1, 3:, 9:] = np.eye(
+    3
+)  # the second's, and the turn of the hub at that end
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,12 +20,11 @@ from ..arms.stiffness import _twist_limit, lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
-FORMAT = 1
+FORMAT = 1  # of the file
 MODELS = ("pair", "chord")
-FLATNESS_RANGE = (0.5, 1.0)
-SCALE_OVER_THICKNESS = (5.0, 15.0)
-SMALLEST_SLOT = 0.15
-"""Slot over thickness of the spirals that the networks were trained on."""
+FLATNESS_RANGE = (0.5, 1.0)  # w/h of the spirals that the networks were trained on
+SCALE_OVER_THICKNESS = (5.0, 15.0)  # s/h of those spirals
+SMALLEST_SLOT = 0.15  # slot over thickness of the spirals that the networks were trained on
 
 
 @dataclass(frozen=True, eq=False)

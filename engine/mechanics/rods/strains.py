@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TOLERANCE = 1e-9
-"""Radians: a Newton step below this leaves an error of its square."""
-ROUNDS = 60
-LONGEST = 0.5
-"""Radians that one step may roll an edge."""
+TOLERANCE = 1e-9  # radians: a Newton step below this leaves an error of its square
+ROUNDS = 60  # most Newton steps or halvings of an interval: enough for any double
+LONGEST = 0.5  # radians that one step may roll an edge; by eye
 
 
 @dataclass(frozen=True, eq=False)
