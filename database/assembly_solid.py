@@ -19,7 +19,7 @@ from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, 
 from ..engine.progress import SILENT, Progress
 from . import linear
 from .assemblies import Plan
-from .elastic import SECTION, STATION_PAIRS, Elements
+from .elastic import Elements, lower_entries
 from .geometry import QUARTER, Spiral, centre_line
 from .statics import Group, Model
 
@@ -312,15 +312,7 @@ def _weld(plan: Plan, models: list[Model], of: np.ndarray) -> list[np.ndarray]:
 def _spiral_pattern(elements: Elements) -> Pattern:
     """Where one spiral's tangent, not yet welded, has entries."""
     dofs = 3 * elements.index[..., None] + np.arange(3)
-    pairs = np.array(STATION_PAIRS)
-    rows, cols = (dofs[:, pairs[:, end]].transpose(0, 1, 3, 2) for end in (0, 1))
-    shape = (len(dofs), len(pairs), 3, 3, SECTION, SECTION)
-    rows = np.broadcast_to(rows[:, :, :, None, :, None], shape).ravel()
-    cols = np.broadcast_to(cols[:, :, None, :, None, :], shape).ravel()
-    # a pair of different stations stands for both triangles, so it goes to the lower one; equal stations hold both
-    both = np.broadcast_to((pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None], shape).ravel()
-    high, low = np.maximum(rows, cols), np.minimum(rows, cols)
-    return Pattern(np.where(both, high, rows), np.where(both, low, cols), int(dofs.max()) + 1)
+    return Pattern(*lower_entries(dofs), int(dofs.max()) + 1)
 
 
 def _tip_fields(model: Model) -> np.ndarray:

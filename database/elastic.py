@@ -218,3 +218,23 @@ def largest_principal(strain: np.ndarray) -> np.ndarray:
     angle = np.arccos(np.clip(determinant / (2.0 * size**3), -1.0, 1.0)) / 3.0
     high, low = mean + 2.0 * size * np.cos(angle), mean + 2.0 * size * np.cos(angle + 2.0 * np.pi / 3.0)
     return np.maximum(np.abs(high), np.abs(low)).reshape(strain.shape[:-2])
+
+
+def tangent_entries(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (E, pairs, 3, 3, 16, 16) of what ``Elements.tangents`` returns; dofs : (E, stations, 16, 3) int."""
+    pairs = np.array(STATION_PAIRS)
+    rows, cols = (dofs[:, pairs[:, end]].transpose(0, 1, 3, 2) for end in (0, 1))
+    shape = (len(dofs), len(pairs), 3, 3, SECTION, SECTION)
+    rows = np.broadcast_to(rows[:, :, :, None, :, None], shape)
+    return rows, np.broadcast_to(cols[:, :, None, :, None, :], shape)
+
+
+def lower_entries(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same in a row, for a ``Pattern``: a pair of different stations stands for both triangles, so it goes to the lower
+    one; equal stations hold both.
+    """
+    rows, cols = tangent_entries(dofs)
+    pairs = np.array(STATION_PAIRS)
+    both = (pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None]
+    high, low = np.maximum(rows, cols), np.minimum(rows, cols)
+    return np.where(both, high, rows).ravel(), np.where(both, low, cols).ravel()

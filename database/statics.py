@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..engine.linalg import Pattern, SparseCholesky
 from ..engine.newton import CONVERGED, FullSteps, Iteration, Local, minimise
-from .elastic import SECTION, STATION_PAIRS, Elements
+from .elastic import STATION_PAIRS, Elements, lower_entries, tangent_entries
 from .geometry import Spiral
 from .solid import ARMS, COARSE, Fineness, Solid, make_solid
 
@@ -25,7 +25,6 @@ ITERATIONS = 25  # Newton steps of a load step; no sample that converges in one 
 STEPS = (1, 3, 12)
 # work of the last step over the energy; the step squares it, so that energies end within 1e-10 of full convergence
 ENERGY_TOLERANCE = 1e-6
-_NUMBERING = ("_held", "_free", "_common", "_special", "_block", "_block_slots")
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +86,52 @@ class Solution:
     converged: bool
 
 
+@dataclass(frozen=True, eq=False)
+class _Numbering:
+    """Degrees of freedom: three a node, but six fewer in the held face, whose mean motion is zero.
+
+    free, held : of the nodes off and on that face; common, special : (E,) int, the elements off and at it
+    block : the degrees of freedom of all nodes of the latter, which make one dense block; slots : where their tangents go in it
+    """
+
+    free: np.ndarray
+    held: np.ndarray
+    common: np.ndarray
+    special: np.ndarray
+    block: np.ndarray
+    slots: np.ndarray
+    pattern: Pattern
+    cholesky: SparseCholesky
+
+    @classmethod
+    def of(cls, solid: Solid, index: np.ndarray, face: Group, backend: str | None) -> _Numbering:
+        """index : (E, stations, 16) int, the nodes of the elements; face : the one that is held"""
+        count = 3 * len(solid.nodes)
+        held = (3 * face.nodes[:, None] + np.arange(3)).ravel()
+        free = np.setdiff1d(np.arange(count), held)
+        rest = len(held) - 6
+        reduced = np.full(count, -1)
+        reduced[free] = np.arange(len(free))
+        reduced[held[:rest]] = len(free) + np.arange(rest)
+        # the held face's elements make one dense block of their own
+        tip = solid.tip_elements[0]
+        common = np.setdiff1d(np.arange(len(index)), tip)
+        dofs = 3 * index[..., None] + np.arange(3)
+        rows, cols = lower_entries(reduced[dofs[common]])
+        block = np.unique(dofs[tip])
+        tip_rows, tip_cols = (np.searchsorted(block, part) for part in tangent_entries(dofs[tip]))
+        slots = (tip_rows * len(block) + tip_cols).ravel()
+        outside = np.setdiff1d(block, held)
+        own = np.concatenate([reduced[outside], len(free) + np.arange(rest)])
+        own_rows, own_cols = np.meshgrid(own, own, indexing="ij")
+        pattern = Pattern(
+            np.concatenate([rows, own_rows.ravel()]),
+            np.concatenate([cols, own_cols.ravel()]),
+            count - 6,
+        )
+        return cls(free, held, common, tip, block, slots, pattern, SparseCholesky(pattern, backend))
+
+
 class Model:
     """One spiral ready to be loaded: tip 0 is held in the mean, tips 1 to 3 and the hub are tracked."""
 
@@ -110,12 +155,11 @@ class Model:
         inside = np.flatnonzero(volumes)
         self.hub = Group.of(nodes, inside, volumes[inside] / volumes.sum())
         self._basis = null_space(self.tips[0].spread.reshape(-1, 6).T)
-        if like is None:
-            self._number()
-            self.cholesky = SparseCholesky(self.pattern, backend)
-        else:
-            for name in ("size", "pattern", "cholesky", *(n for n in vars(like) if n in _NUMBERING)):
-                setattr(self, name, getattr(like, name))
+        known = (
+            _Numbering.of(self.solid, self.elements.index, self.tips[0], backend) if like is None else like.numbering
+        )
+        self.numbering: _Numbering = known
+        self.pattern, self.cholesky, self.size = known.pattern, known.cholesky, known.pattern.size
         self._block_transform = self._held_transform()
 
     def _tip(self, k: int) -> Group:
@@ -126,48 +170,9 @@ class Model:
         nodes = np.flatnonzero(share)
         return Group.of(self.solid.nodes, nodes, share[nodes])
 
-    def _number(self) -> None:
-        """Degrees of freedom: three a node, but six fewer in the held face, whose mean motion is zero."""
-        count = 3 * len(self.solid.nodes)
-        held = self.tips[0]
-        self._held = (3 * held.nodes[:, None] + np.arange(3)).ravel()
-        self._free = np.setdiff1d(np.arange(count), self._held)
-        self.size = count - 6
-        reduced = np.full(count, -1)
-        reduced[self._free] = np.arange(len(self._free))
-        reduced[self._held[: self._basis.shape[1]]] = len(self._free) + np.arange(self._basis.shape[1])
-        # the held face's elements make one dense block of their own
-        tip = self.solid.tip_elements[0]
-        self._common = np.setdiff1d(np.arange(len(self.elements.index)), tip)
-        self._special = tip
-        dofs = 3 * self.elements.index[..., None] + np.arange(3)  # (E, p, s, i)
-        pairs = np.array(STATION_PAIRS)
-        rows = dofs[:, pairs[:, 0]].transpose(0, 1, 3, 2)  # (E, k, i, s)
-        cols = dofs[:, pairs[:, 1]].transpose(0, 1, 3, 2)
-        shape = (len(dofs), len(pairs), 3, 3, SECTION, SECTION)
-        rows = np.broadcast_to(rows[:, :, :, None, :, None], shape)
-        cols = np.broadcast_to(cols[:, :, None, :, None, :], shape)
-        common_rows, common_cols = reduced[rows[self._common]].ravel(), reduced[cols[self._common]].ravel()
-        # a pair of different stations stands for both triangles, so it goes to the lower one; equal stations hold both
-        mixed = np.broadcast_to(
-            (pairs[:, 0] != pairs[:, 1])[None, :, None, None, None, None], (len(self._common), *shape[1:])
-        ).ravel()
-        high, low = np.maximum(common_rows, common_cols), np.minimum(common_rows, common_cols)
-        block = np.unique(dofs[tip])
-        self._block = block
-        self._block_slots = (np.searchsorted(block, rows[tip]) * len(block) + np.searchsorted(block, cols[tip])).ravel()
-        outside = np.setdiff1d(block, self._held)
-        own = np.concatenate([reduced[outside], len(self._free) + np.arange(self._basis.shape[1])])
-        own_rows, own_cols = np.meshgrid(own, own, indexing="ij")
-        self.pattern = Pattern(
-            np.concatenate([np.where(mixed, high, common_rows), own_rows.ravel()]),
-            np.concatenate([np.where(mixed, low, common_cols), own_cols.ravel()]),
-            self.size,
-        )
-
     def _held_transform(self) -> np.ndarray:
         """From the reduced degrees of freedom of the held face's elements to all of theirs."""
-        block, held = self._block, np.searchsorted(self._block, self._held)
+        block, held = self.numbering.block, np.searchsorted(self.numbering.block, self.numbering.held)
         outside = np.setdiff1d(np.arange(len(block)), held)
         out = np.zeros((len(block), len(outside) + self._basis.shape[1]))
         out[outside, np.arange(len(outside))] = 1.0
@@ -179,14 +184,14 @@ class Model:
     def expand(self, q: np.ndarray) -> np.ndarray:
         """(N, 3) or (N, 3, k) nodal displacements of (size,) or (size, k) degrees of freedom."""
         full = np.zeros((3 * len(self.solid.nodes), *q.shape[1:]))
-        full[self._free] = q[: len(self._free)]
-        full[self._held] = self._basis @ q[len(self._free) :]
+        full[self.numbering.free] = q[: len(self.numbering.free)]
+        full[self.numbering.held] = self._basis @ q[len(self.numbering.free) :]
         return full.reshape(len(self.solid.nodes), 3, *q.shape[1:])
 
     def reduce(self, nodal: np.ndarray) -> np.ndarray:
         """(size,) or (size, k): the work of (N, 3) or (N, 3, k) nodal forces on the degrees of freedom."""
         full = nodal.reshape(3 * len(self.solid.nodes), *nodal.shape[2:])
-        return np.concatenate([full[self._free], self._basis.T @ full[self._held]])
+        return np.concatenate([full[self.numbering.free], self._basis.T @ full[self.numbering.held]])
 
     def loads(self, wrenches: np.ndarray) -> np.ndarray:
         """(N, 3) nodal forces of (4, 6) dead forces and moments at the four tips; those at tip 0 do no work."""
@@ -209,15 +214,15 @@ class Model:
     def stiffness(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
         """Lower-triangle values of the tangent on ``pattern``."""
         tangents = self.elements.tangents(f, stress)
-        size = len(self._block)
-        special = tangents[self._special]
+        size = len(self.numbering.block)
+        special = tangents[self.numbering.special]
         # pairs of equal stations hold both triangles already; half of them, plus the transpose of all, is the whole
         equal = [k for k, (p, r) in enumerate(STATION_PAIRS) if p == r]
         special[:, equal] *= 0.5
-        half = np.bincount(self._block_slots, weights=special.ravel(), minlength=size**2).reshape(size, size)
+        half = np.bincount(self.numbering.slots, weights=special.ravel(), minlength=size**2).reshape(size, size)
         block = half + half.T
         block = self._block_transform.T @ block @ self._block_transform
-        return self.pattern.sum(np.concatenate([tangents[self._common].ravel(), block.ravel()]))
+        return self.pattern.sum(np.concatenate([tangents[self.numbering.common].ravel(), block.ravel()]))
 
     @cached_property
     def rest(self) -> SparseCholesky:

@@ -130,16 +130,11 @@ class Assembly:
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
         """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
-        out = replace(self, width=width, twist=twist)
-        # what does not depend on the spirals is not computed again
-        vars(out).update({name: getattr(self, name) for name in ("radius", "radial", "arm_axes", "left")})
-        return out
+        return replace(self, width=width, twist=twist)
 
     def reshaped(self, lever: np.ndarray, axes: np.ndarray) -> Assembly:
         """The same spirals on another rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
-        out = replace(self, lever=lever, axes=axes)
-        vars(out)["bend"] = self.bend
-        return out
+        return replace(self, lever=lever, axes=axes)
 
 
 def of_design(design: SpiralDesign) -> Assembly:

@@ -107,6 +107,7 @@ class FlatProblem(Problem):
             mismatch=self.target.compare(found.pose.centres),
             factors=factors,
             assembly=assembly,
+            progress=progress,
         )
 
 
@@ -120,10 +121,11 @@ def _within_table(assembly: Assembly, width: np.ndarray, twist: np.ndarray) -> A
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPoint(Point):
-    """``Point`` with stacked coordinates (n + P, 2)."""
+    """``Point`` with stacked coordinates (n + P, 2); ``progress`` is asked whether to stop while the geometry is derived."""
 
     problem: FlatProblem
     assembly: Assembly
+    progress: Progress = SILENT
 
     @property
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
@@ -143,22 +145,14 @@ class FlatPoint(Point):
     def _slopes(self) -> np.ndarray:
         return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
 
-    def prepare(self, progress: Progress) -> None:
-        if "_by_geometry" not in vars(self):
-            vars(self)["_by_geometry"] = self._derived(progress)
-        super().prepare(progress)
-
     @cached_property
     def _by_geometry(self) -> np.ndarray:
-        return self._derived(SILENT)
-
-    def _derived(self, progress: Progress) -> np.ndarray:
         """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
         bearing = None if self._strain.found is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
-            progress(0.0)
+            self.progress(0.0)
             state = model.start(pose)
             pulls = model.pulls(state)
             return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)

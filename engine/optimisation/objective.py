@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,18 +25,18 @@ class Target:
     pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
     laplacian : compare in Laplacian coordinates (eq. 9) and, with a small weight, in places; else in places alone
     free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
-    unit : metres, the distance that counts as one: the mean distance of joined spirals
     """
 
     pairs: np.ndarray
     points: np.ndarray
     laplacian: bool = True
     free: bool = True
-    unit: float = field(init=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def unit(self) -> float:
+        """Metres, the distance that counts as one: the mean distance of joined spirals."""
         a, b = self.pairs.T
-        object.__setattr__(self, "unit", float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean()))
+        return float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean())
 
     @cached_property
     def operator(self) -> csr_array:

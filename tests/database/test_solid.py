@@ -76,7 +76,7 @@ def test_forces_and_tangent_are_those_of_the_energy():
     """Block by block: the free nodes along x, y and z, and the mean-free motions of the held face."""
     model = Model(SMALL, 0.3)
     rng = np.random.default_rng(2)
-    free, count = len(model._free), model.size
+    free, count = len(model.numbering.free), model.size
     q = 0.02 * rng.normal(size=count)
 
     def energy(step):

@@ -66,7 +66,9 @@ class ArmModel:
         cls, assembly: Assembly, material: Material, *, curving: bool = True, progress: Progress = SILENT
     ) -> ArmModel:
         """The model of an assembly of one material, with or without the strains' second order."""
-        return cls._with(assembly, arm_compliances(assembly, material), material if curving else None, progress)
+        return cls._with(
+            assembly, arm_compliances(assembly, material), assembly.bend[0], material if curving else None, progress
+        )
 
     def varied(self, assembly: Assembly) -> ArmModel:
         """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
@@ -75,7 +77,9 @@ class ArmModel:
         """
         known = self.compliance
         longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
-        found = self._with(assembly, replace(known, values=known.values + longer * known.by_scale), None)
+        found = self._with(
+            assembly, replace(known, values=known.values + longer * known.by_scale), self.assembly.bend[0], None
+        )
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
     @cached_property
@@ -89,12 +93,17 @@ class ArmModel:
 
     @classmethod
     def _with(
-        cls, assembly: Assembly, compliance: ArmCompliance, curving: Material | None, progress: Progress = SILENT
+        cls,
+        assembly: Assembly,
+        compliance: ArmCompliance,
+        bend: np.ndarray,
+        curving: Material | None,
+        progress: Progress = SILENT,
     ) -> ArmModel:
-        """With these compliances; the strains' second order needs the material."""
+        """With these compliances and bend points (n, 2) of the spirals; the strains' second order needs the material."""
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
-        lever = _bend_levers(assembly)
+        lever = _bend_levers(assembly, bend)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
         # a turn about the middle between the bend points leaves the joint aside
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
@@ -243,9 +252,9 @@ def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
 BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
-def _bend_levers(assembly: Assembly) -> np.ndarray:
-    """(m, 2, 3) metres: from the hubs to the bend points of the arms."""
-    bend = assembly.bend[0][assembly.pairs]
+def _bend_levers(assembly: Assembly, bend: np.ndarray) -> np.ndarray:
+    """(m, 2, 3) metres: from the hubs to the bend points of the arms, which are (n, 2) in their axes."""
+    bend = bend[assembly.pairs]
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
