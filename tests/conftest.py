@@ -34,6 +34,7 @@ sys.path[:] = [p for p in sys.path if Path(p or ".").resolve() != ROOT]
 load_tool("dev").load_package()  # the one place that knows how
 load_tool("shapes", "tests")
 load_tool("taylor", "tests")
+load_tool("chains", "tests")
 
 
 @pytest.fixture(scope="session")

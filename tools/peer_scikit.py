@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.sparse import block_array, csc_array
@@ -14,7 +16,6 @@ def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
     Its Newton iteration starts near our displacements ``start`` at ``nodes``, and goes on to an equilibrium of its own.
     """
     import skfem
-    from skfem.helpers import ddot, grad, identity, mul, trace, transpose
 
     edges = np.concatenate([np.linspace(-3, -0.5, 5), [0.0], np.linspace(0.5, 3, 5)])
     mesh = skfem.MeshHex.init_tensor(edges, edges, np.linspace(-0.5, 0.5, 3))
@@ -30,6 +31,28 @@ def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
         skfem.LinearForm(lambda v, w: w.x[1] * v[0]).assemble(held),
     ]
     hold = csc_array(np.array(means))
+    tangent, inner, energy = _forms()
+    u = _interpolated(basis, nodes, start)
+    multipliers = np.zeros(6)
+    for _ in range(8):
+        state = basis.interpolate(u)
+        residual = load - inner.assemble(basis, state=state) - hold.T @ multipliers
+        border = block_array([[tangent.assemble(basis, state=state), hold.T], [hold, None]]).tocsc()
+        step = splu(border).solve(np.concatenate([residual, -hold @ u]))
+        du, multipliers = step[: basis.N], multipliers + step[basis.N :]
+        u += du
+        if np.abs(du).max() < 1e-4:
+            break
+    else:
+        raise AssertionError("scikit-fem's side did not converge")
+    return float(energy.assemble(basis, state=basis.interpolate(u)))
+
+
+def _forms() -> tuple[Any, Any, Any]:
+    """Tangent, inner forces and energy of the material of Saint Venant and Kirchhoff, Young's modulus 1, Poisson's ratio 0.3."""
+    import skfem
+    from skfem.helpers import ddot, grad, identity, mul, trace, transpose
+
     lame, shear = 0.3 / (1.3 * 0.4), 0.5 / 1.3
 
     def stress(e):
@@ -55,6 +78,11 @@ def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
         e = strain(grad(w["state"]))
         return 0.5 * ddot(stress(e), e)
 
+    return tangent, inner, energy
+
+
+def _interpolated(basis: Any, nodes: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Our displacements at the peer's nodes."""
     near = NearestNDInterpolator(nodes, nodes + start)
     u = basis.zeros()
     for i in range(3):
@@ -62,16 +90,4 @@ def cross_energy(force: float, nodes: np.ndarray, start: np.ndarray) -> float:
         place = basis.doflocs[:, own].T
         smooth = LinearNDInterpolator(nodes, start)(place)
         u[own] = np.where(np.isnan(smooth), near(place) - place, smooth)[:, i]
-    multipliers = np.zeros(6)
-    for _ in range(8):
-        state = basis.interpolate(u)
-        residual = load - inner.assemble(basis, state=state) - hold.T @ multipliers
-        border = block_array([[tangent.assemble(basis, state=state), hold.T], [hold, None]]).tocsc()
-        step = splu(border).solve(np.concatenate([residual, -hold @ u]))
-        du, multipliers = step[: basis.N], multipliers + step[basis.N :]
-        u += du
-        if np.abs(du).max() < 1e-4:
-            break
-    else:
-        raise AssertionError("scikit-fem's side did not converge")
-    return float(energy.assemble(basis, state=basis.interpolate(u)))
+    return u
