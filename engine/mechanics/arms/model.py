@@ -67,7 +67,7 @@ class ArmModel:
     ) -> ArmModel:
         """The model of an assembly of one material, with or without the strains' second order."""
         return cls._with(
-            assembly, arm_compliances(assembly, material), assembly.bend[0], material if curving else None, progress
+            assembly, arm_compliances(assembly, material), _bends(assembly), material if curving else None, progress
         )
 
     def varied(self, assembly: Assembly) -> ArmModel:
@@ -100,7 +100,7 @@ class ArmModel:
         curving: Material | None,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """With these compliances and bend points (n, 2) of the spirals; the strains' second order needs the material."""
+        """With these compliances and bend points (m, 2, 2) of the arms; the strains' second order needs the material."""
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
@@ -252,9 +252,13 @@ def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
 BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
+def _bends(assembly: Assembly) -> np.ndarray:
+    """(m, 2, 2) bend points of the arms, in their axes and radii."""
+    return assembly.bend[0][assembly.pairs]
+
+
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> np.ndarray:
-    """(m, 2, 3) metres: from the hubs to the bend points of the arms, which are (n, 2) in their axes."""
-    bend = bend[assembly.pairs]
+    """(m, 2, 3) metres: from the hubs to the bend points (m, 2, 2) of the arms."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
