@@ -78,7 +78,7 @@ class ArmModel:
         known = self.compliance
         longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
         found = self._with(
-            assembly, replace(known, values=known.values + longer * known.by_scale), self.assembly.bend[0], None
+            assembly, replace(known, values=known.values + longer * known.by_scale), _bends(self.assembly), None
         )
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
