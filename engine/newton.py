@@ -23,7 +23,7 @@ DECAY, LEAST_CONVEX = (
 )  # of the convex share: what a step leaves of it, and below which it counts as none; by eye
 # of the convex part's diagonal, one after the other where rounding leaves it indefinite; not measured, the first nearly always does
 SHIFTS = (1e-9, 1e-6, 1e-3)
-ARMIJO = 1e-4  # share of the foretold fall that a step must bring: the usual value (Nocedal and Wright, section 3.1)
+ARMIJO = 1e-4  # share of the predicted fall that a step must bring: the usual value (Nocedal and Wright, section 3.1)
 SHORTEST = 2.0**-30  # of a step that is halved again and again before it is given up: rounding takes over
 RECENT = 5  # energies, of which a step may reach the largest: along bends a thin shell gets worse before it gets better
 NOISE = 1e-13  # of the energy's terms: what rounding alone may change in their sum
@@ -36,8 +36,8 @@ GOOD, POOR, TAKEN = (
     0.7,
     0.25,
     1e-3,
-)  # actual over foretold fall: above, less damping; below, more; below, the step is not taken
-HOPE = 0.25  # share of the foretold fall that counts as still to be had; by eye
+)  # actual over predicted fall: above, less damping; below, more; below, the step is not taken
+HOPE = 0.25  # share of the predicted fall that counts as still to be had; by eye
 TINY = 1e-9  # of a box of size 1: a step that is none
 
 
@@ -62,7 +62,7 @@ class Iteration:
     """What happened at one state.
 
     modified : share of the convex part in the place of the Hessian, or the damping; step : share of the step that was taken;
-    decrement : the fall of the energy that its slope foretells for the whole step
+    decrement : the fall of the energy that its slope predicts for the whole step
     """
 
     energy: float
@@ -134,7 +134,7 @@ class DampedProblem(Problem, Protocol):
     def proposed(self, here: Local, damping: float, following: float) -> Any:
         """A step (``step``, ``gain``) that nearly minimises the quadratic model, damped in the variables and in what follows them.
 
-        ``gain`` is the fall of the energy that the model foretells.
+        ``gain`` is the fall of the energy that the model predicts.
         """
 
     def tried(self, here: Local, proposal: Any) -> Any | None:
@@ -271,7 +271,7 @@ class FullSteps:
 
 @dataclass(eq=False)
 class Damped:
-    """Damped steps (Levenberg 1944, Marquardt 1963): more damping where the model foretells badly, less where it does well.
+    """Damped steps (Levenberg 1944, Marquardt 1963): more damping where the model predicts badly, less where it does well.
 
     stop : relative fall below which, twice in a row, the search ends; goal : energy below which nothing is left to gain
     """
@@ -303,7 +303,7 @@ class Damped:
         return found, TIME if problem.over else None
 
     def _tried(self, problem: DampedProblem, here: Local, row: Iteration) -> tuple[Any | None, float]:
-        """The state after a step that brings enough of the gain that was foretold, and that gain."""
+        """The state after a step that brings enough of the gain that was predicted, and that gain."""
         assert self.damping is not None
         for _ in range(TRIALS):
             row.modified = self.damping

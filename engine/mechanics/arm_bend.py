@@ -26,16 +26,16 @@ def bend_point(twist: np.ndarray, share: np.ndarray | float = 0.5) -> tuple[np.n
     """
     u, w = 0.5 * (_X + 1.0), 0.5 * _W
     phi = np.atleast_1d(np.asarray(twist, dtype=float))[:, None]
-    reach = 2.0 * np.broadcast_to(np.atleast_1d(share), phi[:, 0].shape)[:, None]
+    twice = 2.0 * np.broadcast_to(np.atleast_1d(share), phi[:, 0].shape)[:, None]
     length, by_phi = _arc(phi, u)
     whole, whole_by_phi = _arc(phi, np.ones(1))
     sigma = length / whole
     slope = by_phi / whole - sigma * whole_by_phi / whole
     velocity = (1.0 - 1j * phi * u) * np.exp(1j * phi * (1.0 - u))
     turned = 1j * ((1.0 - u) * velocity - u * np.exp(1j * phi * (1.0 - u)))
-    rest = 1.0 - reach * sigma
+    rest = 1.0 - twice * sigma
     value = (rest**2 * velocity) @ w
-    change = (rest**2 * turned - 2.0 * reach * rest * slope * velocity) @ w
+    change = (rest**2 * turned - 2.0 * twice * rest * slope * velocity) @ w
     return np.stack([value.real, value.imag], axis=1), np.stack([change.real, change.imag], axis=1)
 
 

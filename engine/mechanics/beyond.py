@@ -1,4 +1,4 @@
-"""Spirals outside of what an elastic model was fitted to: they count as their nearest neighbours in it, and are told."""
+"""Spirals outside of what an elastic model was fitted to: they count as their nearest neighbours in it, and are named."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class ElasticModel(Protocol):
         """Energy, gradient and Hessian.
 
         With ``ahead``, the curvature of the strains is weighted not by the stresses of the state, but by those that the
-        step which led there had foreseen to first order: the mixed iteration of Magisano, Leonetti and Garcea (2017).
+        step which led there predicted to first order: the mixed iteration of Magisano, Leonetti and Garcea (2017).
         Thin shells bend much farther with every step, for a finite step along a bend stretches them at first.
         """
 

@@ -96,9 +96,9 @@ def solve(
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
 
-    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else has foretold.
+    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else predicts.
 
-    Raises FlexMapsError if forces would carry an unsupported piece away. Not converging is told by the result.
+    Raises FlexMapsError if forces would carry an unsupported piece away. Where it does not converge, the result says so.
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
@@ -107,7 +107,7 @@ def solve(
     if step is not None:
         # so near to the end, the convex part is wanted for one step at the most
         rule.decay, state = 0.0, model.moved(state, step)
-    return _told(problem, minimise(problem, state, rule))
+    return _result(problem, minimise(problem, state, rule))
 
 
 @dataclass(eq=False)
@@ -179,7 +179,7 @@ class _Balance:
         return float(left / self.scale)
 
 
-def _told(problem: _Balance, run: Run) -> Equilibrium:
+def _result(problem: _Balance, run: Run) -> Equilibrium:
     """What a run has led to, with its sentence."""
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""What holds an assembly and what pulls at it: supports, weight, point loads."""
+"""Supports and loads of an assembly: held hubs, weight, point forces."""
 
 from __future__ import annotations
 

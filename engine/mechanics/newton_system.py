@@ -97,6 +97,6 @@ class NewtonSystem:
             rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=1e-3)
         except ArpackNoConvergence as error:
             rise, vectors = error.eigenvalues, error.eigenvectors
-            if not len(rise):  # modes so close to each other that none can be told: any of them will do
+            if not len(rise):  # modes so close to each other that none is found: any of them will do
                 rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
         return np.stack([self.full(v) for v in vectors.T]), rise

@@ -42,8 +42,8 @@ class Freedom:
 
     def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(d,) what forces (n, 3) newtons do along the motions, and (d,) what they could do at most."""
-        reach = centres[self.members] - centres[self.hub]
-        moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], reach)
+        lever = centres[self.members] - centres[self.hub]
+        moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], lever)
         pull = force[self.members]
         most = np.linalg.norm(moves, axis=2) * np.linalg.norm(pull, axis=1)
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
@@ -88,7 +88,7 @@ def freedoms(fixed: np.ndarray, pairs: np.ndarray, centres: np.ndarray) -> list[
 
 
 def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, int]:
-    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are told."""
+    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are given."""
     held = members[fixed[members].any(axis=1)]
     if not len(held):
         middle = centres[members].mean(axis=0)

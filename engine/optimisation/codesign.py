@@ -23,7 +23,7 @@ from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import INNER_ITERATIONS, Accepted, Trace
 
-REACH = 0.5  # range of a flat vertex, as a share of an edge
+SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
 MOVING = "Flat shapes"
 WEIGHT = 0.05  # of the barriers, as a share of the mismatch at the start
@@ -51,7 +51,7 @@ def refine(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
-    flat = FlatRange.of(design.flat, REACH, params.distortion_limit, SEAM, weight, first)
+    flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     found = method(whole, here, params, trace, accepted, progress)

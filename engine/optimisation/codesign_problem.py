@@ -29,27 +29,27 @@ from .work import GEOMETRY
 class FlatRange:
     """Where the flat vertices may go, and what it costs.
 
-    flat : the patches as they were; reach : (P,) metres, range of every vertex along x and along y
+    flat : the patches as they were; span : (P,) metres, range of every vertex along x and along y
     limits : of distortion and seams; weight : of their barriers in the objective
     """
 
     flat: FlatPatches
-    reach: np.ndarray
+    span: np.ndarray
     limits: FlatLimits
     weight: float
 
     @classmethod
     def of(
-        cls, flat: FlatPatches, reach: float, energy: float, seam: float, weight: float, first: FlatPatches
+        cls, flat: FlatPatches, span: float, energy: float, seam: float, weight: float, first: FlatPatches
     ) -> FlatRange:
-        """reach : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
+        """span : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
 
         first : the patches before they were moved at all, whose own measures count where they are beyond the limits
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
         np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
-        return cls(flat, reach * nearest, FlatLimits.of(first, energy, seam), weight)
+        return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """(P, 2) metres of coordinates (P, 2)."""
@@ -57,7 +57,7 @@ class FlatRange:
 
     def shift(self, change: np.ndarray) -> np.ndarray:
         """(P, 2) metres that a change of the coordinates (P, 2) moves the vertices; its own transpose."""
-        return 2.0 * self.reach[:, None] * change
+        return 2.0 * self.span[:, None] * change
 
     def cost(self, x: np.ndarray) -> FlatCost:
         """Of coordinates (P, 2)."""
@@ -154,8 +154,10 @@ class FlatPoint(Point):
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
             state = model.start(pose)
-            pulls = model.pulls(state)
-            return pulls if bearing is None else np.concatenate([pulls, model.strains(state, bearing[0])], axis=1)
+            gradients = model.joint_gradients(state)
+            return (
+                gradients if bearing is None else np.concatenate([gradients, model.strains(state, bearing[0])], axis=1)
+            )
 
         self.problem.work.add(GEOMETRY, self.assembly.size)
         found = by_geometry(self.model, self.equilibrium.pose, measure)
@@ -210,9 +212,9 @@ class FlatPoint(Point):
         out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
         return out
 
-    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> np.ndarray:
         """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
         n, flat = self.assembly.size, self.problem.flat
-        out = super().gauss_newton(change, calm)
+        out = super().gauss_newton(change, turn_damping)
         out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
         return out

@@ -72,7 +72,7 @@ class Problem:
         keep: Point | None = None,
         step: np.ndarray | None = None,
     ) -> Point:
-        """The point with coordinates (n, 2), its equilibrium sought from a pose and a foretold step (n, 6) from there.
+        """The point with coordinates (n, 2), its equilibrium sought from a pose and a predicted step (n, 6) from there.
 
         ``keep`` keeps its factor; other points have to factor again where they are asked for a derivative.
         """
@@ -217,15 +217,15 @@ class Point:
         """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
         return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray, calm: float = 0.0) -> np.ndarray:
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> np.ndarray:
         """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
 
-        With ``calm``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
+        With ``turn_damping``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
         """
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
-        pull[:, 3:] = calm * moves[:, 3:]
+        pull[:, 3:] = turn_damping * moves[:, 3:]
         strain = self._strain
         if strain.found is None:
             return self.adjoint(pull) + self.rough(change)

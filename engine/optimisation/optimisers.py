@@ -21,10 +21,10 @@ PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
-JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent foretold it, beside its shift
+JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent predicted it, beside its shift
 # Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken
-# from where the tangent foretold them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
-INNER_ITERATIONS, FORETOLD_ITERATIONS = 30, 12
+# from where the tangent predicted them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
+INNER_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 
 
 @dataclass
@@ -74,7 +74,7 @@ def gauss_newton(
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A step (n, 2) of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is foretold."""
+    """A step (n, 2) of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is predicted."""
 
     step: np.ndarray
     moves: np.ndarray
@@ -110,9 +110,9 @@ class _Search:
     def energy(self, point: Point) -> float:
         return point.value
 
-    def proposed(self, here: Local, damping: float, turn_damping: float) -> _Proposal | None:
+    def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
         point: Point = here.own
-        step = _box_step(point, damping, turn_damping, self.params, self.within(point))
+        step = _box_step(point, damping, following, self.params, self.within(point))
         if not np.abs(step).max() > TINY or self.over:
             return None
         moves = point.moves(step)
@@ -146,7 +146,7 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
         return None
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
-    trial = here.problem.at(x, pose, progress, FORETOLD_ITERATIONS, here, moves)
+    trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, here, moves)
     if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None
@@ -159,24 +159,26 @@ def _nearer(there: Point, here: Point) -> bool:
 
 
 def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:
-    """Whether another equilibrium was found than the one that the moves (n, 6) from ``here`` foretell.
+    """Whether another equilibrium was found than the one that the moves (n, 6) from ``here`` predict.
 
     What the tangent does not tell is a fraction of what it does, but the way to another equilibrium is at least as long as
     a spiral is wide.
     """
     target, pose = there.problem.target, here.equilibrium.pose
-    foretold = pose.moved(moves)
+    predicted = pose.moved(moves)
     shifts = [
         np.linalg.norm(target.laid(one).centres - target.laid(two).centres, axis=1).max()
-        for one, two in ((there.equilibrium.pose, foretold), (foretold, pose))
+        for one, two in ((there.equilibrium.pose, predicted), (predicted, pose))
     ]
     return bool(shifts[0] > JUMP * target.unit + shifts[1])
 
 
-def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams, progress: Progress) -> np.ndarray:
+def _box_step(
+    here: Point, damping: float, turn_damping: float, params: OptimiseParams, progress: Progress
+) -> np.ndarray:
     """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
 
-    damping : of the coordinates; calm : of the hubs' turns, which near buckling grow beyond what the tangent tells
+    damping : of the coordinates; turn_damping : of the hubs' turns, which near buckling grow beyond what the tangent tells
 
     Coordinates at a bound that the gradient pushes outwards stay; those that the step runs into a bound with stop there, and
     the rest is solved again.
@@ -187,7 +189,7 @@ def _box_step(here: Point, damping: float, calm: float, params: OptimiseParams, 
 
     def product(v: np.ndarray) -> np.ndarray:
         progress(0.0)
-        return here.gauss_newton(v, calm) + damping * v
+        return here.gauss_newton(v, turn_damping) + damping * v
 
     step = np.zeros_like(x)
     for _ in range(CG_ROUNDS):

@@ -59,7 +59,7 @@ def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
 def anywhere(whole: FlatProblem, spread: float = 0.01) -> np.ndarray:
     rng = np.random.default_rng(4)
     spirals = rng.uniform(0.2, 0.8, (whole.assembly.size, 2))
-    return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, (len(whole.flat.reach), 2))])
+    return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, (len(whole.flat.span), 2))])
 
 
 def slope(value: object, h: float) -> float:
@@ -232,10 +232,10 @@ def test_rods_are_refused() -> None:
 def test_patches_that_overlap_keep_their_shape() -> None:
     design, mesh = made()
     whole, pose = problem()
-    x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full((len(whole.flat.reach), 2), 0.5)])
+    x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full((len(whole.flat.span), 2), 0.5)])
     here = whole.at(x, pose)
     # one vertex pulled far across its patch
-    folded = dataclasses.replace(whole.flat, reach=40.0 * whole.flat.reach)
+    folded = dataclasses.replace(whole.flat, reach=40.0 * whole.flat.span)
     x[whole.assembly.size + design.flat.layout.flat_corners[0, 0]] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
     assert overlapping(measured(design.flat.layout, folded.points(x[whole.assembly.size :])))

@@ -84,7 +84,7 @@ def test_a_quadratic_is_solved_in_one_step(rule: Any) -> None:
     assert run.ended == newton.CONVERGED
     assert run.state == pytest.approx(np.linalg.solve(MATRIX, PULL), abs=1e-13)
     assert run.history[0].step == 1.0 and run.history[0].modified == 0.0
-    # what the slope foretells of a quadratic is twice what it falls by
+    # what the slope predicts of a quadratic is twice what it falls by
     assert run.history[0].decrement == pytest.approx(2.0 * (run.history[0].energy - quadratic().energy(run.state)))
 
 

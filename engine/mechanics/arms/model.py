@@ -30,11 +30,11 @@ from .stiffness import ArmCompliance, tip_compliance
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, how the joints have moved there, and the strains (m, 6) that the step to it had foreseen."""
+    """A pose, how the joints have moved there, and the strains (m, 6) that the step to it predicted."""
 
     pose: Pose
     motion: JointMotion
-    foreseen: np.ndarray
+    predicted: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class ArmModel:
 
     assembly : spirals and joints at rest
     compliance : of both arms of every joint, in the arms' own axes, (m, 2, 6, 6) each
-    at_joint : (m, 6, 6) SI, stiffness of the way between the hubs' ideas of where the joint is, in the joint's axes
+    at_joint : (m, 6, 6) SI, stiffness against motions of the joint as the second hub carries it relative to the first, in the joint's axes
     lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
     stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
@@ -157,7 +157,7 @@ class ArmModel:
         wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
         return wrench
 
-    def pulls(self, state: ArmState) -> np.ndarray:
+    def joint_gradients(self, state: ArmState) -> np.ndarray:
         """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
         strains, slope = _curved(state.motion.vector, self.curving)
         inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
@@ -201,7 +201,7 @@ class ArmModel:
                 motion,
                 self.stiffness[part],
                 None if self.curving is None else self.curving[part],
-                state.foreseen[part] if ahead else motion.vector,
+                state.predicted[part] if ahead else motion.vector,
             )
         return Expansion(
             float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex
@@ -214,18 +214,18 @@ def _curved(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray
 
 
 def _expanded(
-    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, foreseen: np.ndarray
+    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
 
-    foreseen : (m, 6) strains whose stresses weight the curvature of the strains
+    predicted : (m, 6) strains whose stresses weight the curvature of the strains
     """
     base = motion.middle
     strains, slope = _curved(motion.vector, curving)
     across = np.swapaxes(slope, 1, 2)
     inner = times(stiffness, strains)
     per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
-    ahead = times(stiffness, strains + times(slope, foreseen - motion.vector))
+    ahead = times(stiffness, strains + times(slope, predicted - motion.vector))
     at = SpatialMotion.of(motion)
     jacobian = first_order(at)
     back = np.swapaxes(jacobian, 1, 2)

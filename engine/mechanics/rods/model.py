@@ -92,7 +92,7 @@ class RodModel:
     def moved(self, state: RodState, step: np.ndarray) -> RodState:
         first, second = self.pairs.T
         change = np.einsum("mi,mi->m", state.tangent, step[second, :3] - step[first, :3])
-        return replace(self._state(state.pose.moved(step), state), foreseen=state.length + change)
+        return replace(self._state(state.pose.moved(step), state), predicted=state.length + change)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly
@@ -151,7 +151,7 @@ class RodModel:
         per_joint = joules + ends.energy.sum(axis=1)
         along = outer(state.tangent, state.tangent)
         steep = (self.stretch / self.length**2)[:, None, None] * along
-        pull = self._stretched(state.foreseen)[1] if ahead else tension
+        pull = self._stretched(state.predicted)[1] if ahead else tension
         lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
         flip = np.outer(FLIP, FLIP)
         curved = second_order(state, motion, slope)
@@ -190,5 +190,5 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
 def _scale(assembly: Assembly) -> np.ndarray:
     """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints; without one, any length."""
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
-    reach = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
-    return np.where(arms > 0, 2.0 * reach / np.maximum(arms, 1), 10.0 * assembly.thickness)
+    total = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
+    return np.where(arms > 0, 2.0 * total / np.maximum(arms, 1), 10.0 * assembly.thickness)

@@ -19,7 +19,7 @@ class RodState:
     bend : (m, 2, 2) the curvature binormal along that normal and along that left
     torsion : (m,) rad of the second hub against the first about the edge, with whole turns
     roll : (m,) rad of the edge against the first hub
-    foreseen : (m,) metres, the length to first order in the step that led here
+    predicted : (m,) metres, the length to first order in the step that led here
     """
 
     pose: Pose
@@ -29,7 +29,7 @@ class RodState:
     bend: np.ndarray
     torsion: np.ndarray
     roll: np.ndarray
-    foreseen: np.ndarray
+    predicted: np.ndarray
 
     @property
     def angles(self) -> np.ndarray:
