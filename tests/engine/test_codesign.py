@@ -235,7 +235,7 @@ def test_patches_that_overlap_keep_their_shape() -> None:
     x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full((len(whole.flat.span), 2), 0.5)])
     here = whole.at(x, pose)
     # one vertex pulled far across its patch
-    folded = dataclasses.replace(whole.flat, reach=40.0 * whole.flat.span)
+    folded = dataclasses.replace(whole.flat, span=40.0 * whole.flat.span)
     x[whole.assembly.size + design.flat.layout.flat_corners[0, 0]] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
     assert overlapping(measured(design.flat.layout, folded.points(x[whole.assembly.size :])))
