@@ -109,10 +109,10 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
     Returns the nodes (C, 2K, 2), without every curve's last point, and the bulges (C, 2K). The joint inside a span is
     that of the biarc with equal tangent lengths (Bolton 1975).
     """
-    tangents = tangents / np.sqrt(_dot(tangents, tangents))[..., None]
+    tangents = tangents / np.sqrt(dot(tangents, tangents))[..., None]
     p0, p1, t0, t1 = points[:, :-1], points[:, 1:], tangents[:, :-1], tangents[:, 1:]
     v, t = p1 - p0, t0 + t1
-    vv, vt, turn = _dot(v, v), _dot(v, t), 2.0 * (1.0 - _dot(t0, t1))
+    vv, vt, turn = dot(v, v), dot(v, t), 2.0 * (1.0 - dot(t0, t1))
     # d solves turn d^2 + 2 (v.t) d - v.v = 0; this form of the root is stable for parallel tangents
     d = vv / (vt + np.sqrt(vt * vt + turn * vv))
     joint = 0.5 * (p0 + p1 + d[..., None] * (t0 - t1))
@@ -124,7 +124,7 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Bulge of the arc whose chord and tangent enclose the angle from ``a`` to ``b``: half of the arc's angle."""
-    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], _dot(a, b))
+    angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dot(a, b))
     return np.tan(0.5 * angle)
 
 
@@ -226,9 +226,9 @@ def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tupl
     A biarc strays from a curve by about |d curvature / ds| length^3 / 324, so spans follow the cube root of that.
     """
     move = np.diff(samples, axis=1)
-    step = np.sqrt(_dot(move, move))
+    step = np.sqrt(dot(move, move))
     a, b = tangents[:, :-1], tangents[:, 1:]
-    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], _dot(a, b))
+    turn = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dot(a, b))
     curvature = turn / np.maximum(step, 1e-15)
     change = np.abs(np.gradient(curvature, axis=1)) / np.maximum(step, 1e-15)
     change = np.maximum(change, np.roll(change, 1, axis=1) * 0.5)
@@ -281,5 +281,6 @@ def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.nda
     return np.abs(power) / (twice + np.sqrt(to_x * to_x + to_y * to_y))
 
 
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products of vectors (..., 2)."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -20,6 +20,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
+from .arcs import dot
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, opposite_sides, width_at
 
 if TYPE_CHECKING:
@@ -68,11 +69,11 @@ def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]
     s = np.clip(level, 0.0, 1.0)
     for _ in range(4):
         q, d1, d2 = centre_line(inner, s)
-        off, speed2 = q - p, _dot(d1, d1)
-        bend = np.maximum(speed2 + _dot(off, d2), 0.25 * speed2)
-        s = np.clip(s - np.clip(_dot(off, d1) / bend, -0.1, 0.1), 0.0, 1.0)
+        off, speed2 = q - p, dot(d1, d1)
+        bend = np.maximum(speed2 + dot(off, d2), 0.25 * speed2)
+        s = np.clip(s - np.clip(dot(off, d1) / bend, -0.1, 0.1), 0.0, 1.0)
     off = centre_line(inner, s)[0] - p
-    gap = np.sqrt(_dot(off, off)) - 0.5 * (width_at(outer, t)[0] + width_at(inner, s)[0])
+    gap = np.sqrt(dot(off, off)) - 0.5 * (width_at(outer, t)[0] + width_at(inner, s)[0])
     through = (level < 1.0) & (inner.radius[..., None] * (1.0 - level) > outer.radius[..., None] * (1.0 - t))
     return _lowest(np.where(through, -np.abs(gap), gap))
 
@@ -85,10 +86,6 @@ def _lowest(samples: np.ndarray) -> np.ndarray:
     dip = np.where(bend > 0.0, (after - before) ** 2 / (8.0 * np.where(bend > 0.0, bend, 1.0)), 0.0)
     # only a lowest point between its neighbours has a vertex there
     return np.minimum(samples.min(axis=-1), at - np.where((at <= before) & (at <= after), dip, 0.0))
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
 
 
 def gaps_across(
@@ -324,8 +321,8 @@ def _apart(
     p, dp = edge(one, t, side)
     for _ in range(6):
         q, dq = edge(two, s, other)
-        move = _dot(q - p, dq) / np.maximum(_dot(dq, dq), 1e-30)
+        move = dot(q - p, dq) / np.maximum(dot(dq, dq), 1e-30)
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
     q, dq = edge(two, s, other)
-    lean = _dot(dp, dq) / np.sqrt(_dot(dp, dp) * _dot(dq, dq))
-    return np.sqrt(_dot(p - q, p - q)), lean, s
+    lean = dot(dp, dq) / np.sqrt(dot(dp, dp) * dot(dq, dq))
+    return np.sqrt(dot(p - q, p - q)), lean, s

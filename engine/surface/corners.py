@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from .curvature import corner_angles
 from .mesh import QuadMesh
 
 # cost of a corner of a patch, in edges, by its angle: reflex ones spoil an outline most; chosen by eye, so that a seam goes
@@ -36,17 +37,13 @@ class Ring:
 @lru_cache(maxsize=4)
 def rings(mesh: QuadMesh) -> list[Ring]:
     """The ring of every vertex."""
-    p = mesh.vertices[mesh.quads]
-    forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
-    cross = np.linalg.norm(np.cross(forward, backward), axis=2)
-    angle = np.arctan2(cross, np.einsum("fki,fki->fk", forward, backward))
     follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
     before = np.roll(mesh.quad_edges, 1, axis=1)
     for v, out, back, a in zip(
         mesh.quads.ravel().tolist(),
         mesh.quad_edges.ravel().tolist(),
         before.ravel().tolist(),
-        angle.ravel().tolist(),
+        corner_angles(mesh).ravel().tolist(),
         strict=True,
     ):
         follow[v][out] = (back, a)

@@ -77,9 +77,9 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     return {"forced": listed} if listed else {}
 
 
-def symmetry_kept(found: list[Symmetry], rest: list[Symmetry]) -> tuple[dict[str, object], str]:
+def symmetry_kept(whole_group: list[Symmetry], kept: list[Symmetry]) -> tuple[dict[str, object], str]:
     """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
-    names = sorted({s.name for s in rest})
-    text = f"The layout keeps {1 + len(rest)} of {1 + len(found)} symmetries"
+    names = sorted({s.name for s in kept})
+    text = f"The layout keeps {1 + len(kept)} of {1 + len(whole_group)} symmetries"
     text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""
-    return {"symmetries": 1 + len(found), "symmetries_kept": 1 + len(rest)}, text
+    return {"symmetries": 1 + len(whole_group), "symmetries_kept": 1 + len(kept)}, text

@@ -1,7 +1,7 @@
 """A single panel without a cut never leaves the plane unless something holds it: it is cut in two, so that its seam drives it.
 
-What a piece that nothing holds springs into its shape by is that the two sides of a seam, both as long, run along different
-curves in the plane. The less of the surface's curvature the panels' own distortion has to take, the more the seam drives.
+A seam drives a piece out of the plane because its two sides, which are as long as each other, lie along different curves in
+the plane. The less of the surface's curvature is taken up by distortion of the panels, the more the seam drives.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def leaves_plane(board: Board) -> bool:
     return len(pieces) != 1 or bool(board.cut.any()) or pieces[0].flat.worst <= FLAT
 
 
-def halved(board: Board, found: list[Symmetry], progress: Progress) -> Board:
+def halved(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
     """The one panel of a board in two: cut where that leaves the least distortion, symmetrically if that is nearly as good."""
     layout = board.layout
     ranked: list[tuple[float, int, Board]] = []
@@ -44,7 +44,7 @@ def halved(board: Board, found: list[Symmetry], progress: Progress) -> Board:
         if not PatchLayout(layout.mesh, cut).planar.all():
             continue
         made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick)
-        kept = keeping(found, made.cut)
+        kept = keeping(whole_group, made.cut)
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())
         wrong = badness(made, made.pieces.values()) - len(made.pieces)

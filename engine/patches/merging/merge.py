@@ -90,12 +90,12 @@ def _merge_body(
     layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
-    found = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
+    whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
     tick = partial(progress, 0.0, "Flattening the first patches")
-    ranking = Ranking(found)
+    ranking = Ranking(whole_group)
     start = Board(layout, params, effort=effort, tick=tick)
-    ranked = _merged(start, layout.origin, found, bodies, progress.part(0.02, 0.5))
+    ranked = _merged(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
     if not layout.origin and not ranking.better(board, start, progress):
         board = start  # it was merged before
@@ -110,7 +110,7 @@ def _merge_body(
         # what merging gives is to be what merging it once more gives
         again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
-        more = _merged(again, "", found, bodies, part)
+        more = _merged(again, "", whole_group, bodies, part)
         if (more[0][2].cut == board.cut).all():
             break
         again = _best(more, ranking, part)
@@ -118,23 +118,23 @@ def _merge_body(
             break
         board = again
     if seamless or leaves_plane(board):
-        return board, symmetry_notes(found, keeping(found, layout.cut), ranked, board)
-    board = halved(board, found, progress.part(0.95, 1.0))
+        return board, symmetry_notes(whole_group, keeping(whole_group, layout.cut), ranked, board)
+    board = halved(board, whole_group, progress.part(0.95, 1.0))
     said: dict[str, object] = {"halved": HALVED}
-    if found:
-        rest = keeping(found, board.cut)
-        counts, text = symmetry_kept(found, rest)
-        broken = "; the seam that drives the panel broke the others" if len(rest) < len(found) else ""
+    if whole_group:
+        rest = keeping(whole_group, board.cut)
+        counts, text = symmetry_kept(whole_group, rest)
+        broken = "; the seam that drives the panel broke the others" if len(rest) < len(whole_group) else ""
         said |= counts | {"symmetry": text + broken}
     return board, said
 
 
 def _merged(
-    start: Board, origin: str, found: list[Symmetry], bodies: int, progress: Progress
+    start: Board, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
 ) -> list[tuple[float, int, Board]]:
-    """A layout merged in several strategies, each with its worth and a number."""
+    """A layout merged by several strategies, each with its worth and a number."""
     layout = start.layout
-    kept = keeping(found, layout.cut)
+    kept = keeping(whole_group, layout.cut)
     if not origin:
         board = start.copy()
         board.symmetries = kept
@@ -244,14 +244,14 @@ def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
 
 
 def symmetry_notes(
-    found: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
+    whole_group: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
 ) -> dict[str, object]:
     """What the report says about symmetry, in words."""
-    if not found:
+    if not whole_group:
         return {}
-    rest = keeping(found, board.cut)
-    said, text = symmetry_kept(found, rest)
-    if len(kept) < len(found):
+    rest = keeping(whole_group, board.cut)
+    said, text = symmetry_kept(whole_group, rest)
+    if len(kept) < len(whole_group):
         text += "; the first cuts chose one of several equal parametric lines"
     if len(rest) < len(kept):
         largest = ranked[0][2]
@@ -295,9 +295,9 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
                 heapq.heappush(heap, (_score(board, current[key], worst, strategy), key, True))
         else:
             return changed
-        found = tried[key]
-        assert found is not None
-        changed |= board.apply(found)
+        best = tried[key]
+        assert best is not None
+        changed |= board.apply(best)
         progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} patches")
 
 

@@ -23,8 +23,8 @@ FEW = 40  # median quads a patch below which another way of laying out is tried;
 class Ranking:
     """Compares layouts of one surface with these symmetries."""
 
-    def __init__(self, found: list[Symmetry]):
-        self.found = found
+    def __init__(self, whole_group: list[Symmetry]):
+        self.whole_group = whole_group
         self._fitting: dict[bytes, bool] = {}
 
     def better(self, one: Board, two: Board, progress: Progress) -> bool:
@@ -34,7 +34,7 @@ class Ranking:
         """
         if (one.cut == two.cut).all():
             return False
-        lost = len(keeping(self.found, one.cut)) < len(keeping(self.found, two.cut))
+        lost = len(keeping(self.whole_group, one.cut)) < len(keeping(self.whole_group, two.cut))
         a, b = in_the_end(one) + 0.01, (HALF if lost else 1.0) * in_the_end(two)
         if a < b:
             return self.fits(one, progress) or not self.fits(two, progress)
@@ -45,7 +45,7 @@ class Ranking:
         sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
         necks = sum(p.sketch.isthmuses for p in board.pieces.values())
         # what is symmetric would have to be beaten by half as many patches
-        few = FEW * (HALF if keeping(self.found, board.cut) else 1.0)
+        few = FEW * (HALF if keeping(self.whole_group, board.cut) else 1.0)
         return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < few)
 
     def fits(self, board: Board, progress: Progress) -> bool:
