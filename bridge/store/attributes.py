@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bmesh
 import bpy
 import numpy as np
 
 from ...engine.errors import FlexMapsError
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int, Shaped
 
 PREFIX = "flexmaps_"
 LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
@@ -99,12 +102,12 @@ def _is_ours(name: str) -> bool:
     return name.startswith(PREFIX) and name.removeprefix(PREFIX) in OURS
 
 
-def fits(name: str, values: np.ndarray) -> bool:
+def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
     """Whether the values of an attribute of ours are within what we write; not a number is not."""
     return bool(_within(name, values).all())
 
 
-def _within(name: str, values: np.ndarray) -> np.ndarray:
+def _within(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.ndarray, "#elements ..."]:
     _, _, low, high = OURS[name.removeprefix(PREFIX)]
     if high == np.inf:
         high = len(values) - 1
@@ -195,8 +198,8 @@ def remove(obj: bpy.types.Object, name: str) -> None:
             bmesh.update_edit_mesh(obj.data)
 
 
-def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:
-    """Mark the UV seams, (E,) bool in the order of Blender's edges."""
+def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
+    """Mark the UV seams, in the order of Blender's edges."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
         for edge, seam in zip(bm.edges, seams.tolist(), strict=True):
@@ -207,8 +210,8 @@ def put_seams(obj: bpy.types.Object, seams: np.ndarray) -> None:
         obj.data.update()
 
 
-def put_positions(obj: bpy.types.Object, positions: np.ndarray) -> None:
-    """Move the vertices, (V, 3) in the object's own frame."""
+def put_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 3"]) -> None:
+    """Move the vertices, in the object's own frame."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
         for vertex, position in zip(bm.verts, positions.tolist(), strict=True):
@@ -220,7 +223,7 @@ def put_positions(obj: bpy.types.Object, positions: np.ndarray) -> None:
         obj.data.update()
 
 
-def select(obj: bpy.types.Object, faces: np.ndarray, edges: np.ndarray) -> None:
+def select(obj: bpy.types.Object, faces: Int[np.ndarray, " faces"], edges: Int[np.ndarray, " edges"]) -> None:
     """Select these faces and edges of Blender's mesh and nothing else."""
     mesh = obj.data
     if mesh.is_editmode:

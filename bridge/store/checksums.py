@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import bmesh
 import bpy
 import numpy as np
 
 from . import attributes, pose, settings
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MANY = 20_000  # edges of a mesh that can be looked at one by one in a redraw (some milliseconds)
 
@@ -109,7 +113,7 @@ class Checksums:
         return b"" if given is None else settings.changed(getattr(given, section), but).encode()
 
 
-def _rounded(matrix: np.ndarray) -> str:
+def _rounded(matrix: Float[np.ndarray, "rows columns"]) -> str:
     """A matrix without the noise of its last digits."""
     size = max(float(np.abs(matrix).max()), 1e-30)
     return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"

@@ -24,6 +24,8 @@ from . import attributes, notes, pose, states
 from .i18n import translate
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
+
     from ...engine.mechanics.assembly import Pose
     from ...engine.optimisation.reach import Reach
     from ...engine.simulation.simulate import Simulation
@@ -119,8 +121,10 @@ def write(
         notes.write(obj.data, "reach", limits.report())
 
 
-def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.ndarray) -> bpy.types.ShapeKey:
-    """The shape key of that name at the engine's vertices (V, 3), metres in world axes; those of no quad stay."""
+def _put_key(
+    obj: bpy.types.Object, surface: Surface, name: str, vertices: Float[np.ndarray, "used 3"]
+) -> bpy.types.ShapeKey:
+    """The shape key of that name at the engine's vertices, metres in world axes; those of no quad stay."""
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows no others
@@ -131,8 +135,8 @@ def _put_key(obj: bpy.types.Object, surface: Surface, name: str, vertices: np.nd
     return key
 
 
-def shown_positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(V, 3) float32: the vertices as far as our shape keys have moved them, in the object's own frame."""
+def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
+    """The vertices as far as our shape keys have moved them, in the object's own frame."""
     basis = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", basis)
     positions, moved = basis.copy(), np.empty_like(basis)

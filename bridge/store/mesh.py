@@ -22,7 +22,7 @@ a change of frame.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -36,6 +36,9 @@ from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from .objects import changed_by_modifiers, unusable
 from .surface import Surface
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
@@ -69,14 +72,14 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy
             evaluated.to_mesh_clear()
 
 
-def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> np.ndarray:
-    """(4, 4): from the object's frame to world axes in metres."""
+def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
+    """From the object's frame to world axes in metres."""
     matrix = np.array(obj.matrix_world, dtype=float)
     matrix[:3] *= scene.unit_settings.scale_length
     return matrix
 
 
-def _surface(mesh: bpy.types.Mesh, uid: int, matrix: np.ndarray) -> Surface:
+def _surface(mesh: bpy.types.Mesh, uid: int, matrix: Float[np.ndarray, "4 4"]) -> Surface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
     positions = np.empty(3 * len(mesh.vertices), np.float32)
@@ -151,8 +154,8 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     return flat
 
 
-def patch_centres(layout: PatchLayout, points: np.ndarray) -> np.ndarray:
-    """(N, 2) metres: the centre of every patch as ``flatten.in_frame`` has it; points (P, 2) as in ``FlatPatches``."""
+def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "patches 2"]:
+    """The centre of every patch, metres, as ``flatten.in_frame`` has it; points as in ``FlatPatches``."""
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -205,8 +208,8 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     return fitted(flat, params, design.width, design.twist, prove=False)
 
 
-def cannot_be_cut(faces: np.ndarray) -> FlexMapsError:
-    """What is said of spirals that somebody else wrote, on these faces (k,) int."""
+def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
+    """What is said of spirals that somebody else wrote."""
     text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
     return FlexMapsError(text, faces=faces)
 
@@ -220,8 +223,10 @@ def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
     )
 
 
-def write_flat(obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: np.ndarray) -> None:
-    """Seams, UV map and face attributes of the flat patches; centres (N, 2) metres say where the patches lie."""
+def write_flat(
+    obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
+) -> None:
+    """Seams, UV map and face attributes of the flat patches; centres, metres, say where the patches lie."""
     cut = np.zeros(len(surface.pairs), bool)
     cut[surface.edge_of] = flat.layout.cut
     uv = np.empty((len(surface.loops), 2))

@@ -16,13 +16,15 @@ import numpy as np
 from . import attributes
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
+
     from ...engine.mechanics.assembly import Pose
 
 NAMES = ("hub", "hub_x", "hub_y")
 
 
-def write(obj: bpy.types.Object, to_metres: np.ndarray, pose: Pose) -> None:
-    """Keep a pose; to_metres (4, 4) leads from the object's frame to the pose's."""
+def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose) -> None:
+    """Keep a pose; to_metres leads from the object's frame to the pose's."""
     inverse = np.linalg.inv(to_metres)
     linear = inverse[:3, :3].T
     ways = (pose.centres @ linear + inverse[:3, 3], pose.rotations[:, :, 0] @ linear, pose.rotations[:, :, 1] @ linear)
@@ -30,7 +32,7 @@ def write(obj: bpy.types.Object, to_metres: np.ndarray, pose: Pose) -> None:
         attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT_VECTOR", values)
 
 
-def read(obj: bpy.types.Object, to_metres: np.ndarray) -> Pose | None:
+def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | None:
     """The pose that was kept, where the object stands now; ``None`` where there is none."""
     from ...engine.mechanics.assembly import Pose
 

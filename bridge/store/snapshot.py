@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -16,20 +16,23 @@ from ...engine.surface.mesh import PolygonMesh
 from . import mesh, notes, objects, settings, supports
 from .surface import Surface
 
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """What the stages need of an object, read on Blender's main thread: plain arrays and texts, safe in another thread.
 
     name : of the object; note : of the stage that made its spirals, if there is one
-    held : (k,) int, quads that are held; force : (F, 3) newtons on the quads; None without
+    held : quads that are held; force : newtons on the quads; None without
     """
 
     name: str
     surface: Surface
     settings: ObjectSettings
-    held: np.ndarray | None = None
-    force: np.ndarray | None = None
+    held: Int[np.ndarray, " supports"] | None = None
+    force: Float[np.ndarray, "quads 3"] | None = None
     note: dict[str, Any] | None = None
 
     def result(self) -> Result:
@@ -52,8 +55,8 @@ class Snapshot:
         """Whether flat patches were ever written."""
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
-    def seams(self, made: Result) -> np.ndarray:
-        """(E,) bool, in the engine's numbers: where the object has seams."""
+    def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
+        """In the engine's numbers: where the object has seams."""
         return mesh.layout_of(self.surface, made.mesh).cut
 
     def start(self, made: Result) -> Result:
@@ -69,14 +72,14 @@ class Stored:
 
     uid : Blender's id of the object; None where what is seen is not its own mesh, but what modifiers made of it
     result : None where the check finds errors
-    seams : (E,) bool, the edges, in the engine's numbers, where the object has seams
+    seams : the edges, in the engine's numbers, where the object has seams
     """
 
     source: PolygonMesh
     settings: ObjectSettings
     uid: int | None = None
     result: Result | None = None
-    seams: np.ndarray | None = None
+    seams: Bool[np.ndarray, " edges"] | None = None
 
 
 def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:

@@ -12,18 +12,24 @@ from ...engine.params import LoadParams
 from . import mesh, objects
 
 if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
     from .surface import Surface
 
 CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
 GROUP = "FlexMaps supports"
 
 
-def loads(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
+def loads(
+    obj: bpy.types.Object, surface: Surface, params: LoadParams
+) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
     """What holds an object and what pulls at it, as ``supported`` and ``force`` tell; raises as these do."""
     return supported(obj, surface, params), force(obj, surface, params)
 
 
-def loads_of(uid: int, params: LoadParams) -> tuple[np.ndarray | None, np.ndarray | None]:
+def loads_of(
+    uid: int, params: LoadParams
+) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
     """The same of an object that was read earlier."""
     obj = objects.find(uid)
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
@@ -34,16 +40,16 @@ def is_group(uid: int, name: str) -> bool:
     return objects.find(uid).vertex_groups.get(name) is not None
 
 
-def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
-    """(k,) int: the quads that are held; ``None`` where the user holds nothing.
+def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
+    """The quads that are held; ``None`` where the user holds nothing.
 
     Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
     """
     return _quads(obj, surface, params.supports, "Supports") if params.supports else None
 
 
-def write(obj: bpy.types.Object, surface: Surface, quads: np.ndarray | None) -> bool:
-    """Put held quads (k,) int into a vertex group of the object, and choose it; of None, choose none.
+def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supports"] | None) -> bool:
+    """Put held quads into a vertex group of the object, and choose it; of None, choose none.
 
     False where no group says exactly the same, such as of a single quad amid others; then none is chosen.
     """
@@ -67,8 +73,8 @@ def write(obj: bpy.types.Object, surface: Surface, quads: np.ndarray | None) -> 
     return True
 
 
-def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.ndarray | None:
-    """(F, 3) newtons in world axes on every quad, the force shared evenly by its group; ``None`` without a force.
+def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
+    """Newtons in world axes on every quad, the force shared evenly by its group; ``None`` without a force.
 
     Raises ``FlexMapsError`` where the group is missing, not on the object, or holds no quad.
     """
@@ -83,8 +89,8 @@ def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> np.nda
     return shared
 
 
-def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> np.ndarray:
-    """(k,) int: the quads with enough corners in a vertex group; ``place`` is where the user chose it."""
+def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> Int[np.ndarray, " quads"]:
+    """The quads with enough corners in a vertex group; ``place`` is where the user chose it."""
     group = obj.vertex_groups.get(name)
     if group is None:
         raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
@@ -103,8 +109,8 @@ def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> np
     return found
 
 
-def _members(obj: bpy.types.Object, index: int) -> np.ndarray:
-    """(V,) bool: the vertices with any weight in a vertex group, edit mode included."""
+def _members(obj: bpy.types.Object, index: int) -> Bool[np.ndarray, " vertices"]:
+    """The vertices with any weight in a vertex group, edit mode included."""
     if obj.data.is_editmode:
         import bmesh
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...engine.surface.mesh import PolygonMesh
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,28 +20,28 @@ class Surface:
 
     uid : Blender's id of the object for this session, which survives renaming
     polygons : the polygons, metres, world axes, counter-clockwise seen from outside
-    positions : (V, 3) float32, vertices in the object's own frame
-    pairs : (E, 2) int, the vertices of Blender's edges
-    seams : (E,) bool, UV seams in the order of Blender's edges
-    loops : (C,) int, Blender's corner of every corner of ``polygons``
-    to_metres : (4, 4), from the object's frame to metres in world axes
+    positions : single precision, vertices in the object's own frame
+    pairs : the vertices of Blender's edges
+    seams : UV seams in the order of Blender's edges
+    loops : Blender's corner of every corner of ``polygons``
+    to_metres : from the object's frame to metres in world axes
     values : attributes of ours by name, without the prefix, in Blender's order
-    spoilt : (k,) int, faces whose width or twist is none that we write
+    spoilt : faces whose width or twist is none that we write
     """
 
     uid: int
     polygons: PolygonMesh
-    positions: np.ndarray
-    pairs: np.ndarray
-    seams: np.ndarray
-    loops: np.ndarray
-    to_metres: np.ndarray
+    positions: Float[np.ndarray, "vertices 3"]
+    pairs: Int[np.ndarray, "edges 2"]
+    seams: Bool[np.ndarray, " edges"]
+    loops: Int[np.ndarray, " corners"]
+    to_metres: Float[np.ndarray, "4 4"]
     values: dict[str, np.ndarray]
-    spoilt: np.ndarray
+    spoilt: Int[np.ndarray, " spoilt"]
 
     @cached_property
-    def edge_of(self) -> np.ndarray:
-        """(E,) int: Blender's edge of every edge of the engine, which numbers them by ascending vertex pair."""
+    def edge_of(self) -> Int[np.ndarray, " edges"]:
+        """Blender's edge of every edge of the engine, which numbers them by ascending vertex pair."""
         corners, sizes = self.polygons.corners, self.polygons.sizes
         following = np.arange(1, len(corners) + 1)
         ends = np.cumsum(sizes)
@@ -54,5 +58,5 @@ class Surface:
         return all(x.shape == y.shape and bool((x == y).all()) for x, y in pairs)
 
 
-def _keys(pairs: np.ndarray, n: int) -> np.ndarray:
+def _keys(pairs: Int[np.ndarray, "pairs 2"], n: int) -> Int[np.ndarray, " pairs"]:
     return pairs.min(axis=1).astype(np.int64) * n + pairs.max(axis=1)

@@ -16,6 +16,8 @@ from ..store import attributes
 from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
+
     from ...engine.assembling.film import Film, Track
     from ...engine.mechanics.assembly import Pose
     from ...engine.spirals.design import SpiralDesign
@@ -26,8 +28,8 @@ TABLE = 1.3  # how wide the panels lie, as a share of the piece
 LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived
 
 
-def on_table(design: SpiralDesign, pose: Pose) -> np.ndarray:
-    """(N, 3) metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
+def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
+    """Metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
     flat = design.flat
     spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
     tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
@@ -40,11 +42,16 @@ def on_table(design: SpiralDesign, pose: Pose) -> np.ndarray:
 
 
 def show(
-    obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, seconds: float, rgb: np.ndarray | None, place: np.ndarray
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    film: Film,
+    seconds: float,
+    rgb: Float[np.ndarray, "quads 3"] | None,
+    place: Float[np.ndarray, 3],
 ) -> tuple[bpy.types.Object, int]:
     """Put the film beside its model, in the place of an earlier one; returns its empty and its last frame.
 
-    seconds : how long it is; rgb : (F, 3) linear, or None for the sheet's material; place : (3,) metres, added to the pose's
+    seconds : how long it is; rgb : linear, or None for the sheet's material; place : metres, added to the pose's
     """
     clear(obj)
     root = bpy.data.objects.new(f"{obj.name} {ROOT}", None)

@@ -5,8 +5,13 @@ Engine coordinates, metres; the objects are scaled to the scene's unit.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
@@ -48,8 +53,8 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "o
                 (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
 
 
-def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> np.ndarray:
-    """(3,) metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
+def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, 3]:
+    """Metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
     box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])
@@ -62,9 +67,9 @@ def vector(corner: object) -> object:
 
 
 def add(
-    obj: bpy.types.Object, scene: bpy.types.Scene, kind: str, name: str, data: bpy.types.ID, place: np.ndarray
+    obj: bpy.types.Object, scene: bpy.types.Scene, kind: str, name: str, data: bpy.types.ID, place: Float[np.ndarray, 3]
 ) -> bpy.types.Object:
-    """Put data that is in metres into the object's collection, at a place (3,) in metres."""
+    """Put data that is in metres into the object's collection, at a place in metres."""
     unit = scene.unit_settings.scale_length
     made = bpy.data.objects.new(f"{obj.name} {name}", data)
     made["flexmaps_kind"] = kind

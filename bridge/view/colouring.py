@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 
 from ...engine import colours
 from ..store import attributes, equilibrium
 from .legend import Legend
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int, Shaped
 
 # kind -> (attribute, label, unit)
 KINDS: dict[str, tuple[str, str, str]] = {
@@ -25,8 +30,10 @@ SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
 
 
-def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.ndarray, Legend]:
-    """(F, 3) linear colours of the quads, and their legend."""
+def painted(
+    obj: bpy.types.Object, kind: str, values: Shaped[np.ndarray, " quads"]
+) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
+    """Linear colours of the quads, and their legend."""
     _, label, unit = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
@@ -52,8 +59,8 @@ def painted(obj: bpy.types.Object, kind: str, values: np.ndarray) -> tuple[np.nd
     return colours.on_scale(values, low, high, colours.MUCH), legend
 
 
-def _limits(kinds: np.ndarray) -> tuple[np.ndarray, Legend]:
-    """Colours and legend of what limits every spiral, (F,) numbers of the engine."""
+def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
+    """Colours and legend of what limits every spiral, by the engine's numbers."""
     from ...engine.optimisation.reach import NAMES
 
     looks = [colours.LIMITS[name] for name in NAMES]

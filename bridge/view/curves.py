@@ -9,11 +9,13 @@ import bpy
 import numpy as np
 
 if TYPE_CHECKING:
+    from jaxtyping import Float
+
     from ...engine.spirals.arcs import Curve
 
 
-def lines(name: str, polylines: list[np.ndarray], radius: float, sides: int = 8) -> bpy.types.Curve:
-    """A curve object's data of round lines through points (n, 3) each, closed where first and last are the same.
+def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:
+    """A curve object's data of round lines through points each, closed where first and last are the same.
 
     sides : of their sections, an even number of at least 4
     """
@@ -47,8 +49,10 @@ def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
     return made
 
 
-def bezier(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Knots, left and right handles (N, 2) of a closed curve of arcs; an arc of 90 degrees strays by 0.03 % of its radius."""
+def bezier(
+    curve: Curve,
+) -> tuple[Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"]]:
+    """Knots, left and right handles of a closed curve of arcs; an arc of 90 degrees strays by 0.03 % of its radius."""
     a, b = curve.points, np.roll(curve.points, -1, axis=0)
     # seen from the chord, an arc's tangents lean by half its angle; handle = 4/3 tan(angle / 4) radius
     quarter = np.arctan(curve.bulge)

@@ -20,6 +20,8 @@ from .materials import material, wear
 from .meshes import paint, polygons, quads
 
 if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
     from ...engine.display.solids import Solid
     from ...engine.fabrication.connectors.connect import Connections
     from ...engine.patches.flattening.flatten import FlatPatches
@@ -37,10 +39,12 @@ def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
 
 
-def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: np.ndarray) -> None:
+def show_flat(
+    obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
+) -> None:
     """The patches as one mesh, and their outlines as lines; the two sides of a seam have the same colour.
 
-    centres : (N, 2) metres, where the origin of every patch lies
+    centres : metres, where the origin of every patch lies
     """
     collection.clear(obj)
     edge = flat.layout.mesh.median_edge
@@ -66,7 +70,9 @@ def show_flat(obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, 
     collection.add(obj, scene, "seams", "seams", curve, place)
 
 
-def _outline(flat: FlatPatches, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _outline(
+    flat: FlatPatches, sides: Bool[np.ndarray, "quads 4"]
+) -> tuple[Int[np.ndarray, " outline"], Int[np.ndarray, " outline"], Int[np.ndarray, " outline"]]:
     """Seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
     quad, side = np.nonzero(sides)
     corners = flat.layout.flat_corners
@@ -74,7 +80,9 @@ def _outline(flat: FlatPatches, sides: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return seam, corners[quad, side], corners[quad, (side + 1) % 4]
 
 
-def _runs(ids: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
+def _runs(
+    ids: Int[np.ndarray, " sides"], starts: Int[np.ndarray, " sides"], ends: Int[np.ndarray, " sides"]
+) -> list[Int[np.ndarray, " run"]]:
     """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
     at = {int(s): i for i, s in enumerate(starts)}
     following = np.array([at.get(int(e), -1) for e in ends], int)  # none where a closed body has no cut
@@ -103,13 +111,13 @@ class PanelDrawing:
     """The panels of a design, ready to be shown beside the model as solids and as the true outlines.
 
     look : the settings that their connectors were made with, ``PLAIN``, or "" where they are as the sheets have them
-    centres : (N, 2) metres, where the origin of every panel lies
+    centres : metres, where the origin of every panel lies
     outlines : of every panel, in its patch's own frame, the outer curve, then its holes
     """
 
     design: SpiralDesign
     look: str
-    centres: np.ndarray
+    centres: Float[np.ndarray, "patches 2"]
     solid: Solid
     outlines: Sequence[Sequence[Curve]]
 

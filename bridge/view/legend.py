@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 ROW = 18  # height of a line of the legend, in pixels at the usual size
 
 
 @dataclass(frozen=True)
 class Legend:
-    """What stands beside the colour bar; ``scale`` (n, 3) sRGB is ``None`` where there is no bar.
+    """What stands beside the colour bar; ``scale``, sRGB, is ``None`` where there is no bar.
 
     entries : sRGB colours with what they stand for, from top to bottom
     """
@@ -20,7 +24,7 @@ class Legend:
     title: str
     low: str = ""
     high: str = ""
-    scale: np.ndarray | None = None
+    scale: Float[np.ndarray, "colours 3"] | None = None
     entries: tuple[tuple[tuple[float, ...], str], ...] = ()
 
 
@@ -56,8 +60,8 @@ def _covered(context: bpy.types.Context) -> int:
     return max(tops, default=0)
 
 
-def _bar(x: float, y: float, width: float, height: float, scale: np.ndarray) -> None:
-    """A scale (n, 3) of sRGB colours from left to right."""
+def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarray, "colours 3"]) -> None:
+    """A scale of sRGB colours from left to right."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

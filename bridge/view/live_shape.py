@@ -5,12 +5,15 @@ It is drawn on top of everything, so that the target, which it almost coincides 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from .legend import Legend
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB, of faces and lines; chosen by eye
 LIFT = 0.01  # in edges: lines float above the faces, or they flicker; not measured
@@ -18,11 +21,11 @@ LIGHT = np.array([0.27, -0.45, 0.85])  # way to a light, of length 1: enough sha
 
 
 class LiveShape:
-    """A shape on its way: vertices (V, 3) metres in world axes, quads (F, 4)."""
+    """A shape on its way: vertices in metres and world axes, quads."""
 
     legend: Legend | None = None  # of its colours
 
-    def __init__(self, vertices: np.ndarray, quads: np.ndarray):
+    def __init__(self, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]):
         self._vertices, self._quads = vertices, quads
         self._arrays: tuple[Any, ...] | None = None
         self._batches: tuple[Any, Any, Any] | None = None
@@ -53,8 +56,8 @@ class LiveShape:
         gpu.state.blend_set("NONE")
 
     @property
-    def colours(self) -> np.ndarray:
-        """(F, 3) or (3,) sRGB of the quads before light falls on them."""
+    def colours(self) -> Float[np.ndarray, "*quads 3"]:
+        """Of each quad, or of all, sRGB of the quads before light falls on them."""
         return FILL
 
     def bands(self, unit: float) -> tuple[Any, Any] | None:
@@ -85,8 +88,8 @@ class LiveShape:
             self._batches = faces, bands, lines
         return self._batches
 
-    def frame(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (F, 4, 3) in the scene's units and unit normals (F, 3) of the quads."""
+    def frame(self, unit: float) -> tuple[Float[np.ndarray, "quads 4 3"], Float[np.ndarray, "quads 3"]]:
+        """Corners in the scene's units and unit normals of the quads."""
         corners = self._vertices[self._quads] / unit
         normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
         return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -106,6 +109,6 @@ class LiveShape:
         return fan.astype(np.float32), rgba, ends.astype(np.float32)
 
 
-def middle_edge(corners: np.ndarray) -> float:
+def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
     """Median length of the quads' first sides."""
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from ...engine import colours
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
 
@@ -76,7 +79,7 @@ def of_material(key: str) -> bpy.types.Material:
     return made
 
 
-def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+def material(name: str, rgb: Float[np.ndarray, 3] | None) -> bpy.types.Material:
     """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
     found = bpy.data.materials.get(name)
     if found is not None:
@@ -97,7 +100,7 @@ def material(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
     return made
 
 
-def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
+def glowing(name: str, rgb: Float[np.ndarray, 3] | None) -> bpy.types.Material:
     """Like ``material``, but as bright as its colour, whatever the light."""
     known = name in bpy.data.materials
     made = material(name, rgb)
@@ -112,10 +115,14 @@ def glowing(name: str, rgb: np.ndarray | None) -> bpy.types.Material:
     return made
 
 
-def wear(data: bpy.types.Mesh | bpy.types.Curve, rgb: np.ndarray, of: np.ndarray | None = None) -> None:
-    """Give the faces, or the lines, the materials of their colours (N, 3), linear: so they are seen in solid view too.
+def wear(
+    data: bpy.types.Mesh | bpy.types.Curve,
+    rgb: Float[np.ndarray, "colours 3"],
+    of: Int[np.ndarray, " faces"] | None = None,
+) -> None:
+    """Give the faces, or the lines, the materials of their colours, linear: so they are seen in solid view too.
 
-    of : (M,) int, the colour of every face or line; one each if not given
+    of : the colour of every face or line; one each if not given
 
     Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute of a mesh; lines have none,
     and get fewer shades.

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 
 from ..store import attributes
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
-def quads(name: str, points: np.ndarray, corners: np.ndarray) -> bpy.types.Mesh:
-    """A mesh of quads: points (V, 3), corners (F, 4)."""
+
+def quads(name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]) -> bpy.types.Mesh:
+    """A mesh of quads."""
     return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
 
 
-def polygons(name: str, points: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> bpy.types.Mesh:
-    """A mesh of polygons: points (V, 3), corners (C,) face after face, sizes (F,).
+def polygons(
+    name: str,
+    points: Float[np.ndarray, "vertices 3"],
+    corners: Int[np.ndarray, " corners"],
+    sizes: Int[np.ndarray, " faces"],
+) -> bpy.types.Mesh:
+    """A mesh of polygons, their corners face after face.
 
     Quickly: as attributes, values are copied at once, where vertices and loops take them one by one.
     """
@@ -30,8 +40,8 @@ def polygons(name: str, points: np.ndarray, corners: np.ndarray, sizes: np.ndarr
     return mesh
 
 
-def paint(mesh: bpy.types.Mesh, rgb: np.ndarray) -> None:
-    """The colour of every corner, (C, 3) linear, as the attribute that our materials and the overlay use."""
+def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
+    """The colour of every corner, linear, as the attribute that our materials and the overlay use."""
     attribute = mesh.attributes.get("flexmaps_colour")
     if attribute is None:
         attribute = mesh.attributes.new("flexmaps_colour", "FLOAT_COLOR", "CORNER")
@@ -54,8 +64,8 @@ def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> Non
     mesh.attributes[name].data.foreach_set(prop, np.ascontiguousarray(values, dtype=dtype).ravel())
 
 
-def smooth(mesh: bpy.types.Mesh, section: np.ndarray) -> None:
-    """Shade arms smoothly along their length; section (V,) tells which vertices share a section."""
+def smooth(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
+    """Shade arms smoothly along their length; section tells which vertices share a section."""
     pairs = np.empty(2 * len(mesh.edges), np.int32)
     mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
     ends = section[pairs.reshape(-1, 2)]

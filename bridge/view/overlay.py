@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -17,6 +17,9 @@ from ..store import attributes, equilibrium
 from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIGHT, LiveShape
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int, Shaped
 
 EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
 SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
@@ -141,8 +144,8 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     return faces, lines, said
 
 
-def _seam_colours(seams: np.ndarray, kind: str) -> np.ndarray:
-    """(N, 4) sRGB of the lines on seams (N,): over the patches each in its own colour, as on the assembly sheet."""
+def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
+    """sRGB of the lines on seams: over the patches each in its own colour, as on the assembly sheet."""
     palette = np.clip(colours.of_seams(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
     own = (seams >= 0) & (kind == "PATCH")
     rgb = np.tile(colours.SEAM, (len(seams), 1))
@@ -150,8 +153,8 @@ def _seam_colours(seams: np.ndarray, kind: str) -> np.ndarray:
     return np.c_[rgb, np.ones(len(rgb))]
 
 
-def _normals(quads: _Quads) -> tuple[np.ndarray, np.ndarray]:
-    """Of the vertices (V, 3) and of the quads (F, 3). Colours rise along the first, or neighbours would part."""
+def _normals(quads: _Quads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "quads 3"]]:
+    """Of the vertices and of the quads. Colours rise along the first, or neighbours would part."""
     p = quads.positions[quads.corners]
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     up = np.zeros_like(quads.positions)
@@ -159,21 +162,21 @@ def _normals(quads: _Quads) -> tuple[np.ndarray, np.ndarray]:
     return _unit(up), _unit(normal)
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _unit(vectors: Float[np.ndarray, "vectors 3"]) -> Float[np.ndarray, "vectors 3"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-30)
 
 
 @dataclass(frozen=True, eq=False)
 class _Quads:
-    """What is coloured: positions (V, 3) in the object's frame, corners (F, 4) into them, a value (F,) and the seams.
+    """What is coloured: positions in the object's frame, corners into them, a value and the seams.
 
-    seams : (F, 4) int, the seam on every side, -1 for one that has no number yet, ``NO_SEAM`` where there is none
+    seams : the seam on every side, -1 for one that has no number yet, ``NO_SEAM`` where there is none
     """
 
-    positions: np.ndarray
-    corners: np.ndarray
-    values: np.ndarray
-    seams: np.ndarray
+    positions: Float[np.ndarray, "vertices 3"]
+    corners: Int[np.ndarray, "quads 4"]
+    values: Shaped[np.ndarray, " quads"]
+    seams: Int[np.ndarray, "quads 4"]
 
 
 def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:

@@ -20,6 +20,8 @@ from .legend import Legend
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
+
     from ...engine.fabrication.connectors.tips import Tip
     from ...engine.spirals.design import SpiralDesign
 
@@ -157,19 +159,19 @@ class Group:
 
     objects: tuple[bpy.types.Object, ...]
 
-    def seen(self, azimuth: float) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest (3,) to the right, backwards and up, as a camera sees them."""
+    def seen(self, azimuth: float) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+        """Lowest and highest place to the right, backwards and up, as a camera sees them."""
         there = points_of(self.objects[0]) @ _axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
-    def move(self, shift: np.ndarray, azimuth: float) -> None:
-        """Shift by (3,) metres to the right, backwards and up."""
+    def move(self, shift: Float[np.ndarray, 3], azimuth: float) -> None:
+        """Shift by metres to the right, backwards and up."""
         for obj in self.objects:
             obj.location = np.array(obj.location) + shift @ _axes(azimuth)
 
 
-def _axes(azimuth: float) -> np.ndarray:
-    """(3, 3) rows: to the right, backwards and up, for a camera at an azimuth."""
+def _axes(azimuth: float) -> Float[np.ndarray, "3 3"]:
+    """Rows: to the right, backwards and up, for a camera at an azimuth."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -199,8 +201,8 @@ def _finished(data: bpy.types.ID, finish: str) -> None:
     data.materials.append(found)
 
 
-def _colours(obj: bpy.types.Object, finish: str) -> np.ndarray | None:
-    """(F, 3) linear, of every quad, or ``None`` where a material has the say."""
+def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"] | None:
+    """Linear, of every quad, or ``None`` where a material has the say."""
     return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
 
 
@@ -223,8 +225,8 @@ def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     return Group((made, *_lines(place, polygons.vertices, pairs, border | surface.seams)))
 
 
-def _sides(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """(C, 2) ascending vertex pairs of the sides of polygons."""
+def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"]) -> Int[np.ndarray, "corners 2"]:
+    """Ascending vertex pairs of the sides of polygons."""
     following = np.arange(1, len(corners) + 1)
     ends = np.cumsum(sizes)
     following[ends - 1] = ends - sizes
@@ -272,8 +274,13 @@ def _detail(design: SpiralDesign) -> str:
     return "FINE" if len(design.width) < MANY else "MEDIUM"
 
 
-def _lines(place: Studio, points: np.ndarray, pairs: np.ndarray, bold: np.ndarray) -> Iterable[bpy.types.Object]:
-    """Edges (E, 2) between points (V, 3) as thin round lines, the bold ones (E,) thicker and darker."""
+def _lines(
+    place: Studio,
+    points: Float[np.ndarray, "vertices 3"],
+    pairs: Int[np.ndarray, "edges 2"],
+    bold: Bool[np.ndarray, " edges"],
+) -> Iterable[bpy.types.Object]:
+    """Edges between points as thin round lines, the bold ones thicker and darker."""
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
@@ -320,8 +327,8 @@ def _legend(studio: Studio, legend: Legend) -> None:
         place(bar, left, top - 2.4)
 
 
-def _chains(pairs: np.ndarray) -> list[list[int]]:
-    """Edges (n, 2) put together into chains of vertices that end where more or less than two edges meet."""
+def _chains(pairs: Int[np.ndarray, "edges 2"]) -> list[list[int]]:
+    """Edges put together into chains of vertices that end where more or less than two edges meet."""
     at: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs.tolist()):
         at.setdefault(a, []).append(k)

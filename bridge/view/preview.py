@@ -21,6 +21,8 @@ from ..store import attributes
 from . import collection, colouring, curves, materials, meshes
 
 if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
     from ...engine.display.panel_mesh import PanelMesh
     from ...engine.fabrication.connectors.tips import Tip
     from ...engine.mechanics.arms.bent import BentArms
@@ -46,7 +48,7 @@ class Built:
     pose: Pose
     arms: BentArms
     panels: PanelMesh | None
-    vertices: np.ndarray
+    vertices: Float[np.ndarray, "*vertices 3"]
     seconds: float
 
 
@@ -80,8 +82,8 @@ def build(
     return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)
 
 
-def wires(design: SpiralDesign, arms: BentArms) -> np.ndarray:
-    """(A, WIRE, 3) metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
+def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
+    """``WIRE`` points on each, metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(len(arms.hub)), WIRE)
@@ -139,8 +141,10 @@ def show(
     return made
 
 
-def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(3,) metres: what brings a piece between these corners (3,) to the left of its model, onto the same ground."""
+def shift(
+    obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, 3], high: Float[np.ndarray, 3]
+) -> Float[np.ndarray, 3]:
+    """Metres: what brings a piece between these corners to the left of its model, onto the same ground."""
     box = (
         np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
         * scene.unit_settings.scale_length
@@ -151,7 +155,7 @@ def shift(obj: bpy.types.Object, scene: bpy.types.Scene, low: np.ndarray, high: 
 
 
 def _put_object(
-    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: np.ndarray
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, 3]
 ) -> bpy.types.Object:
     """The object with this data; one of an earlier time keeps what else it had."""
     made = existing(obj)
@@ -168,8 +172,8 @@ def _put_object(
     return made
 
 
-def quad_colours(obj: bpy.types.Object, kind: str) -> np.ndarray:
-    """(F, 3) linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
+def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3"]:
+    """Linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, colouring.KINDS[kind][0])
     if values is None:
@@ -177,7 +181,7 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> np.ndarray:
     return colouring.painted(obj, kind, values)[0]
 
 
-def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.ndarray]:
+def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
     """What is known of the quads, for every face of the piece, by the names of the model's attributes."""
     found = {"flexmaps_quad": quad_of}
     with attributes.readable(obj) as mesh:
@@ -191,8 +195,10 @@ def _face_values(obj: bpy.types.Object, quad_of: np.ndarray) -> dict[str, np.nda
 # -- its data ----------------------------------------------------------------------------------------------------------
 
 
-def piece_mesh(name: str, panels: PanelMesh, vertices: np.ndarray, rgb: np.ndarray | None) -> bpy.types.Mesh:
-    """The panels with their vertices (V, 3) metres as a mesh with UV map, colours (F, 3) and smooth arms between sharp edges."""
+def piece_mesh(
+    name: str, panels: PanelMesh, vertices: Float[np.ndarray, "vertices 3"], rgb: Float[np.ndarray, "quads 3"] | None
+) -> bpy.types.Mesh:
+    """The panels with their vertices, metres, as a mesh with UV map, colours and smooth arms between sharp edges."""
     mesh = meshes.polygons(name, vertices, panels.corners, panels.sizes)
     centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -17,6 +17,9 @@ import numpy as np
 from ...engine import colours
 from ...engine.errors import FlexMapsError
 from . import collection, meshes
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 MARGIN = 1.06  # size of the picture over that of what is in it
 UNDENOISED = 4  # times as many samples where there is no denoiser; not measured
@@ -66,13 +69,13 @@ class Studio:
             if isinstance(item, bpy.types.Object):
                 self.scene.collection.objects.link(item)
 
-    def points(self) -> np.ndarray:
-        """(N, 3): points that enclose all that was put in tightly enough to frame it."""
+    def points(self) -> Float[np.ndarray, "points 3"]:
+        """Points that enclose all that was put in tightly enough to frame it."""
         boxes = [np.array([o.matrix_world @ collection.vector(v) for v in o.bound_box]) for o in self._theirs]
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
-    def points_in(self, frames: Iterable[int]) -> np.ndarray:
-        """(N, 3): vertices of the user's meshes, some of them, as they are seen in some frames."""
+    def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:
+        """Vertices of the user's meshes, some of them, as they are seen in some frames."""
         found, graph = [], self.scene.view_layers[0].depsgraph
         for frame in frames:
             self.scene.frame_set(frame)
@@ -84,9 +87,12 @@ class Studio:
         return np.concatenate(found)
 
     def set_up(
-        self, direction: np.ndarray | tuple[float, ...], points: np.ndarray | None = None, tight: bool = False
+        self,
+        direction: Float[np.ndarray, 3] | tuple[float, ...],
+        points: Float[np.ndarray, "points 3"] | None = None,
+        tight: bool = False,
     ) -> None:
-        """Light, ground and a camera that looks against ``direction`` (3,) at points (N, 3), or at all that was put in.
+        """Light, ground and a camera that looks against ``direction`` at points, or at all that was put in.
 
         ``tight`` makes the picture as high as they need.
         """
@@ -129,7 +135,7 @@ class Studio:
 
     # -- light ---------------------------------------------------------------------------------------------------------
 
-    def _light(self, points: np.ndarray) -> None:
+    def _light(self, points: Float[np.ndarray, "points 3"]) -> None:
         """A bright sky, a large soft lamp from the upper left, a weak one from behind, and the ground under the lowest point."""
         low, high = points.min(axis=0), points.max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
@@ -160,7 +166,7 @@ class Studio:
 
     # -- camera --------------------------------------------------------------------------------------------------------
 
-    def _camera(self, points: np.ndarray, direction: np.ndarray, tight: bool) -> None:
+    def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, 3], tight: bool) -> None:
         """It sees all points with a little room; straight from above without perspective."""
         from mathutils import Vector
 
@@ -193,8 +199,8 @@ class Studio:
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
 
 
-def _fit(points: np.ndarray, across: float, up: float) -> np.ndarray:
-    """(3,): the nearest place for a camera along -z from which all points (N, 3) are seen; tangents of half its angles."""
+def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, 3]:
+    """The nearest place for a camera along -z from which all points are seen; tangents of half its angles."""
     x, y, z = points.T
     ends = []
     for side, half in ((x, across / MARGIN), (y, up / MARGIN)):
@@ -203,7 +209,7 @@ def _fit(points: np.ndarray, across: float, up: float) -> np.ndarray:
     return np.array([ends[0][0], ends[1][0], max(ends[0][1], ends[1][1])])
 
 
-def _needed(points: np.ndarray, across: float) -> float:
+def _needed(points: Float[np.ndarray, "points 3"], across: float) -> float:
     """The smallest tangent upwards that does not move the camera farther away than its tangent ``across`` asks for."""
     far = _fit(points, across, 1e3)[2]
     low, high = 1e-3 * across, 1e3 * across
@@ -217,14 +223,14 @@ def _pixels(width: int, aspect: float) -> int:
     return int(np.clip(np.ceil(width * aspect), 0.15 * width, 2.0 * width))
 
 
-def points_of(obj: bpy.types.Object) -> np.ndarray:
-    """(N, 3): the vertices of a mesh, or the corners of another object's box, in the world."""
+def points_of(obj: bpy.types.Object) -> Float[np.ndarray, "points 3"]:
+    """The vertices of a mesh, or the corners of another object's box, in the world."""
     points = vertices_of(obj.data) if obj.type == "MESH" else np.array(obj.bound_box, dtype=float)
     return points + np.array(obj.location)
 
 
-def vertices_of(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(V, 3) in the mesh's own frame."""
+def vertices_of(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
+    """In the mesh's own frame."""
     found = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", found)
     return found.reshape(-1, 3).astype(float)

@@ -15,6 +15,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
 sys.path.append(str(Path(__file__).parent))  # for what several tests share, in support/
+sys.modules["flexmaps_shapes"].watch("bridge/store", "bridge/view")
 
 
 @pytest.fixture(scope="session")
