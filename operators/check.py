@@ -1,4 +1,4 @@
-"""Is the mesh fit for it? And showing the faces that a finding speaks of."""
+"""Check the mesh, and select the faces that a finding names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What operators have in common that go on from what earlier stages have made."""
+"""Base of the operators that continue from the results of earlier stages, which the object holds."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Continuation = Callable[["Result", Progress], Any]
 
 
 class ContinuedStage(StageOperator):
-    """Base of such an operator: it gives ``continuation`` instead of ``prepare``.
+    """An operator that gives ``continuation`` instead of ``prepare``.
 
     needs : the member of the result that has to be there, see ``stages.TABLE``; "" where any mesh of quads will do
-    loaded : whether it concerns it what holds the piece and what pulls at it
+    loaded : whether supports and forces are read too
     """
 
     needs = ""
@@ -35,7 +35,7 @@ class ContinuedStage(StageOperator):
         return notes.missing(obj.data, cls.needs) if cls.needs else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        """What goes on from the result; what it needs from Blender is read here, the returned function must not touch it."""
+        """The work that continues from the result, as a function that does not touch Blender's data: read here what it needs."""
         raise NotImplementedError
 
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
@@ -51,7 +51,7 @@ class ContinuedStage(StageOperator):
 
             progress(0.0, "Reading the object")
             result = snapshot.result()
-            if needs and needs != "simulation":  # of a simulation the object holds the figures, not the result
+            if needs and needs != "simulation":  # an object holds a simulation's figures, not the simulation
                 stages.needed(result, needs)
             return go_on(result, progress)
 

@@ -29,7 +29,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
 
         settings, found = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
-            preview.quad_colours(obj, settings.preview.colour)  # asked for before the work, not after
+            preview.quad_colours(obj, settings.preview.colour)  # raises before the work begins, not after it
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.mechanics.assembly import target_pose

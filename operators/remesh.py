@@ -1,4 +1,4 @@
-"""Making quads, and giving them their size."""
+"""Quad remesh, and scaling to the wanted quad edge."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class QuadRemesh(StageOperator, bpy.types.Operator):
         return problem is None
 
     def _read(self, context: bpy.types.Context) -> Work:
-        """Of what is seen: modifiers are no obstacle, other than to stages that write into the mesh itself."""
+        """Read the mesh with its modifiers applied: the quads become a new object."""
         preload.wait()
         from ..bridge.hosts import remesh
 

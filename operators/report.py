@@ -33,7 +33,7 @@ class Report(ContinuedStage, bpy.types.Operator):
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
-    _letters: Any = None  # a Future: Blender draws all windows anew when letters are made, which must not come first
+    _letters: Any = None  # a Future, made in ``meanwhile``: drawing letters makes Blender redraw all windows
 
     needs = "flat"
     loaded = True

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 Work = Callable[[Progress], Any]
 
 TICK = 0.02  # seconds between two looks at the job
-LEAST = 0.2  # seconds between two drawings of the progress, where drawing costs nothing
-SHARE = 0.1  # of the time at most is drawn: where no graphics card does it, drawing takes the processor from the work
+LEAST = 0.2  # seconds between two drawings of the progress at least; by eye
+SHARE = 0.1  # of the time at most is spent on drawing, which without a graphics card slows the work down
 
 
 class Pace:
-    """Says when the progress may be drawn again, from how long the last time took.
+    """Decides when the progress is drawn again: the longer the last drawing took, the later.
 
-    Blender draws what was asked for before it gives the next tick, so that a tick which comes late tells what drawing took.
+    Blender draws before it sends the next timer event, so the delay of that event is the time that drawing took.
     """
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class StageOperator:
     report: Any
     shows = ""  # the overlay that is switched on afterwards, where none is
     on_stop = "nothing is changed then"  # what becomes of the work when it is stopped
-    level = "INFO"  # how ``finish`` wants its line to be told: "WARNING" where the result is not what was hoped for
+    level = "INFO"  # of the line that ``finish`` returns; it may set "WARNING"
 
     _job: background.Job | None = None
     _timer: Any = None
@@ -85,14 +85,14 @@ class StageOperator:
         raise NotImplementedError
 
     def meanwhile(self) -> None:
-        """Make what the work needs from Blender but takes a moment: called once, when the progress is seen already."""
+        """Make on the main thread what the work waits for and what takes a moment; called once, after the progress was drawn."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, result: Any) -> str:
         """Write the result, on the main thread; everything that can fail comes before the first write."""
         raise NotImplementedError
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
-        """Draw what stands beside the model, in pieces so short that a window stays alive; the result is written by then."""
+        """Draw what stands beside the model, after the result was written; between its pieces the window is drawn."""
         return iter(())
 
     # -- how it runs -----------------------------------------------------------------------------------------------------

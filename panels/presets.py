@@ -17,6 +17,6 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
 
     @classmethod
     def draw_panel_header(cls, layout: Any) -> None:
-        """As Blender's, which takes the class's name for its idname."""
+        """As Blender's own, which fails where a class's name is not its idname."""
         layout.emboss = "NONE"
         layout.popover(panel=cls.bl_idname, icon="PRESET", text="")

@@ -35,7 +35,7 @@ RENDER = ("finish", "file")
 
 
 def _figures(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """What the assembled piece is made of, or that it is none of the present spirals."""
+    """Figures of the assembled piece, or that it is out of date."""
     figures = preview.note_of(obj)
     if not figures:
         return

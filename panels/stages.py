@@ -14,8 +14,8 @@ from ..bridge.store.objects import unusable
 from .rows import wrapped
 
 ICONS = {states.TODO: "RADIOBUT_OFF", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
-EMPHASIS = 1.4  # height of the button on top of the tab
-ONE_REDRAW = 0.2  # seconds: so long the sub-panels use what the main panel has found out
+EMPHASIS = 1.4  # height of the button on top of the tab, in rows; by eye
+ONE_REDRAW = 0.2  # seconds in which sub-panels use the states that the main panel has computed; not measured
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ _seen: list[Seen] = []
 
 
 def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
-    """The states of the active object; the main panel, which is drawn first, looks afresh."""
+    """The states of the active object; the main panel, which is drawn first, asks for new ones (``afresh``)."""
     obj, now = context.object, time.monotonic()
     if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
         found = states.of(obj, context.scene)

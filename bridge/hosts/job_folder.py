@@ -31,12 +31,12 @@ TITLE = "together.png"  # of the report
 
 @contextmanager
 def folder(out: Path) -> Iterator[files.NewFile]:
-    """Gives the function that ``write`` takes: the folder's files appear together, or the earlier ones stay as they were.
+    """Gives the function that ``write`` takes. All its files appear at the end, or the earlier ones stay as they were.
 
     Raises ``FlexMapsError`` where another run is writing into the folder.
     """
     with files.replacing_many(_stale(out), out) as new:
-        new(out / REPORT)  # a folder that cannot be written to says so before the work, not after
+        new(out / REPORT)  # raises before the work where the folder cannot be written to
         yield new
 
 
@@ -50,7 +50,7 @@ def write(
     pictures: bool,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write everything that the stages have made; returns the report. Blender's open file is left for the model's."""
+    """Write everything that the stages have made; returns the report. The file that is open in Blender is closed."""
     from ..view import picture, scene
 
     written: list[Path] = []
@@ -128,7 +128,7 @@ def _shows(page: str, picture: Path) -> bool:
 
 @contextmanager
 def quiet_blender() -> Iterator[None]:
-    """Blender writes a line for every step of a render straight to the process's standard output: not for people."""
+    """Without Blender's own output, a line for every step of a render, which it writes past Python."""
     sys.stdout.flush()
     kept = os.dup(1)
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
@@ -143,6 +143,6 @@ def quiet_blender() -> Iterator[None]:
 
 
 def _flush() -> None:
-    """What Blender has written is still in the C library's buffer, and would come out later."""
+    """Empty the C library's buffer, or what Blender has written would come out later."""
     with suppress(OSError, AttributeError, TypeError):
         (ctypes.cdll.ucrtbase if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)

@@ -1,4 +1,4 @@
-"""The numerics are imported when the sidebar is first seen, beside Blender, so that the first button answers at once."""
+"""Import of the numerics in a thread when the sidebar is first drawn, so that the first button answers at once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _begun: list[threading.Thread] = []
 
 
 def start() -> None:
-    """Begin, unless it was begun or Blender has no window. Not a daemon: Blender waits for it rather than end in an import."""
+    """Begin, once, and only with a window. Not a daemon thread, which could crash Blender when it quits during an import."""
     if _begun or bpy.app.background:
         return
     _begun.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
@@ -29,7 +29,7 @@ def start() -> None:
 
 
 def wait() -> None:
-    """Until what was begun is done: two threads that import the same libraries at once can disturb each other."""
+    """Wait until it is done: two threads that import the same libraries at once can disturb each other."""
     for thread in _begun:
         thread.join()
 

@@ -15,14 +15,14 @@ from .second_blender import SecondBlender
 
 
 def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
-    """The polygons that are seen of an object, simulations apart, metres; raises ``FlexMapsError`` where there are none."""
+    """The polygons that are seen of an object, without its simulated shape, metres; raises ``FlexMapsError`` where there are none."""
     if abs(np.linalg.det(to_metres(obj, context.scene)[:3, :3])) < 1e-30:
         raise FlexMapsError(f"'{obj.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis")
     return read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
 
 
 def quads_of(polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT) -> requad.Requadded:
-    """About ``count`` quads in their shape; any thread may ask. Raises ``FlexMapsError`` where nothing works."""
+    """About ``count`` quads in the shape of polygons; callable from any thread. Raises ``FlexMapsError`` where nothing works."""
     with SecondBlender(smooth) as tool:
         return requad.requad(polygons, count, tool, progress)
 

@@ -22,9 +22,9 @@ from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
-# seconds after which there is no hope: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
+# seconds after which an answer is given up: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
 LIMIT = 60.0
-START = 120.0  # seconds more for Blender to start; generous, not measured on slow machines
+START = 120.0  # seconds more where Blender has to start; generous, not measured on slow machines
 USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
 LOOK = 0.02  # seconds between two looks for the answer
 
@@ -88,7 +88,7 @@ class SecondBlender:
     def _ask(
         self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
     ) -> dict[str, np.ndarray] | None:
-        """The answer as arrays, none where Blender refuses; ``None`` where it crashed or did not come back in time."""
+        """The answer as arrays; {} where Blender refuses, ``None`` where it crashed or took too long."""
         progress(0.0, tool)
         self._asked += 1
         base = Path(self._folder.name) / str(self._asked)

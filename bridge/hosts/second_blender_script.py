@@ -1,4 +1,4 @@
-"""Runs in a Blender of its own, as a script: makes triangles, voxels and quads of the meshes that ``second`` sends it.
+"""Runs in a Blender of its own, as a script: makes triangles, voxels and quads of the meshes that ``second_blender`` sends it.
 
 A line of JSON comes for every mesh; it names the file with the mesh, the file for the answer, and what is to be done. By
 itself, without the package around it: it must start soon.
@@ -15,7 +15,7 @@ from mathutils.bvhtree import BVHTree
 
 
 def triangles(obj, near):
-    """Corners nearer than ``near`` joined, triangles all over, without what has no area."""
+    """Merge vertices closer than ``near``, triangulate, and remove what has no area."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.remove_doubles(bm, verts=bm.verts, dist=near)
@@ -35,7 +35,7 @@ def voxels(obj, size):
 
 
 def cells(obj, size):
-    """What lies flat as one polygon, cut along planes across the three axes that are about ``size`` apart."""
+    """Join coplanar faces, then cut them along planes across the three axes, about ``size`` apart."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.dissolve_limit(bm, angle_limit=1e-3, verts=[], edges=bm.edges)
@@ -108,7 +108,7 @@ TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads"
 
 
 def answer(wanted, given):
-    """What is asked for; nothing where Blender refuses."""
+    """The arrays that are asked for; {} where Blender refuses."""
     if wanted["tool"] == "touching":
         return {"pairs": touching(given["vertices"], given["corners"], given["body"])}
     obj = as_object(given["vertices"], given["corners"], given["sizes"])

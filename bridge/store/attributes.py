@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from jaxtyping import Bool, Float, Int, Shaped
 
 PREFIX = "flexmaps_"
-LARGEST = 1e30  # well within single precision; the measure of a folded quad has no bound
+LARGEST = 1e30  # single precision goes to 3e38; needed, as the distance from a square of a folded quad has no bound
 
 # attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
 # BOOLEAN, whose layers no script reaches in edit mode before Blender 4.5
@@ -86,7 +86,7 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
 
 def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """The values as they stand there; ``None`` where the attribute is missing, or of another place or kind than we write."""
+    """The values, unchecked; ``None`` where the attribute is missing, or of another domain or kind than we write."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
@@ -103,7 +103,7 @@ def _is_ours(name: str) -> bool:
 
 
 def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
-    """Whether the values of an attribute of ours are within what we write; not a number is not."""
+    """Whether all values of an attribute of ours are finite and within its bounds."""
     return bool(_within(name, values).all())
 
 
@@ -115,9 +115,9 @@ def _within(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.n
 
 
 def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """All attributes of ours that are there, by name without the prefix: the sound ones with their values, and the others.
+    """All attributes of ours that a mesh has, by name without the prefix: the sound ones, and the damaged ones.
 
-    Those hold what we never write, and nobody reads them; with each come its elements (k,) at which it does.
+    Sound ones come with their values, damaged ones with the indices of the elements that hold what we never write.
     """
     sound: dict[str, np.ndarray] = {}
     unsound: dict[str, np.ndarray] = {}
@@ -139,7 +139,7 @@ def has(obj: bpy.types.Object, name: str) -> bool:
 
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
     """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
-    if KINDS[kind][2] is np.float32:  # what is larger would be infinite there, and the mesh not valid
+    if KINDS[kind][2] is np.float32:  # a larger value would become infinite, and the mesh not valid
         values = np.clip(values, -LARGEST, LARGEST)
     if obj.data.is_editmode:
         _put_bmesh(obj.data, name, domain, kind, values)

@@ -18,11 +18,11 @@ from . import attributes, pose, settings
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-MANY = 20_000  # edges of a mesh that can be looked at one by one in a redraw (some milliseconds)
+MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
 
 
 class Checksums:
-    """Those of an object as it is now, each computed when it is first asked for, but those that are ``known``."""
+    """Checksums of an object as it is now, by part; each is computed on demand, unless it is ``known``."""
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
         self._obj, self._scene = obj, scene
@@ -43,7 +43,7 @@ class Checksums:
         return self._known[part]
 
     def _shape(self) -> bytes:
-        """Vertices, faces and size; where it stands and how it is turned do not matter."""
+        """Vertices, faces and size; position and rotation do not matter."""
         mesh = self._obj.data
         bm = self._edited()
         if bm is not None:
@@ -61,7 +61,7 @@ class Checksums:
         return positions.tobytes() + corners.tobytes() + rest.encode()
 
     def _edited(self) -> bmesh.types.BMesh | None:
-        """Where the user is editing, of which the mesh does not know yet; None elsewhere, or where it would take too long.
+        """The mesh that is being edited, which is ahead of the object's; None outside edit mode, or where reading takes too long.
 
         Of shape keys only the basis is what stages read; while another one is edited, the mesh is as edit mode found it.
         """
@@ -99,7 +99,7 @@ class Checksums:
         return data
 
     def _down(self) -> bytes:
-        """Where weight and forces pull; nothing where there are none."""
+        """The direction of weight and forces in the object's frame; empty where there are none."""
         given = getattr(self._obj, "flexmaps", None)
         if given is None or not (
             given.simulate.gravity or given.loads.force_x or given.loads.force_y or given.loads.force_z

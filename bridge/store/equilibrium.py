@@ -1,4 +1,4 @@
-"""The simulated shape on a Blender mesh: a shape key to slide to and face attributes, and whether they are still true.
+"""The simulated shape on a Blender mesh, as shape keys and face attributes, and whether it is out of date.
 
 What is written:
 
@@ -136,7 +136,7 @@ def _put_key(
 
 
 def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """The vertices as far as our shape keys have moved them, in the object's own frame."""
+    """The vertices, moved by our shape keys alone, in the object's own frame."""
     basis = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", basis)
     positions, moved = basis.copy(), np.empty_like(basis)
@@ -149,7 +149,7 @@ def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
 
 @contextmanager
 def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
-    """The object for a while at the target, 0, or at its equilibrium, 1."""
+    """Show the object meanwhile at the target (0) or at its equilibrium (1)."""
     before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
     for key in keys_of(obj.data):
         key.value, key.mute = (share if key.name == KEY else 0.0), False
@@ -165,7 +165,7 @@ def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
 
 
 def sound(block: dict[str, Any]) -> bool:
-    """Whether a simulation found a shape to believe in; what is wrong else stands in its ``status``."""
+    """Whether a simulation found an equilibrium that can be relied on; otherwise its ``status`` says what is wrong."""
     return bool(block.get("converged")) and not block.get("locked")
 
 
@@ -187,7 +187,7 @@ def remarks(block: dict[str, Any]) -> list[str]:
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:
-    """The pose that a simulation found, where it is one to believe in and nothing has changed since; else ``None``."""
+    """The pose of a simulation that is sound and up to date; else ``None``."""
     block = notes.read(obj.data).get("equilibrium")
     if block is None or not sound(block) or out_of_date(obj, scene):
         return None
@@ -195,5 +195,5 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> 
 
 
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
-    """Whether there is a simulation that the mesh or the settings have left behind."""
+    """Whether there is a simulation of an earlier mesh or of earlier settings."""
     return states.is_old(obj, scene, stage)

@@ -144,7 +144,7 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
     if len(torn):
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
-    with np.errstate(all="ignore"):  # on a map without size nothing can be measured, which is no energy that was stored
+    with np.errstate(all="ignore"):  # a map without size has no energy; NaN then differs from what was stored
         points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
         flat = measured(layout, points)
     stored = surface.values["energy"].astype(float)
@@ -165,7 +165,7 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
 
 
 def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
-    """The flat patches, which must belong to the seams of now; raises ``FlexMapsError`` where they do not."""
+    """The flat patches; raises ``FlexMapsError`` where the seams were edited since."""
     flat = flat_of(surface, mesh)
     if flat is None:
         raise FlexMapsError("There are no flat patches yet; press Merge or Flatten first")
@@ -215,7 +215,7 @@ def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
 
 
 def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
-    """Whether widths and twists are still those of which the note was taken."""
+    """Whether widths and twists are those that the note describes."""
     found = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(
         np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
@@ -249,7 +249,7 @@ def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
 
 
 def shelve_design(obj: bpy.types.Object) -> None:
-    """The patches were cut anew: the spirals are none of theirs, but a start for the next ones."""
+    """Keep the spirals of earlier patches under ``LAST_NAMES``, as a start for those of the new patches."""
     with attributes.readable(obj) as mesh:
         kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
     for name, values in zip(LAST_NAMES, kept, strict=True):

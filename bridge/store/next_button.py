@@ -8,11 +8,9 @@ from . import notes
 from .settings import unsaved
 from .states import DONE, TODO, State, is_old_unnoted
 
-EDGES = (
-    64  # evenly picked, they tell the size of the quads well enough: it is asked whether it is wrong by a factor of 2
-)
+EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
-# findings of the check: those that Regularise helps with, and those that no new quads are needed for
+# findings of the check that Regularise helps with, and errors that are mended by hand rather than by new quads
 MADE_SQUARER = {"concave", "warped", "thin"}
 MENDED_BY_HAND = {
     "inconsistent-orientation", "size-ratio", "zero-edge", "zero-area", "not-finite", "loose-vertices", "far-vertices",
@@ -59,7 +57,7 @@ def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[s
         return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
     poor = any(finding["code"] in MADE_SQUARER for finding in checks)
     regular = "regularise" in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, "regularise")
-    if poor and not regular:  # once it is as regular as it gets, pressing again is no use
+    if poor and not regular:  # pressing Regularise a second time changes nothing
         return "flexmaps.regularise"
     return ""
 

@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 NAME = "flexmaps_report"
 MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage was made from, see ``states``
 SUM = "_sum"  # behind the name of a text: where its own checksum stands
-TRACED = "traced"  # in the layout's block: there are patches that nobody has tried to join yet
+TRACED = "traced"  # in the layout's block: Trace made these patches, and Merge has not run yet
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
 
 
-# -- texts on the mesh: whatever a file holds, only what this program wrote is taken ------------------------------------
+# -- texts on the mesh: only what this program wrote is read --------------------------------------------------------------
 
 
 def _checksum(text: str) -> str:
@@ -56,7 +56,7 @@ def unsound(mesh: bpy.types.Mesh) -> bool:
 
 
 def _begin(mesh: bpy.types.Mesh) -> None:
-    """Before something is written: what is unsound goes."""
+    """Call before writing: removes damaged notes."""
     if unsound(mesh):
         for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
             if name in mesh:
@@ -116,7 +116,7 @@ def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
 
 
 def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
-    """The stages whose blocks were written since this was last asked, those dropped since left out."""
+    """The blocks that were written since the last call and are still there."""
     fresh = set(str(mesh.get(FRESH, "")).split())
     if FRESH in mesh:
         del mesh[FRESH]

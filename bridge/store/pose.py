@@ -1,4 +1,4 @@
-"""Where a simulation has left the hubs, on the mesh: what the assembled preview is built from.
+"""The simulated pose of the hubs, stored on the mesh: the assembled preview is built from it.
 
     flexmaps_hub                     face   the hub's centre, in the object's own frame
     flexmaps_hub_x, flexmaps_hub_y   face   the axes of its flat patch there, as ways in the object's own frame
@@ -45,8 +45,8 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     normal = np.cross(x, y)
     squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
     if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):
-        return None  # whoever wrote that, it is no pose
-    # stored in single precision: square again, with either axis as much changed as the other
+        return None  # not what we wrote
+    # single precision: the nearest rotation
     u, _, vt = np.linalg.svd(np.stack([x, y, normal / np.linalg.norm(normal, axis=1, keepdims=True)], axis=2))
     return Pose(centre + to_metres[:3, 3], u @ vt)
 

@@ -36,9 +36,9 @@ class Snapshot:
     note: dict[str, Any] | None = None
 
     def result(self) -> Result:
-        """How far the stages have come; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made.
+        """The job's result as far as its stages have run. Raises ``FlexMapsError`` with the first error of the check.
 
-        What was there and cannot be used any more is among ``Result.lost``.
+        Members that are stored but cannot be used any more are in ``Result.lost``.
         """
         made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force)
         try:
@@ -56,7 +56,7 @@ class Snapshot:
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
     def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
-        """In the engine's numbers: where the object has seams."""
+        """Where the object has seams, in the engine's order of edges."""
         return mesh.layout_of(self.surface, made.mesh).cut
 
     def start(self, made: Result) -> Result:
@@ -72,7 +72,7 @@ class Stored:
 
     uid : Blender's id of the object; None where what is seen is not its own mesh, but what modifiers made of it
     result : None where the check finds errors
-    seams : the edges, in the engine's numbers, where the object has seams
+    seams : the edges, in the engine's order, where the object has seams
     """
 
     source: PolygonMesh
@@ -83,7 +83,7 @@ class Stored:
 
 
 def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
-    """Read what the stages need of an object, with what holds it and pulls at it if ``loaded``; milliseconds.
+    """Read what the stages need of an object, with supports and forces if ``loaded``; takes milliseconds.
 
     Raises ``FlexMapsError`` where those are no groups of the object, or hold no quad.
     """

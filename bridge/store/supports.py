@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from .surface import Surface
 
-CORNERS = 2  # so many corners of a quad in the group make the quad belong to it
+CORNERS = 2  # corners of a quad in the group that make the quad belong to it: an edge on the ground is a support
 GROUP = "FlexMaps supports"
 
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # on the empty
-TABLE = 1.3  # how wide the panels lie, as a share of the piece
-LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived
+TABLE = 1.3  # width of the rows of panels over that of the piece; by eye
+LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived; by eye
 
 
 def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
@@ -47,7 +47,7 @@ def show(
     film: Film,
     seconds: float,
     rgb: Float[np.ndarray, "quads 3"] | None,
-    place: Float[np.ndarray, 3],
+    place: Float[np.ndarray, " 3"],
 ) -> tuple[bpy.types.Object, int]:
     """Put the film beside its model, in the place of an earlier one; returns its empty and its last frame.
 

@@ -53,7 +53,7 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "o
                 (bpy.data.meshes if isinstance(data, bpy.types.Mesh) else bpy.data.curves).remove(data)
 
 
-def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, 3]:
+def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
     """Metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
     box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
@@ -61,13 +61,19 @@ def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[n
 
 
 def vector(corner: object) -> object:
+    """As Blender's own, which its matrices ask for."""
     from mathutils import Vector
 
     return Vector(corner)
 
 
 def add(
-    obj: bpy.types.Object, scene: bpy.types.Scene, kind: str, name: str, data: bpy.types.ID, place: Float[np.ndarray, 3]
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    kind: str,
+    name: str,
+    data: bpy.types.ID,
+    place: Float[np.ndarray, " 3"],
 ) -> bpy.types.Object:
     """Put data that is in metres into the object's collection, at a place in metres."""
     unit = scene.unit_settings.scale_length

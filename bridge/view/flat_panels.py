@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
 PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
-LINE = 0.03  # half the thickness of a drawn line, in quad edges
+LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
 
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
@@ -145,7 +145,7 @@ class PanelDrawing:
 
     @classmethod
     def plain(cls, design: SpiralDesign) -> PanelDrawing:
-        """At once, without connectors and outlines; Export draws them true."""
+        """Quickly, without connectors and outlines; Export replaces them."""
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)

@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from jaxtyping import Float
 
-ROW = 18  # height of a line of the legend, in pixels at the usual size
+ROW = 18  # height of a line of the legend, pixels at an interface scale of 1
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
 
-FEW = 64  # colours, beyond which one material shows them all
+FEW = 64  # materials of one colour each at most on an object; not measured
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def of_material(key: str) -> bpy.types.Material:
     return made
 
 
-def material(name: str, rgb: Float[np.ndarray, 3] | None) -> bpy.types.Material:
+def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
     found = bpy.data.materials.get(name)
     if found is not None:
@@ -100,7 +100,7 @@ def material(name: str, rgb: Float[np.ndarray, 3] | None) -> bpy.types.Material:
     return made
 
 
-def glowing(name: str, rgb: Float[np.ndarray, 3] | None) -> bpy.types.Material:
+def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """Like ``material``, but as bright as its colour, whatever the light."""
     known = name in bpy.data.materials
     made = material(name, rgb)

@@ -159,12 +159,12 @@ class Group:
 
     objects: tuple[bpy.types.Object, ...]
 
-    def seen(self, azimuth: float) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+    def seen(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Lowest and highest place to the right, backwards and up, as a camera sees them."""
         there = points_of(self.objects[0]) @ _axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
-    def move(self, shift: Float[np.ndarray, 3], azimuth: float) -> None:
+    def move(self, shift: Float[np.ndarray, " 3"], azimuth: float) -> None:
         """Shift by metres to the right, backwards and up."""
         for obj in self.objects:
             obj.location = np.array(obj.location) + shift @ _axes(azimuth)

@@ -1,6 +1,6 @@
 """The assembled piece as an object beside its model: every spiral with its true arms, bent as the last simulation says.
 
-It is a picture: made anew by its operator, never read back by a stage. Engine coordinates, metres, as in ``beside``.
+It is a picture: made anew by its operator, never read back by a stage. Engine coordinates, metres.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 KIND, NAME = "assembled", "Assembled"
 NOTE = "flexmaps_preview"  # on the object, JSON: its figures
-WIRE = 9  # points along an arm that is drawn as a wire
+WIRE = 9  # points along an arm that is drawn as a wire; by eye
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,7 @@ class Built:
 
     design, pose, arms : what it is
     panels : its mesh, None where it is drawn as wires; vertices : (V, 3) metres, of the mesh, or (A, WIRE, 3) of the wires
-    seconds : that it took so far
+    seconds : spent on building it
     """
 
     design: SpiralDesign
@@ -142,8 +142,8 @@ def show(
 
 
 def shift(
-    obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, 3], high: Float[np.ndarray, 3]
-) -> Float[np.ndarray, 3]:
+    obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, " 3"]:
     """Metres: what brings a piece between these corners to the left of its model, onto the same ground."""
     box = (
         np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
@@ -155,7 +155,7 @@ def shift(
 
 
 def _put_object(
-    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, 3]
+    obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, " 3"]
 ) -> bpy.types.Object:
     """The object with this data; one of an earlier time keeps what else it had."""
     made = existing(obj)

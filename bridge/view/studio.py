@@ -88,7 +88,7 @@ class Studio:
 
     def set_up(
         self,
-        direction: Float[np.ndarray, 3] | tuple[float, ...],
+        direction: Float[np.ndarray, " 3"] | tuple[float, ...],
         points: Float[np.ndarray, "points 3"] | None = None,
         tight: bool = False,
     ) -> None:
@@ -166,7 +166,7 @@ class Studio:
 
     # -- camera --------------------------------------------------------------------------------------------------------
 
-    def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, 3], tight: bool) -> None:
+    def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"], tight: bool) -> None:
         """It sees all points with a little room; straight from above without perspective."""
         from mathutils import Vector
 
@@ -199,7 +199,7 @@ class Studio:
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
 
 
-def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, 3]:
+def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:
     """The nearest place for a camera along -z from which all points are seen; tangents of half its angles."""
     x, y, z = points.T
     ends = []
