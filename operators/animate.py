@@ -29,8 +29,8 @@ class Animate(ContinuedStage, bpy.types.Operator):
         from ..bridge.view import animation, preview
         from ..engine.runs import stages
 
-        settings, found = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
-        if found is None:
+        settings, stored = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
+        if stored is None:
             raise FlexMapsError(stages.MISSING["simulation"])
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
@@ -41,22 +41,22 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
             design = stages.needed(result, "design")
             detail = DETAILS[settings.film.film_detail]
-            table = animation.on_table(design, found)
+            table = animation.on_table(design, stored)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
             material = settings.material.chosen
-            made = assembly_film.film(design, found, table, detail, material, settings.simulate, rest, tips)
-            return made, found, settings
+            made = assembly_film.film(design, stored, table, detail, material, settings.simulate, rest, tips)
+            return made, stored, settings
 
         return go_on
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.view import animation, collection, preview
 
-        film, found, settings = result
+        film, stored, settings = result
         colour, scene = settings.preview.colour, context.scene
         rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
-        place = preview.shift(obj, scene, found.centres.min(axis=0), found.centres.max(axis=0))
+        place = preview.shift(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
         collection.clear(obj, (preview.KIND,))
         _, last = animation.show(
             obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")

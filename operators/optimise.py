@@ -59,15 +59,15 @@ class Optimise(ContinuedStage, bpy.types.Operator):
                 return designing.Designing(look, result.mesh.quads, spiral, tuple(history)).prepared(unit)
 
             made = job.go_on(start, once, ("optimise",), progress.part(0.0, 0.95).showing(seen))
-            found = made.design
-            assert found is not None
+            better = made.design
+            assert better is not None
             try:
                 progress(0.95, "Drawing outlines")
-                panels = PanelDrawing.of(found, snapshot.settings, progress.part(0.95, 0.98))
-                spirals = design.design_report(found, progress.part(0.98, 1.0))
+                panels = PanelDrawing.of(better, snapshot.settings, progress.part(0.95, 0.98))
+                spirals = design.design_report(better, progress.part(0.98, 1.0))
                 made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
-                panels, spirals = PanelDrawing.plain(found), design.design_report(found, measured=False)
+                panels, spirals = PanelDrawing.plain(better), design.design_report(better, measured=False)
             layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
             assert made.optimisation is not None
             return panels, made, made.optimisation.report(), spirals, layout

@@ -27,7 +27,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
         from ..bridge.store import pose
         from ..bridge.view import preview
 
-        settings, found = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
+        settings, stored = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)  # raises before the work begins, not after it
 
@@ -39,9 +39,9 @@ class Preview(ContinuedStage, bpy.types.Operator):
             wires = settings.preview.detail == "LINES"
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)
-            stand = target_pose(result.mesh, design.flat.corners) if found is None else found
+            stand = target_pose(result.mesh, design.flat.corners) if stored is None else stored
             built = preview.build(design, stand, settings.preview.detail, tips, bending)
-            return built, settings.preview, found is not None
+            return built, settings.preview, stored is not None
 
         return go_on
 

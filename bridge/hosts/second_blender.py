@@ -49,12 +49,12 @@ class SecondBlender:
         self._folder.cleanup()
 
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress = SILENT) -> PolygonMesh | None:
-        found = self._mesh("triangles", mesh, {"near": near}, progress)
-        if found is None and self._process is None:
+        made = self._mesh("triangles", mesh, {"near": near}, progress)
+        if made is None and self._process is None:
             raise FlexMapsError(
                 "The second Blender, which the quad remesh needs, did not start or broke off; try again"
             )
-        return found
+        return made
 
     def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress = SILENT) -> PolygonMesh | None:
         return self._mesh("quads", body, {"count": count, "seed": seed, "smooth": self._smooth}, progress)
@@ -72,18 +72,18 @@ class SecondBlender:
             "corners": np.concatenate([part.corners + k for part, k in zip(parts, first, strict=False)]),
             "body": np.repeat(np.arange(len(parts)), [len(part.sizes) for part in parts]),
         }
-        found = self._ask("touching", given, {}, progress)
-        return [] if found is None else [(int(a), int(b)) for a, b in found["pairs"]]
+        answered = self._ask("touching", given, {}, progress)
+        return [] if answered is None else [(int(a), int(b)) for a, b in answered["pairs"]]
 
     # -- the process -----------------------------------------------------------------------------------------------------
 
     def _mesh(self, tool: str, mesh: PolygonMesh, options: dict[str, Any], progress: Progress) -> PolygonMesh | None:
         given = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
-        found = self._ask(tool, given, options, progress)
-        if not found:
+        arrays = self._ask(tool, given, options, progress)
+        if not arrays:
             return None
-        corners, sizes = found["corners"].astype(np.int64), found["sizes"].astype(np.int64)
-        return PolygonMesh(found["vertices"].astype(float), corners, sizes)
+        corners, sizes = arrays["corners"].astype(np.int64), arrays["sizes"].astype(np.int64)
+        return PolygonMesh(arrays["vertices"].astype(float), corners, sizes)
 
     def _ask(
         self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress

@@ -71,11 +71,11 @@ def touching(vertices, corners, body):
         trees.append(BVHTree.FromPolygons(vertices.tolist(), corners.reshape(-1, 3)[body == k].tolist()))
     low = np.array([vertices[corners.reshape(-1, 3)[body == k]].min(axis=(0, 1)) for k in range(len(trees))])
     high = np.array([vertices[corners.reshape(-1, 3)[body == k]].max(axis=(0, 1)) for k in range(len(trees))])
-    found = []
+    pairs = []
     for a in range(len(trees)):
         near = ((low[a] <= high[a + 1 :]) & (high[a] >= low[a + 1 :])).all(axis=1)
-        found += [(a, int(b)) for b in a + 1 + np.flatnonzero(near) if trees[a].overlap(trees[b])]
-    return np.array(found, int).reshape(-1, 2)
+        pairs += [(a, int(b)) for b in a + 1 + np.flatnonzero(near) if trees[a].overlap(trees[b])]
+    return np.array(pairs, int).reshape(-1, 2)
 
 
 def as_object(vertices, corners, sizes):

@@ -105,8 +105,8 @@ def write(
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
-    found = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
-    for name, values in zip(NAMES, found, strict=True):
+    values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
+    for name, values in zip(NAMES, values_of, strict=True):
         if values is None:
             attributes.remove(obj, attributes.PREFIX + name)
         else:

@@ -37,11 +37,11 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     from ...engine.mechanics.assembly import Pose
 
     with attributes.readable(obj) as mesh:
-        found = [attributes.get(mesh, attributes.PREFIX + name) for name in NAMES]
+        stored = [attributes.get(mesh, attributes.PREFIX + name) for name in NAMES]
         count = len(mesh.polygons)
-    if any(values is None or values.shape != (count, 3) for values in found):
+    if any(values is None or values.shape != (count, 3) for values in stored):
         return None
-    centre, x, y = (np.asarray(values, dtype=float) @ to_metres[:3, :3].T for values in found)
+    centre, x, y = (np.asarray(values, dtype=float) @ to_metres[:3, :3].T for values in stored)
     normal = np.cross(x, y)
     squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
     if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):

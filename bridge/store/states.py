@@ -117,19 +117,19 @@ def stamp_unnoted(
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
     """The state of every stage, in edit mode too; a mesh of more than ``MANY`` edges is there as edit mode found it."""
     blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), Checksums(obj, scene)
-    found: dict[str, State] = {}
+    states: dict[str, State] = {}
     for stage, parts in PARTS.items():
         made = stamps.get(stage)
-        earlier = [found[name] for name in AFTER.get(stage, ()) if name in found]
+        earlier = [states[name] for name in AFTER.get(stage, ()) if name in states]
         if stage not in blocks:
-            found[stage] = State(TODO if made is None else OLD)
+            states[stage] = State(TODO if made is None else OLD)
             continue
         changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
         if changed is not None:
-            found[stage] = State(OLD, changed)
+            states[stage] = State(OLD, changed)
         else:
-            found[stage] = State(DONE if all(state.kind == DONE for state in earlier) else OLD)
-    return found
+            states[stage] = State(DONE if all(state.kind == DONE for state in earlier) else OLD)
+    return states
 
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:

@@ -63,8 +63,8 @@ def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supp
     # the vertices that no quad but held ones has: those at the ground, where the lowest quads are held
     inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
     inside[corners[~held]] = False
-    found = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
-    if not np.array_equal(np.flatnonzero(found), np.sort(quads)):
+    belonging = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
+    if not np.array_equal(np.flatnonzero(belonging), np.sort(quads)):
         return False
     group = obj.vertex_groups.get(GROUP) or obj.vertex_groups.new(name=GROUP)
     group.remove(range(len(surface.positions)))
@@ -101,12 +101,14 @@ def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> In
         )
     sizes = surface.polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
-    found = np.flatnonzero(np.bincount(face, weights=inside[surface.polygons.corners], minlength=len(sizes)) >= CORNERS)
-    if not len(found):
+    belonging = np.flatnonzero(
+        np.bincount(face, weights=inside[surface.polygons.corners], minlength=len(sizes)) >= CORNERS
+    )
+    if not len(belonging):
         raise FlexMapsError(
             f"No quad has {CORNERS} corners in the vertex group '{name}' under {place}; add their vertices to it"
         )
-    return found
+    return belonging
 
 
 def _members(obj: bpy.types.Object, index: int) -> Bool[np.ndarray, " vertices"]:

@@ -88,8 +88,8 @@ def show(
 
 def clear(obj: bpy.types.Object) -> None:
     """Remove the film of a model."""
-    found = collection.existing(obj)
-    for other in [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else ():
+    own = collection.existing(obj)
+    for other in [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else ():
         # an object and its shape keys may share an action
         actions = {holder.animation_data.action.name for holder in _animated(other)}
         data = other.data
@@ -109,8 +109,8 @@ def _animated(obj: bpy.types.Object) -> list[Any]:
 
 def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The objects of a model's film, the empty first; none where there is no film."""
-    found = collection.existing(obj)
-    of_film = [o for o in found.objects if o.get("flexmaps_kind") == KIND] if found is not None else []
+    own = collection.existing(obj)
+    of_film = [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else []
     return sorted(of_film, key=lambda o: o.type != "EMPTY")
 
 

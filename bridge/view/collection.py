@@ -16,36 +16,36 @@ if TYPE_CHECKING:
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
     """The collection that belongs to the object, made where it is missing; it follows the object's name."""
-    found = existing(obj)
-    if found is None:
-        found = bpy.data.collections.new(f"FlexMaps {obj.name}")
-    if found not in scene.collection.children_recursive:  # new, or appended with the object
-        scene.collection.children.link(found)
-    if found.name != f"FlexMaps {obj.name}":
-        found.name = f"FlexMaps {obj.name}"
-    found["flexmaps_owner"] = obj.name
-    obj["flexmaps_collection"] = found
-    return found
+    own = existing(obj)
+    if own is None:
+        own = bpy.data.collections.new(f"FlexMaps {obj.name}")
+    if own not in scene.collection.children_recursive:  # new, or appended with the object
+        scene.collection.children.link(own)
+    if own.name != f"FlexMaps {obj.name}":
+        own.name = f"FlexMaps {obj.name}"
+    own["flexmaps_owner"] = obj.name
+    obj["flexmaps_collection"] = own
+    return own
 
 
 def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     """The object's collection, if it has one of its own: a duplicate of an object must not take the original's."""
-    found = obj.get("flexmaps_collection")
-    if not isinstance(found, bpy.types.Collection):
+    own = obj.get("flexmaps_collection")
+    if not isinstance(own, bpy.types.Collection):
         return None
-    name = found.get("flexmaps_owner")
+    name = own.get("flexmaps_owner")
     owner = bpy.data.objects.get(name) if isinstance(name, str) else None
-    if owner is not None and owner != obj and owner.get("flexmaps_collection") == found:
+    if owner is not None and owner != obj and owner.get("flexmaps_collection") == own:
         return None
-    return found
+    return own
 
 
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:
     """Remove what was laid out beside the object, by kind."""
-    found = existing(obj)
-    if found is None:
+    own = existing(obj)
+    if own is None:
         return
-    for other in list(found.objects):
+    for other in list(own.objects):
         if other.get("flexmaps_kind") in kinds:
             data = other.data
             bpy.data.objects.remove(other)

@@ -35,8 +35,8 @@ LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
     """The panels that stand beside an object."""
-    found = collection.existing(obj)
-    return [] if found is None else [o for o in found.objects if o.get("flexmaps_kind") == "panels"]
+    own = collection.existing(obj)
+    return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") == "panels"]
 
 
 def show_flat(

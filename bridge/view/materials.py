@@ -53,9 +53,9 @@ def of_material(key: str) -> bpy.types.Material:
     """The material of a sheet, by its key in the settings."""
     look = LOOKS[key]
     name = f"FlexMaps {look.label}"
-    found = bpy.data.materials.get(name)
-    if found is not None:
-        return found
+    existing = bpy.data.materials.get(name)
+    if existing is not None:
+        return existing
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     rgba = _rgba(look.colour)
@@ -81,9 +81,9 @@ def of_material(key: str) -> bpy.types.Material:
 
 def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
     """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
-    found = bpy.data.materials.get(name)
-    if found is not None:
-        return found
+    existing = bpy.data.materials.get(name)
+    if existing is not None:
+        return existing
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     shader = made.node_tree.nodes["Principled BSDF"]
@@ -127,16 +127,16 @@ def wear(
     Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute of a mesh; lines have none,
     and get fewer shades.
     """
-    found, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
+    distinct, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
     lines = isinstance(data, bpy.types.Curve)
     shades = FEW
-    while lines and len(found) > FEW:
+    while lines and len(distinct) > FEW:
         shades //= 2
-        found, which = np.unique(np.round(rgb * shades) / shades, axis=0, return_inverse=True)
-    if len(found) > FEW:
+        distinct, which = np.unique(np.round(rgb * shades) / shades, axis=0, return_inverse=True)
+    if len(distinct) > FEW:
         data.materials.append(material("FlexMaps panel", None))
         return
-    for name, colour in zip(colours.hexadecimal(found), found, strict=True):
+    for name, colour in zip(colours.hexadecimal(distinct), distinct, strict=True):
         data.materials.append(material(f"FlexMaps {name}", colour))
     index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
     if lines:

@@ -97,14 +97,14 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
 
 def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
     """The assembled piece of a model, if it is there."""
-    found = collection.existing(obj)
-    return next((o for o in found.objects if o.get("flexmaps_kind") == KIND), None) if found is not None else None
+    own = collection.existing(obj)
+    return next((o for o in own.objects if o.get("flexmaps_kind") == KIND), None) if own is not None else None
 
 
 def note_of(obj: bpy.types.Object) -> dict[str, Any]:
     """The figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty if none."""
-    found = existing(obj)
-    return json.loads(found.get(NOTE, "{}")) if found is not None else {}
+    piece = existing(obj)
+    return json.loads(piece.get(NOTE, "{}")) if piece is not None else {}
 
 
 def show(
@@ -183,13 +183,13 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
 
 def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
     """What is known of the quads, for every face of the piece, by the names of the model's attributes."""
-    found = {"flexmaps_quad": quad_of}
+    of_faces = {"flexmaps_quad": quad_of}
     with attributes.readable(obj) as mesh:
         for name in ("patch", "strain_energy", "strain", "distance"):
             values = attributes.get(mesh, attributes.PREFIX + name)
             if values is not None:
-                found[attributes.PREFIX + name] = values[quad_of]
-    return found
+                of_faces[attributes.PREFIX + name] = values[quad_of]
+    return of_faces
 
 
 # -- its data ----------------------------------------------------------------------------------------------------------
