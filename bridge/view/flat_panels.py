@@ -82,7 +82,7 @@ def _outline(
 
 def _runs(
     ids: Int[np.ndarray, " sides"], starts: Int[np.ndarray, " sides"], ends: Int[np.ndarray, " sides"]
-) -> list[Int[np.ndarray, " run"]]:
+) -> list[Int[np.ndarray, " _"]]:
     """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
     at = {int(s): i for i, s in enumerate(starts)}
     following = np.array([at.get(int(e), -1) for e in ends], int)  # none where a closed body has no cut
