@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..spirals.contours import ends
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
 # faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
@@ -27,18 +31,18 @@ DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model 
 class Solid:
     """A polygon mesh.
 
-    vertices : (V, 3) metres
-    corners : (C,) int, vertex of every face corner; sizes : (P,) int, corners per face
-    quad_of : (P,) int, the quad that every face belongs to
-    seam_of : (P,) int, the seam whose connector it is a part of, -1 for none
+    vertices : metres
+    corners : vertex of every face corner; sizes : corners per face
+    quad_of : the quad that every face belongs to
+    seam_of : the seam whose connector it is a part of, -1 for none
     flat : whether it is only the upper side
     """
 
-    vertices: np.ndarray
-    corners: np.ndarray
-    sizes: np.ndarray
-    quad_of: np.ndarray
-    seam_of: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    corners: Int[np.ndarray, " corners"]
+    sizes: Int[np.ndarray, " faces"]
+    quad_of: Int[np.ndarray, " faces"]
+    seam_of: Int[np.ndarray, " faces"]
     flat: bool = False
 
 

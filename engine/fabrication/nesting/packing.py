@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
 from ...progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 CELLS = 512  # cells of the raster along the longer side of a sheet
 # Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.
@@ -19,17 +23,17 @@ CLOSE = 1e-8  # metres by which a turn that just fits keeps off the margin, for 
 class Packing:
     """Where N shapes lie: turned by ``rotation`` about the origin, then shifted, on sheet ``sheet``.
 
-    sheet : (N,) int; rotation : (N,) radians; shift : (N, 2) metres; sizes : (S, 2) metres, width and height of every sheet
+    rotation : radians; shift : metres; sizes : metres, width and height of every sheet
     """
 
-    sheet: np.ndarray
-    rotation: np.ndarray
-    shift: np.ndarray
-    sizes: np.ndarray
+    sheet: Int[np.ndarray, " panels"]
+    rotation: Float[np.ndarray, " panels"]
+    shift: Float[np.ndarray, "panels 2"]
+    sizes: Float[np.ndarray, "sheets 2"]
 
 
-def least_box(points: np.ndarray) -> tuple[float, np.ndarray]:
-    """The turn in radians that gives points (M, 2) their smallest bounding box, the longer side along x; and its sides (2,)."""
+def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
+    """The turn in radians that gives points their smallest bounding box, the longer side along x; and its sides."""
     from scipy.spatial import ConvexHull
 
     hull = points[ConvexHull(points).vertices]

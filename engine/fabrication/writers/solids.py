@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
 TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
 
@@ -26,12 +30,12 @@ TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
 class Solid:
     """A closed triangle mesh, outward.
 
-    vertices : (V, 3) metres; triangles : (T, 3) int
+    vertices : metres
     """
 
     name: str
-    vertices: np.ndarray
-    triangles: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
 
 
 def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> Solid:
@@ -67,8 +71,8 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> So
     return Solid(f"panel {panel.number}", vertices, faces)
 
 
-def places(known: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Which of the ``known`` points (V, 2) every one of ``points`` (M, 2) is, exactly; -1 for none."""
+def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:
+    """Which of the ``known`` points every one of ``points`` is, exactly; -1 for none."""
     keys, wanted = _keys(known), _keys(points)
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
