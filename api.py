@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .engine.errors import Cancelled, FlexMapsError
-from .engine.fabrication.writers.export import FLAT
+from .engine.fabrication.writers.export import USUAL
 from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed
 from .engine.progress import SILENT, Progress
@@ -244,7 +244,7 @@ def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
 
 
 def export(
-    piece: Piece, folder: str | Path, *, formats: Sequence[str] = FLAT, name: str = "sheet", progress: Tell = None
+    piece: Piece, folder: str | Path, *, formats: Sequence[str] = USUAL, name: str = "sheet", progress: Tell = None
 ) -> list[Path]:
     """Write the sheets and the assembly sheet into a folder, all of them or none; returns their paths.
 
@@ -299,7 +299,7 @@ def run(
     supports: Supports = None,
     optimised: bool = False,
     stop_after: str = "sheets",
-    formats: Sequence[str] = FLAT,
+    formats: Sequence[str] = USUAL,
     pictures: bool = True,
     progress: Tell = None,
 ) -> dict[str, Any]:

@@ -101,8 +101,8 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
 
 
 def _formats(made: argparse.ArgumentParser) -> None:
-    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.FLAT), metavar="NAME",
-                      help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.FLAT)})")  # fmt: skip
+    made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
+                      help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
 
 
 # -- a flag for every setting, and --set -------------------------------------------------------------------------------

@@ -48,13 +48,11 @@ class Export(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.hosts import job_folder
             from ..engine import files
-            from ..engine.fabrication import estimates, sheets
-            from ..engine.runs import job
+            from ..engine.runs import job, report
 
             made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))
             assert made.sheets is not None
             assert made.design is not None
-            assert made.estimates is not None
             assert made.assembly is not None
             progress(0.85, "Writing files")
             with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
@@ -62,11 +60,12 @@ class Export(ContinuedStage, bpy.types.Operator):
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)
                 )
-            block = sheets.sheets_report(made.sheets) | estimates.estimates_report(made.estimates)
+            blocks = report.blocks(made, ("sheets", "assembly"))
+            blocks["sheets"] |= {"files": [file.name for file in written]}
             drawing = (
                 flat_panels.PanelDrawing.connected(made.design, made.sheets.connections, settings) if stale else None
             )
-            return block | {"files": [file.name for file in written]}, base.parent, drawing, made.assembly.warnings
+            return blocks, base.parent, drawing, made.assembly.warnings
 
         return go_on
 
@@ -74,9 +73,10 @@ class Export(ContinuedStage, bpy.types.Operator):
         return iter(()) if result[2] is None else result[2].show(obj, context.scene)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        block, folder, _, warnings = result
-        notes.write(obj.data, "sheets", block)
-        text = translate("{} in {}", ", ".join(block["files"]), folder)
+        blocks, folder, _, warnings = result
+        for name, block in blocks.items():
+            notes.write(obj.data, name, block)
+        text = translate("{} in {}", ", ".join(blocks["sheets"]["files"]), folder)
         if not warnings:
             return text
         self.level = "WARNING"

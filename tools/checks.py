@@ -24,19 +24,16 @@ TIERS = {
     "window": "a real Blender with its window",
 }
 LONGEST = "blender"
-PACKAGES = (
-    "engine",
-    "bridge",
-    "command",
-    "operators",
-    "panels",
-    "database",
-)  # whose types are checked, with the api and tools/
+# whose types are checked, with the api and tools/
+PACKAGES = ("engine", "bridge", "command", "operators", "panels", "database")
 
 
 def main(argv: list[str]) -> int:
-    """``lint``, or ``test [TIER ...] [pytest options]``; the exit status is 0 when nothing failed."""
+    """``lint [--fix]``, or ``test [TIER ...] [pytest options]``; the exit status is 0 when nothing failed."""
     command, *rest = argv
+    if command == "lint" and "--fix" in rest:
+        for fix in (["check", "--fix", "--quiet"], ["format", "--quiet"]):
+            subprocess.run([sys.executable, "-m", "ruff", *fix, "."], cwd=ROOT)
     tiers = [name for name in rest if name in TIERS]
     options = [word for word in rest if word not in TIERS]
     failed = None if tiers else _lint()  # who asks for one tier wants its answer soon

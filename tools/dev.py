@@ -33,7 +33,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
-  python3 tools/dev.py lint                     ruff and mypy only
+  python3 tools/dev.py lint [--fix]             ruff and mypy only; --fix brings the form in order first
   python3 tools/dev.py measures                 whether the house is in order: imports, lengths, numbers without a word
   python3 tools/dev.py setup                    make the environment, nothing else
   python3 tools/dev.py python FILE ...          run a script inside the environment

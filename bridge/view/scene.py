@@ -10,13 +10,10 @@ import numpy as np
 
 from ...engine.display import arrange, solids
 from ...engine.errors import FlexMapsError
-from ...engine.fabrication.estimates import estimates_report
-from ...engine.fabrication.sheets import sheets_report
 from ...engine.params import Settings
-from ...engine.patches.flattening.report import layout_report
 from ...engine.progress import SILENT, Progress
+from ...engine.runs import report
 from ...engine.runs.result import Result
-from ...engine.spirals.design import design_report
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import equilibrium, mesh, notes, settings, states, supports
 from ..store.surface import Surface
@@ -105,11 +102,8 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
-        if result.optimisation is not None:
-            notes.write(obj.data, "optimise", result.optimisation.report())
-    if result.sheets is not None:
-        figures = {} if result.estimates is None else estimates_report(result.estimates)
-        notes.write(obj.data, "sheets", sheets_report(result.sheets) | figures)
+    for name, block in report.blocks(result).items():
+        notes.write(obj.data, name, block)
     states.stamp(obj, scene)
 
 
@@ -122,14 +116,12 @@ def _put_flat(
     centres = arrange.side_by_side(result.flat)
     progress(0.1, "flat patches in the Blender file")
     mesh.write_flat(obj, surface, result.flat, centres)
-    notes.write(obj.data, "layout", layout_report(result.flat))
     colouring.store(obj, "PATCH")
     if result.design is None:
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, scene, result.flat, centres)
         return
     mesh.write_design(obj, result.design)
-    notes.write(obj.data, "spirals", design_report(result.design))
     progress(0.2, "solids of the panels")
     shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
     drawing = flat_panels.PanelDrawing(result.design, "", centres, shape, _outlines(result))

@@ -178,7 +178,6 @@ def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, 
     except FlexMapsError as error:
         if not (lenient and stage.optional):
             raise
-        name = stage.name
-        why = Finding(f"not-{name}d", "warning", f"Not {name}d: {error}", faces=tuple(error.faces))
-        return replace(start, undone={**start.undone, name: why})
+        why = Finding(f"not-{stage.done}", "warning", f"Not {stage.done}: {error}", faces=tuple(error.faces))
+        return replace(start, undone={**start.undone, stage.name: why})
     return replace(made, undone={name: why for name, why in made.undone.items() if name != stage.name})

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import design_report
 from ..surface.mesh import QuadMesh
 from .result import Result
+from .stages import BLOCKS
 
 SCHEMA = 1  # of the keys of the report, see above
 
@@ -48,24 +49,9 @@ def build(
         undone.append("simulate")  # what it shows is no equilibrium
     if undone:
         report["undone"] = undone
-    if result.flat is not None:
-        report["layout"] = layout_report(result.flat)
-        within(0.0)
-    if result.design is not None:
-        report["spirals"] = design_report(result.design, within)
-    if result.optimisation is not None:
-        report["optimise"] = result.optimisation.report()
-    within(0.0)
-    if result.simulation is not None:
-        report["equilibrium"] = result.simulation.report()
-    if result.limits is not None:
-        report["reach"] = result.limits.report()
-    if result.sheets is not None:
-        report["sheets"] = {"files": [path.name for path in files], **sheets_report(result.sheets)}
-        if result.estimates is not None:
-            report["sheets"] |= estimates_report(result.estimates)
-    if result.assembly is not None:
-        report["assembly"] = result.assembly.report()
+    report |= blocks(result, BLOCKS, within)
+    if "sheets" in report:
+        report["sheets"] = {"files": [path.name for path in files], **report["sheets"]}
     if result.supports is not None:
         report["input"]["supports"] = len(result.supports)
     if settings is not None:
@@ -78,6 +64,39 @@ def build(
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     )
     return report
+
+
+def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress = SILENT) -> dict[str, dict[str, Any]]:
+    """What the stages that ran tell of themselves, by the names of ``stages.BLOCKS``; also the notes in a .blend file."""
+    told = {}
+    for name in BLOCKS:
+        member, tell = _BLOCKS[name]
+        if name in wanted and getattr(result, member) is not None:
+            progress(0.0)
+            told[name] = tell(result, progress)
+    return told
+
+
+def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
+    assert result.sheets is not None
+    return sheets_report(result.sheets) | ({} if result.estimates is None else estimates_report(result.estimates))
+
+
+def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
+    """A block that a member of the result tells of itself."""
+    return member, lambda result, progress: getattr(result, member).report()
+
+
+# of each block of ``stages.BLOCKS``: the member of the result that has to be there, and what tells
+_BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
+    "layout": ("flat", lambda result, progress: layout_report(result.flat)),
+    "spirals": ("design", lambda result, progress: design_report(result.design, progress)),
+    "optimise": _own("optimisation"),
+    "equilibrium": _own("simulation"),
+    "reach": _own("limits"),
+    "sheets": ("sheets", _sheets),
+    "assembly": _own("assembly"),
+}
 
 
 def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:

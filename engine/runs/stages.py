@@ -24,13 +24,14 @@ class Stage:
     """One step of the main job; all names are those of members of ``Result``.
 
     name : as progress, command line and ``Result.seconds`` have it
-    share : of the progress bar
+    share : of the progress bar; 0 for a quick one
     needs : what it goes on from; may_use : what it looks at where it is there
     makes : what it makes; improves : what it was given and gives back better, so that later stages begin with that
     settings : sections of the settings that its result depends on; "spiral!thickness" is a section but for one setting
     blocks : what it tells of itself in report.json and in the notes of a .blend file
     asked : it runs only if it is asked for; optional : sheets can be cut without it, so that its failure does not end a job
     quick : it takes so little time that it is done whenever it can be; nobody asks for it by name
+    done : what a piece is after it, for what is told where an optional one fails
     """
 
     name: str
@@ -44,6 +45,7 @@ class Stage:
     asked: bool = False
     optional: bool = False
     quick: bool = False
+    done: str = ""
 
     @property
     def sections(self) -> set[str]:
@@ -63,13 +65,13 @@ TABLE = (
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness",), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
-          settings=PHYSICS, blocks=("optimise",), asked=True, optional=True),
+          settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation", "limits"), may_use=("optimisation",),
-          settings=PHYSICS, blocks=("equilibrium", "reach"), optional=True),
+          settings=PHYSICS, blocks=("equilibrium", "reach"), optional=True, done="simulated"),
     Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
           blocks=("sheets",)),
-    Stage("estimate", 0.02, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
-          settings=("material",), blocks=("sheets",), quick=True),
+    Stage("estimate", 0.0, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
+          settings=("material",), blocks=("sheets", "assembly"), quick=True),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
 # why a stage cannot go on, where what it needs is not there

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ObjectSettings
-from flexmaps.engine.runs import job, stages
+from flexmaps.engine.runs import job, report, stages
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.stages import STAGES, TABLE
 from flexmaps.engine.runs.steps import STEPS
@@ -130,9 +130,14 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
 
 def test_notes_are_dropped_with_what_they_tell_of() -> None:
     """In a .blend file a note stays true until a stage before its own writes."""
-    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets"}
-    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets"}
+    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets", "assembly"}
+    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets", "assembly"}
     assert stages.blocks_after("equilibrium") == stages.blocks_after("optimise") == set()
+
+
+def test_every_block_is_told(made: Result) -> None:
+    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"optimise"}  # which nobody asked for
+    assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 
 def test_stages_up_to_a_name() -> None:

@@ -20,27 +20,27 @@ class Format(NamedTuple):
     ending : what a file's name has after the base; the number of the sheet comes before its last dot
     setting, values : the setting of ``ExportParams`` that chooses it, and the values that do
     write : writes the sheet of an index to a path
-    solid : whether it holds solids for printing, which are large, instead of lines
+    usual : whether scripts and the command line write it unless other formats are asked for
     """
 
     ending: str
     setting: str
     values: Collection[str | bool]
     write: Callable[[CutSheets, int, Path, Progress], None]
-    solid: bool = False
+    usual: bool = False
 
 
 # R12 is the DXF that every program reads, R2010 the one that knows its units
 TABLE = {
-    "svg": Format(".svg", "svg", {True}, svg.write),
-    "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write),
-    "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_r12),
-    "pdf": Format(".pdf", "pdf", {True}, pdf.write),
-    "stl": Format(".stl", "solids", {"STL", "BOTH"}, solids.write_stl, solid=True),
-    "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, solids.write_3mf, solid=True),
+    "svg": Format(".svg", "svg", {True}, svg.write, usual=True),
+    "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write, usual=True),
+    "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_r12, usual=True),
+    "pdf": Format(".pdf", "pdf", {True}, pdf.write, usual=True),
+    "stl": Format(".stl", "solids", {"STL", "BOTH"}, solids.write_stl),
+    "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, solids.write_3mf),
 }
 FORMATS = tuple(TABLE)
-FLAT = tuple(key for key, kind in TABLE.items() if not kind.solid)
+USUAL = tuple(key for key, kind in TABLE.items() if kind.usual)
 
 
 def chosen(params: ExportParams) -> tuple[str, ...]:
@@ -54,7 +54,7 @@ def chosen(params: ExportParams) -> tuple[str, ...]:
 def write(
     sheets: CutSheets,
     base: Path,
-    formats: tuple[str, ...] = FLAT,
+    formats: tuple[str, ...] = USUAL,
     new: NewFile | None = None,
     progress: Progress = SILENT,
 ) -> list[Path]:
