@@ -6,11 +6,14 @@ iteration of this program does.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
+
+if TYPE_CHECKING:
+    from jaxtyping import Int, Num
 
 
 class NotPositiveDefinite(ArithmeticError):
@@ -27,7 +30,7 @@ class Pattern:
         diagonal point to the extra slot ``nnz`` and are dropped
     """
 
-    def __init__(self, rows: np.ndarray, cols: np.ndarray, size: int):
+    def __init__(self, rows: Int[np.ndarray, " _"], cols: Int[np.ndarray, " _"], size: int):
         """rows, cols : (T,) int, both triangles of the symmetric matrix or the lower one alone, repeats allowed."""
         rows, cols = np.asarray(rows, dtype=np.int64).ravel(), np.asarray(cols, dtype=np.int64).ravel()
         lower = rows >= cols
@@ -46,11 +49,11 @@ class Pattern:
         return len(self.indices)
 
     @property
-    def columns(self) -> np.ndarray:
+    def columns(self) -> Num[np.ndarray, " nnz"]:
         """(nnz,) int: the column of every entry."""
         return np.repeat(np.arange(self.size), np.diff(self.indptr))
 
-    def sum(self, values: np.ndarray) -> np.ndarray:
+    def sum(self, values: np.ndarray) -> Num[np.ndarray, " nnz"]:
         """(nnz,) the entries of the lower triangle from the (T,) values of the constructor's triplets."""
         return np.bincount(self.slot, weights=np.ravel(values), minlength=self.nnz + 1)[: self.nnz]
 

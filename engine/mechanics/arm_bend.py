@@ -12,13 +12,18 @@ shift up to the third order; ``share`` is the arm's part of the joint's turning,
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 24  # of the Gauss quadrature: within 2e-14 of the radius, up to a twist of 600 degrees
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 
 
-def bend_point(twist: np.ndarray, share: np.ndarray | float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+def bend_point(twist: np.ndarray, share: Float[np.ndarray, " arms"] | float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     """Bend points of n arms, and their derivatives by the twist, both (n, 2), in units of the arm's radius.
 
     twist : (n,) rad, share : (n,) in [0, 1]. Axes: along the radius to the tip, and to the left of it; arms that wind

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,6 +18,9 @@ from ..errors import FlexMapsError
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from .arm_bend import bend_point
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,28 +31,28 @@ class Pose:
     rotations : (n, 3, 3) from the flat frame of a hub's patch (x and y in its plane, z its outer normal) to space
     """
 
-    centres: np.ndarray
-    rotations: np.ndarray
+    centres: Float[np.ndarray, "spirals 3"]
+    rotations: Float[np.ndarray, "spirals 3 3"]
 
     def moved(self, step: np.ndarray) -> Pose:
         """Shifted by step[:, :3] metres and turned by the rotation vectors step[:, 3:] radians, in space, (n, 6)."""
         return Pose(self.centres + step[:, :3], Rotation.from_rotvec(step[:, 3:]).as_matrix() @ self.rotations)
 
-    def placed(self, rotation: np.ndarray, shift: np.ndarray) -> Pose:
+    def placed(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
         """The whole turned by rotation (3, 3) and then shifted by (3,) metres."""
         return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations)
 
-    def part(self, hubs: np.ndarray) -> Pose:
+    def part(self, hubs: Int[np.ndarray, " some"]) -> Pose:
         """Only these hubs (k,) int."""
         return Pose(self.centres[hubs], self.rotations[hubs])
 
-    def aligned(self, centres: np.ndarray) -> Pose:
+    def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
         """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
         return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
-def nearest_rotation(covariance: np.ndarray) -> np.ndarray:
+def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     """(..., 3, 3) the rotation R with the largest trace of R covariance: R p fits q best if covariance = sum of p q^T."""
     u, _, vt = np.linalg.svd(covariance)
     flip = np.linalg.det(u) * np.linalg.det(vt)
@@ -70,11 +74,11 @@ class Assembly:
     clockwise : sense of rotation of the arms, from the tips inwards
     """
 
-    pairs: np.ndarray
-    lever: np.ndarray
-    axes: np.ndarray
-    width: np.ndarray
-    twist: np.ndarray
+    pairs: Int[np.ndarray, "joints 2"]
+    lever: Float[np.ndarray, "joints 2 3"]
+    axes: Float[np.ndarray, "joints 2 3 3"]
+    width: Float[np.ndarray, " spirals"]
+    twist: Float[np.ndarray, " spirals"]
     thickness: float
     clockwise: bool = False
 
@@ -84,19 +88,19 @@ class Assembly:
         return len(self.width)
 
     @cached_property
-    def radius(self) -> np.ndarray:
+    def radius(self) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) metres, from the centre to the joint."""
         return np.linalg.norm(self.lever, axis=2)
 
     @cached_property
-    def radial(self) -> np.ndarray:
+    def radial(self) -> Float[np.ndarray, "joints 2 3 3"]:
         """(m, 2, 3, 3) columns: along every arm's radius outwards, to its left, normal; in the joint's axes."""
         out = np.einsum("ekji,ekj->eki", self.axes, self.lever) / self.radius[..., None]
         normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
         return np.stack([out, np.cross(normal, out), normal], axis=3)
 
     @cached_property
-    def arm_axes(self) -> np.ndarray:
+    def arm_axes(self) -> Float[np.ndarray, "joints 2 6 6"]:
         """(m, 2, 6, 6): takes shifts and turns, or forces and moments, from every arm's own axes to the joint's.
 
         Arms that wind clockwise have their second axis to the right: the mirror image of the others.
@@ -106,7 +110,7 @@ class Assembly:
         return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
 
     @cached_property
-    def left(self) -> np.ndarray:
+    def left(self) -> Float[np.ndarray, "joints 2 3"]:
         """(m, 2, 3) metres, the levers turned a quarter in the sheet, to the side to which the arms wind inwards."""
         return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
 
@@ -115,7 +119,7 @@ class Assembly:
         """Bend points of the arms of every spiral, and their derivatives by the twist, (n, 2) (see ``arm_bend``)."""
         return bend_point(self.twist)
 
-    def part(self, hubs: np.ndarray, joints: np.ndarray) -> Assembly:
+    def part(self, hubs: np.ndarray, joints: Int[np.ndarray, " j"]) -> Assembly:
         """Some spirals (k,) int, numbered anew in this order, and some of the joints (j,) int between them."""
         number = np.full(self.size, -1)
         number[hubs] = np.arange(len(hubs))
@@ -132,7 +136,7 @@ class Assembly:
         """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
         return replace(self, width=width, twist=twist)
 
-    def reshaped(self, lever: np.ndarray, axes: np.ndarray) -> Assembly:
+    def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
         """The same spirals on another rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
         return replace(self, lever=lever, axes=axes)
 
@@ -155,7 +159,7 @@ def of_design(design: SpiralDesign) -> Assembly:
     return Assembly(pairs, lever, axes, design.width, design.twist, p.thickness, p.clockwise)
 
 
-def rest_joints(mesh: QuadMesh, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:
     """Levers (m, 2, 3) and axes (m, 2, 3, 3) of the joints between flat quads with these corners (F, 4, 2), metres."""
     inner = ~mesh.border
     pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
@@ -171,7 +175,7 @@ def rest_joints(mesh: QuadMesh, corners: np.ndarray) -> tuple[np.ndarray, np.nda
     return lever, axes
 
 
-def target_pose(mesh: QuadMesh, corners: np.ndarray) -> Pose:
+def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose:
     """The hubs on a surface: the middle of every quad, and the rotation that brings its flat corners nearest to it.
 
     corners : (F, 4, 2) metres, flat

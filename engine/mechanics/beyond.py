@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Int
 
 SLACK = 2e-3  # relative: rounding, and what ``design.outside`` leaves a twist
 
@@ -19,7 +23,7 @@ class Beyond:
     quantity: str
     low: float
     high: float
-    spirals: np.ndarray
+    spirals: Int[np.ndarray, " some"]
     worst: float
 
     @classmethod

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csr_array
 
 from .assembly import Assembly, Pose
 from .beyond import Beyond
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,10 +26,10 @@ class Expansion:
     """
 
     energy: float
-    per_joint: np.ndarray
-    gradient: np.ndarray
-    hessian: np.ndarray
-    convex: np.ndarray
+    per_joint: Float[np.ndarray, " joints"]
+    gradient: Float[np.ndarray, "spirals 6"]
+    hessian: Float[np.ndarray, "joints 12 12"]
+    convex: Float[np.ndarray, "joints 12 12"]
 
 
 class State(Protocol):
@@ -74,7 +77,7 @@ class ElasticModel(Protocol):
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """The state moved by (n, 6) as in ``Pose.moved``."""
 
-    def gradient_by_design(self, state: Any) -> np.ndarray:
+    def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 2"]:
         """(m, 12, 2, 2): derivative of every joint's share of the gradient by the design, at a fixed pose.
 
         Rows as in ``Expansion.hessian``; then the side of the joint; then width (per metre) and twist (per radian) of the
@@ -84,11 +87,11 @@ class ElasticModel(Protocol):
     def beyond(self) -> list[Beyond]:
         """The spirals that count as their nearest neighbours in what the model was fitted to, quantity by quantity."""
 
-    def torsion(self, state: Any) -> np.ndarray:
+    def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
         """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""
 
 
-def summed(blocks: np.ndarray, pairs: np.ndarray, size: int) -> np.ndarray:
+def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) -> Float[np.ndarray, "spirals 6"]:
     """(n, 6) sums of per-joint vectors (m, 12) over the spirals of ``pairs`` (m, 2)."""
     index = (pairs[..., None] * 6 + np.arange(6)).ravel()
     return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
@@ -100,7 +103,7 @@ class JointSum:
     Where its entries are is worked out once for many sums.
     """
 
-    def __init__(self, pairs: np.ndarray, size: int):
+    def __init__(self, pairs: Int[np.ndarray, "joints 2"], size: int):
         """pairs : (m, 2) int, the spirals of every joint; size : n"""
         row = (pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
         column = (pairs[..., None] * 2 + np.arange(2)).reshape(-1, 1, 4)

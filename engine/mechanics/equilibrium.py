@@ -8,7 +8,7 @@ turns are capped. A result counts as converged at a minimum only.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,6 +32,9 @@ from .assembly import Pose
 from .elastic import ElasticModel, Expansion
 from .loads import Loads
 from .newton_system import NewtonSystem
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye
@@ -64,11 +67,11 @@ class Equilibrium:
 
     pose: Pose
     energy: float
-    per_joint: np.ndarray
+    per_joint: Float[np.ndarray, " joints"]
     converged: bool
     iterations: int
     residual: float
-    history: np.ndarray = field(repr=False)
+    history: Float[np.ndarray, "_ 2"] = field(repr=False)
     negative_eigenvalues: int
     torsion_max: float
     status: str
@@ -92,7 +95,7 @@ def solve(
     progress: Progress = SILENT,
     system: NewtonSystem | None = None,
     iterations: int | None = None,
-    step: np.ndarray | None = None,
+    step: Float[np.ndarray, "spirals 6"] | None = None,
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from .assembly import nearest_rotation
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
-def uniform_laplacian(pairs: np.ndarray, size: int) -> csr_array:
+
+def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_array:
     """(n, n): every point less the mean of its neighbours. pairs : (m, 2) int, neighbours."""
     both = np.concatenate([pairs, pairs[:, ::-1]])
     count = np.bincount(both[:, 0], minlength=size)
@@ -18,7 +23,9 @@ def uniform_laplacian(pairs: np.ndarray, size: int) -> csr_array:
     return coo_array((values, (rows, cols)), shape=(size, size)).tocsr()
 
 
-def laplacian_difference(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> np.ndarray:
+def laplacian_difference(
+    pairs: np.ndarray, centres: Float[np.ndarray, "spirals 3"], target: Float[np.ndarray, "spirals 3"]
+) -> Float[np.ndarray, "spirals 3"]:
     """(n, 3) metres: Laplacian coordinates of centres (n, 3), best rotated, less those of the target (n, 3)."""
     operator = uniform_laplacian(pairs, len(centres))
     own, wanted = operator @ centres, operator @ target

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import index
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 from .assembly import Pose
 from .rigid import Freedom, freedoms
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
@@ -28,18 +32,18 @@ class Loads:
     force : (n, 3) newtons on the hubs, of fixed direction
     """
 
-    fixed: np.ndarray
-    force: np.ndarray
+    fixed: Bool[np.ndarray, "spirals 6"]
+    force: Float[np.ndarray, "spirals 3"]
 
     @classmethod
     def of(
         cls,
         size: int,
         *,
-        supports: np.ndarray | None = None,
+        supports: Int[np.ndarray, " some"] | None = None,
         clamped: bool = True,
-        force: np.ndarray | None = None,
-        mass: np.ndarray | None = None,
+        force: Float[np.ndarray, "spirals 3"] | None = None,
+        mass: Float[np.ndarray, " spirals"] | None = None,
     ) -> Loads:
         """Loads of ``size`` spirals: those in ``supports`` (k,) int are held, their directions too if ``clamped``.
 
@@ -59,7 +63,7 @@ class Loads:
             total[:, 2] -= GRAVITY * np.asarray(mass)
         return cls(fixed, total)
 
-    def held(self, pairs: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    def held(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
         """(n, 6) bool: what is fixed while the equilibrium is sought: the supports, and as much of every piece as they
         leave free to move as a whole, at one of its hubs (see ``rigid``).
 
@@ -101,7 +105,7 @@ def _unheld(free: Freedom, carried: bool) -> str:
     )
 
 
-def standing(mesh: QuadMesh, which: str | Sequence[int]) -> np.ndarray:
+def standing(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
     """(k,) int: the quads that ``which`` names: ``LOWEST``, numbers, or a text such as "1,2,3".
 
     The lowest ones have two corners, if not more, at the height of the lowest such quad. Raises FlexMapsError where it names no quad of the mesh.

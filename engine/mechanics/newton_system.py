@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
 from ..progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Num
 
 SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
 DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
@@ -30,7 +35,7 @@ class NewtonSystem:
         self.pattern = Pattern(rows.ravel()[self._used], cols.ravel()[self._used], len(self.free))
         self.cholesky = SparseCholesky(self.pattern, backend)
 
-    def values(self, blocks: np.ndarray) -> np.ndarray:
+    def values(self, blocks: np.ndarray) -> Num[np.ndarray, " nnz"]:
         """(nnz,) entries of the lower triangle from the joints' (m, 12, 12) blocks."""
         return self.pattern.sum(blocks.ravel()[self._used])
 
@@ -38,17 +43,17 @@ class NewtonSystem:
         """Factor; False where the matrix is not positive definite."""
         return self.cholesky.attempt(values)
 
-    def reduced(self, field: np.ndarray) -> np.ndarray:
+    def reduced(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
         """(free,) of a (n, 6) field."""
         return field.ravel()[self.free]
 
-    def full(self, reduced: np.ndarray) -> np.ndarray:
+    def full(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) with zeros where hubs are held."""
         out = np.zeros(self.held.size)
         out[self.free] = reduced
         return out.reshape(self.held.shape)
 
-    def solve(self, field: np.ndarray) -> np.ndarray:
+    def solve(self, field: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) solution for a right-hand side (n, 6), with the last factor."""
         return self.full(self.cholesky.solve(self.reduced(field)))
 

@@ -9,6 +9,7 @@ them, and where they do, there is no equilibrium.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import qr
@@ -17,6 +18,9 @@ from scipy.sparse.csgraph import connected_components
 
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 HELD = 1e-6  # least mean squared motion of the supports, in distances of neighbours, that counts as holding a turn of 1 rad
 
@@ -30,10 +34,10 @@ class Freedom:
     entries : (d,) int in 0..5, increments of ``hub`` without which none of them is left
     """
 
-    members: np.ndarray
+    members: Int[np.ndarray, " some"]
     hub: int
-    motions: np.ndarray
-    entries: np.ndarray
+    motions: Float[np.ndarray, "d 6"]
+    entries: Int[np.ndarray, " d"]
 
     @property
     def floats(self) -> bool:
@@ -48,7 +52,7 @@ class Freedom:
         most = np.linalg.norm(moves, axis=2) * np.linalg.norm(pull, axis=1)
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
 
-    def laid(self, pose: Pose, target: np.ndarray) -> Pose:
+    def laid(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
         """The pose with this piece moved as far as it is free, so that its centres lie nearest to ``target`` (n, 3)."""
         part, wanted = pose.part(self.members), target[self.members]
         if self.floats:
@@ -67,7 +71,9 @@ class Freedom:
         return Pose(centres, rotations)
 
 
-def freedoms(fixed: np.ndarray, pairs: np.ndarray, centres: np.ndarray) -> list[Freedom]:
+def freedoms(
+    fixed: Bool[np.ndarray, "spirals 6"], pairs: Int[np.ndarray, "joints 2"], centres: Float[np.ndarray, "spirals 3"]
+) -> list[Freedom]:
     """What is left to every piece that can still move as a whole.
 
     fixed : (n, 6) bool, the shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres (n, 3) m
@@ -87,7 +93,7 @@ def freedoms(fixed: np.ndarray, pairs: np.ndarray, centres: np.ndarray) -> list[
     return found
 
 
-def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, int]:
+def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, " int"]:
     """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are given."""
     held = members[fixed[members].any(axis=1)]
     if not len(held):
@@ -103,7 +109,7 @@ def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: 
     return ways[:, size < HELD].T / np.repeat([1.0, spacing], 3), hub
 
 
-def _turn(axis: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def _turn(axis: np.ndarray, covariance: np.ndarray) -> Float[np.ndarray, "3 3"]:
     """(3, 3) the turn about a unit axis with the largest trace of turn x covariance."""
     around = skew(axis)
     # R = 1 + sin(a) K + (1 - cos(a)) K K

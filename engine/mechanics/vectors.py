@@ -5,21 +5,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
-def times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """(m, i) products of matrices (m, i, j) and vectors (m, j)."""
+
+def times(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
+    """Products of matrices and vectors."""
     return (matrix @ vector[..., None])[..., 0]
 
 
-def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) products of vectors (..., 3)."""
+def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
+    """Products of vectors as matrices."""
     return a[..., :, None] * b[..., None, :]
 
 
-def skew(v: np.ndarray) -> np.ndarray:
+def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     """(..., 3, 3) with skew(v) x = v x x, of vectors (..., 3)."""
     out = np.zeros((*v.shape, 3))
     fill_skew(np.moveaxis(out, (-2, -1), (0, 1)), np.moveaxis(v, -1, 0))
@@ -32,7 +37,7 @@ def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
 
 
-def rotation_vector(matrix: np.ndarray) -> np.ndarray:
+def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
     """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which takes over near half turns."""
     double = np.stack(
         [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1
@@ -46,7 +51,7 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     return out
 
 
-def exponential(turn: np.ndarray) -> np.ndarray:
+def exponential(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
     square = (turn * turn).sum(axis=-1)
     angle = np.sqrt(square)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ..spirals.design import SpiralDesign, fitted
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import INNER_ITERATIONS, Accepted, Trace
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
@@ -65,7 +68,7 @@ def between(start: Point, found: FlatPoint, share: float, progress: Progress = S
     return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
-def _stacked(start: Point, flat: FlatPatches) -> np.ndarray:
+def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, "_ 2"]:
     """(n + P, 2) coordinates of spirals in their flat shapes as they are."""
     return np.concatenate([start.x, np.full((len(flat.points), 2), 0.5)])
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..patches.flattening.flatten import FlatPatches, seam_mismatch
 from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
+
+if TYPE_CHECKING:
+    from jaxtyping import Complex, Float
 
 SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were
 
@@ -27,8 +31,8 @@ class FlatLimits:
     """
 
     layout: PatchLayout
-    energy: np.ndarray
-    seam: np.ndarray
+    energy: Float[np.ndarray, " quads"]
+    seam: Float[np.ndarray, " cuts"]
 
     @classmethod
     def of(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
@@ -40,7 +44,7 @@ class FlatLimits:
         return corner_triangles(self.layout.mesh)
 
     @cached_property
-    def share(self) -> np.ndarray:
+    def share(self) -> Float[np.ndarray, "quads 4"]:
         """(F, 4): twice the area of the corner triangles over that of their quad."""
         area = self.triangles.area
         return 2.0 * area / area.sum(axis=1, keepdims=True)
@@ -53,7 +57,7 @@ class FlatLimits:
         return self.layout.flat_corners[quad, side], self.layout.flat_corners[quad, NEXT[side]]
 
     @cached_property
-    def surface(self) -> np.ndarray:
+    def surface(self) -> Float[np.ndarray, " cuts"]:
         """(C,) metres: the cut edges on the surface."""
         return self.layout.mesh.edge_lengths[self.layout.cut]
 
@@ -63,10 +67,10 @@ class FlatCost:
     """Barriers of flat points (P,), complex metres: the mean over all quads and the mean over all cut edges."""
 
     limits: FlatLimits
-    points: np.ndarray
+    points: Complex[np.ndarray, " points"]
 
     @classmethod
-    def of(cls, limits: FlatLimits, points: np.ndarray) -> FlatCost:
+    def of(cls, limits: FlatLimits, points: Float[np.ndarray, "points 2"]) -> FlatCost:
         """Of points (P, 2) metres."""
         return cls(limits, points[:, 0] + 1j * points[:, 1])
 
@@ -76,13 +80,13 @@ class FlatCost:
         return self._maps(self.points)
 
     @cached_property
-    def energy(self) -> np.ndarray:
+    def energy(self) -> Float[np.ndarray, " quads"]:
         """(F,) distortion."""
         a, b = self.maps
         return (self.limits.share * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)).sum(axis=1)
 
     @cached_property
-    def apart(self) -> np.ndarray:
+    def apart(self) -> Float[np.ndarray, " cuts"]:
         """(C,) difference of both sides, as a share."""
         start, end = self.limits.ends
         length = np.abs(self.points[end] - self.points[start])
@@ -105,13 +109,13 @@ class FlatCost:
         return -sum(float(np.log(part).mean()) for part in self.left if len(part))
 
     @cached_property
-    def gradient(self) -> np.ndarray:
+    def gradient(self) -> Float[np.ndarray, "points 2"]:
         """(P, 2) per metre."""
         a, b = self.maps
         inner = self._strains_back(np.abs(a) - 1.0, b, self._slopes[0])
         return inner + self._apart_back(self._slopes[1] * self.apart)
 
-    def product(self, change: np.ndarray) -> np.ndarray:
+    def product(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """(P, 2) product of the Hessian, without the curvature of the strains themselves, with (P, 2)."""
         (rooms, gaps), (a, b) = self._slopes, self.maps
         da, db = self._strains(change)
@@ -161,7 +165,7 @@ class FlatCost:
         return self._summed(end, pull) - self._summed(start, pull)
 
     @cached_property
-    def _directions(self) -> np.ndarray:
+    def _directions(self) -> Float[np.ndarray, "cuts 2 2"]:
         """(C, 2, 2) unit vectors along both sides of every cut edge."""
         start, end = self.limits.ends
         along = self.points[end] - self.points[start]

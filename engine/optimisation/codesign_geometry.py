@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -17,10 +18,15 @@ from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose
 from ..patches.layout import PatchLayout
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
 
 
-def by_geometry(model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]) -> np.ndarray:
+def by_geometry(
+    model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
+) -> Float[np.ndarray, "joints r 2 3"]:
     """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
 
     By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian).

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -24,6 +25,9 @@ from .codesign_geometry import by_geometry, geometry_by_points
 from .inverse import Point, Problem
 from .work import GEOMETRY
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 @dataclass(frozen=True, eq=False)
 class FlatRange:
@@ -34,7 +38,7 @@ class FlatRange:
     """
 
     flat: FlatPatches
-    span: np.ndarray
+    span: Float[np.ndarray, " points"]
     limits: FlatLimits
     weight: float
 
@@ -51,11 +55,11 @@ class FlatRange:
         np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
         return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
-    def points(self, x: np.ndarray) -> np.ndarray:
+    def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """(P, 2) metres of coordinates (P, 2)."""
         return self.flat.points + self.shift(x - 0.5)
 
-    def shift(self, change: np.ndarray) -> np.ndarray:
+    def shift(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """(P, 2) metres that a change of the coordinates (P, 2) moves the vertices; its own transpose."""
         return 2.0 * self.span[:, None] * change
 
@@ -63,7 +67,7 @@ class FlatRange:
         """Of coordinates (P, 2)."""
         return FlatCost.of(self.limits, self.points(x))
 
-    def within(self, x: np.ndarray, inner: np.ndarray) -> np.ndarray:
+    def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """(P, 2): x if it keeps the limits, else a point between it and ``inner``, which does: so steps stay downhill."""
         share = 1.0
         while share > 1e-3:
@@ -146,7 +150,7 @@ class FlatPoint(Point):
         return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
 
     @cached_property
-    def _by_geometry(self) -> np.ndarray:
+    def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
         """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
         bearing = None if self._strain.found is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
@@ -169,20 +173,20 @@ class FlatPoint(Point):
         flat = self.problem.flat
         return geometry_by_points(flat.flat.layout, flat.points(self.x[self.assembly.size :]))
 
-    def moves(self, change: np.ndarray) -> np.ndarray:
+    def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
         n, by_geometry = self.assembly.size, self._by_geometry[:, :12] @ self._geometry(change)
         force = (self._forces @ change[:n].ravel()).reshape(-1, 6) + summed(by_geometry, self.assembly.pairs, n)
         return -self.system.solve(force)
 
-    def adjoint(self, pull: np.ndarray) -> np.ndarray:
+    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, "_ 2"]:
         """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
         answer = self.system.solve(pull)
         at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
         by_spirals = (self._back_forces @ answer.ravel()).reshape(-1, 2)
         return -np.concatenate([by_spirals, self._from_geometry(at_joints @ self._by_geometry[:, :12])])
 
-    def _geometry(self, change: np.ndarray) -> np.ndarray:
+    def _geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 6 1"]:
         """(m, 6, 1) change of the joints' rest geometry with the coordinates by (n + P, 2)."""
         shift = self.problem.flat.shift(change[self.assembly.size :])
         return (self._by_points @ shift.ravel()).reshape(-1, 6, 1)
@@ -191,7 +195,7 @@ class FlatPoint(Point):
         index, size = self.assembly.pairs.ravel(), len(self.x)
         return np.stack([np.bincount(index, share[..., k].ravel(), size) for k in (0, 1)], axis=1)
 
-    def _from_geometry(self, change: np.ndarray) -> np.ndarray:
+    def _from_geometry(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """(P, 2) change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
         return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2))
 
@@ -206,13 +210,13 @@ class FlatPoint(Point):
         return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
 
     @cached_property
-    def gradient(self) -> np.ndarray:
+    def gradient(self) -> Float[np.ndarray, "_ 2"]:
         """(n + P, 2) of the objective by the coordinates, by one adjoint solve."""
         out, flat = super().gradient, self.problem.flat
         out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
         return out
 
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> np.ndarray:
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, "_ 2"]:
         """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
         n, flat = self.assembly.size, self.problem.flat
         out = super().gauss_newton(change, turn_damping)

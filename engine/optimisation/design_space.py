@@ -10,6 +10,7 @@ Any x in the box is a design whose spirals can be cut; what blended joints and n
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 # widths at which the largest twist is computed; in between it is interpolated. Not measured: what is cut is checked
 # again
@@ -35,10 +39,10 @@ class DesignSpace:
     cap : (F,) share of it that neighbours leave; twist_min : radians
     """
 
-    low: np.ndarray
-    high: np.ndarray
-    bound: np.ndarray
-    cap: np.ndarray
+    low: Float[np.ndarray, " quads"]
+    high: Float[np.ndarray, " quads"]
+    bound: Float[np.ndarray, "knots quads"]
+    cap: Float[np.ndarray, " quads"]
     twist_min: float
 
     @classmethod
@@ -65,7 +69,7 @@ class DesignSpace:
         twist = np.sqrt((least + _share(x[:, 1]) * span) ** 2 - 1.0)
         return self.low + x[:, 0] * (self.high - self.low), twist
 
-    def slopes(self, x: np.ndarray) -> np.ndarray:
+    def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 2 2"]:
         """(F, 2, 2): derivative of width and twist (rows) by both coordinates (columns)."""
         least, span, least_change, change = self._lengths(x[:, 0])
         length = least + _share(x[:, 1]) * span
@@ -76,7 +80,7 @@ class DesignSpace:
         out[:, 1, 1] = by_length * span / (1.0 + START)
         return out
 
-    def coordinates(self, width: np.ndarray, twist: np.ndarray) -> np.ndarray:
+    def coordinates(self, width: np.ndarray, twist: np.ndarray) -> Float[np.ndarray, "quads 2"]:
         """(F, 2) of widths and twists, brought into the box."""
         x = np.zeros((len(width), 2))
         x[:, 0] = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -23,6 +23,9 @@ from ..progress import SILENT, Progress
 from .design_space import DesignSpace
 from .objective import Mismatch, Target
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,7 @@ class Problem:
         progress: Progress = SILENT,
         iterations: int | None = None,
         keep: Point | None = None,
-        step: np.ndarray | None = None,
+        step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> Point:
         """The point with coordinates (n, 2), its equilibrium sought from a pose and a predicted step (n, 6) from there.
 
@@ -153,7 +156,7 @@ class Point:
         a, b = self.problem.assembly.pairs.T
         return self.x[b] - self.x[a]
 
-    def rough(self, change: np.ndarray) -> np.ndarray:
+    def rough(self, change: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) product of the roughness's Hessian with (n, 2)."""
         if not self.problem.smoothness:
             return np.zeros_like(change)
@@ -195,29 +198,29 @@ class Point:
         return csr_array(self._forces.T)
 
     @cached_property
-    def _slopes(self) -> np.ndarray:
+    def _slopes(self) -> Float[np.ndarray, "joints 2 2 2"]:
         """(m, 2, 2, 2) of width and twist (rows) by coordinates (columns) of both spirals of every joint."""
         return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
 
-    def moves(self, change: np.ndarray) -> np.ndarray:
+    def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
         return -self.system.solve((self._forces @ change.ravel()).reshape(-1, 6))
 
-    def adjoint(self, pull: np.ndarray) -> np.ndarray:
+    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
         return -(self._back_forces @ self.system.solve(pull).ravel()).reshape(-1, 2)
 
-    def _gathered(self, share: np.ndarray) -> np.ndarray:
+    def _gathered(self, share: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""
         index = self.problem.assembly.pairs.ravel()
         return np.stack([np.bincount(index, share[..., k].ravel(), len(self.x)) for k in (0, 1)], axis=1)
 
     @cached_property
-    def gradient(self) -> np.ndarray:
+    def gradient(self) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
         return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> np.ndarray:
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
 
         With ``turn_damping``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
@@ -231,14 +234,14 @@ class Point:
             return self.adjoint(pull) + self.rough(change)
         return self._back(pull, strain.curvature * self._grown(strain.found, moves, change)) + self.rough(change)
 
-    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) how the arms' strains change when the coordinates change by (n, 2) and the hubs move by (n, 6)."""
         pairs = self.problem.assembly.pairs
         design = (self._slopes @ change[pairs][..., None])[..., 0]
         through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
         return through + np.einsum("eaks,eks->ea", found.by_design, design)
 
-    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
         """(n, 2) change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
         found = self._strain.found
         if found is None:
@@ -260,8 +263,8 @@ class Excess:
     """
 
     value: float
-    slope: np.ndarray
-    curvature: np.ndarray
+    slope: Float[np.ndarray, "joints 2"]
+    curvature: Float[np.ndarray, "joints 2"]
     found: StrainChanges | None
 
     @classmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import Search, Task
 from .work import Work
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 ENDS = {
     "converged": "Further steps would gain next to nothing.",
@@ -42,9 +45,9 @@ class Look:
     width : (F,) metres; twist : (F,) radians; rmse : metres, of the coordinates that are matched; step : number of steps
     """
 
-    vertices: np.ndarray
-    width: np.ndarray
-    twist: np.ndarray
+    vertices: Float[np.ndarray, "vertices 3"]
+    width: Float[np.ndarray, " quads"]
+    twist: Float[np.ndarray, " quads"]
     rmse: float
     step: int
 
@@ -69,13 +72,13 @@ class Optimisation:
     ended: str
 
     @property
-    def at_bound(self) -> np.ndarray:
+    def at_bound(self) -> Int[np.ndarray, "quads 2"]:
         """(F, 2) int, -1 and 1 where width and twist are at their lower or upper bound."""
         x = self.point.x[: len(self.design.width)]
         return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
 
     @property
-    def gradient(self) -> np.ndarray:
+    def gradient(self) -> Float[np.ndarray, "quads 2"]:
         """(F, 2) of the objective by the design's coordinates: where a bound holds the match back."""
         return self.point.gradient[: len(self.design.width)]
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
 from .inverse import Point, Problem
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
@@ -76,7 +80,7 @@ def gauss_newton(
 class _Proposal:
     """A step (n, 2) of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is predicted."""
 
-    step: np.ndarray
+    step: Float[np.ndarray, "spirals 2"]
     moves: np.ndarray
     gain: float
 
@@ -158,7 +162,7 @@ def _nearer(there: Point, here: Point) -> bool:
     return there.value < here.value and there.distance < here.distance
 
 
-def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:
+def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> bool:
     """Whether another equilibrium was found than the one that the moves (n, 6) from ``here`` predict.
 
     What the tangent does not tell is a fraction of what it does, but the way to another equilibrium is at least as long as
@@ -175,7 +179,7 @@ def jumped(here: Point, there: Point, moves: np.ndarray) -> bool:
 
 def _box_step(
     here: Point, damping: float, turn_damping: float, params: OptimiseParams, progress: Progress
-) -> np.ndarray:
+) -> Float[np.ndarray, "spirals 2"]:
     """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
 
     damping : of the coordinates; turn_damping : of the hubs' turns, which near buckling grow beyond what the tangent tells

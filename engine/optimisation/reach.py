@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ..progress import SILENT, Progress
 from ..simulation.shortfall import Shortfall
 from ..simulation.simulate import Simulation
 from .optimise import Optimisation
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
 DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
@@ -36,8 +39,8 @@ NAMES = tuple(name for name, _ in KINDS)
 class Reach:
     """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence"""
 
-    kind: np.ndarray
-    share: np.ndarray
+    kind: Int[np.ndarray, " quads"]
+    share: Float[np.ndarray, " kinds"]
     advice: str
 
     def report(self) -> dict[str, Any]:
@@ -98,7 +101,7 @@ def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
     return {"softest": soft, "stiffest": stiff & ~soft}
 
 
-def _stretched(simulation: Simulation, model: ArmModel) -> np.ndarray:
+def _stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " quads"]:
     """(F,) bool: most of the elastic energy comes from motions in the plane of the sheet."""
     strains = model.start(simulation.equilibrium.pose).motion.vector
     inside = np.where(np.isin(np.arange(6), (0, 1, 5)), strains, 0.0)
@@ -110,7 +113,7 @@ def _stretched(simulation: Simulation, model: ArmModel) -> np.ndarray:
     return total[:, 0] > STRETCHED * np.maximum(total[:, 1], 1e-300)
 
 
-def _unstable(simulation: Simulation, progress: Progress) -> np.ndarray:
+def _unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
     """(F,) bool: takes part in a motion that hardly costs energy."""
     mode, stiffness = simulation.softest(progress)
     moved = np.linalg.norm(mode[:, 3:], axis=1)

@@ -9,12 +9,16 @@ always none, and every other piece at least 45 %.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 FAR = 0.02  # RMS distance as a share of the piece's diagonal that anybody sees at once: 8 mm on 400 mm
 MISSED = 0.5  # RMS distance as a share of the target's relief: more than half of what should stand up does not
@@ -34,12 +38,12 @@ class Shortfall:
     line : (c,) int, the edges of a cut that would let it curve, where one would
     """
 
-    quads: np.ndarray
+    quads: Int[np.ndarray, " some"]
     rms: float
     flat: bool
     held: bool
     open: bool
-    line: np.ndarray
+    line: Int[np.ndarray, " c"]
 
     @property
     def wrong(self) -> str:
@@ -60,7 +64,9 @@ class Shortfall:
         return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
 
 
-def shortfalls(layout: PatchLayout, target: QuadMesh, centres: np.ndarray, held: np.ndarray) -> list[Shortfall]:
+def shortfalls(
+    layout: PatchLayout, target: QuadMesh, centres: Float[np.ndarray, "spirals 3"], held: Bool[np.ndarray, " spirals"]
+) -> list[Shortfall]:
     """The pieces that are far from their target, the worst first.
 
     centres : (n, 3) metres of the hubs at rest; held : (n,) bool, the supports
@@ -78,12 +84,12 @@ def shortfalls(layout: PatchLayout, target: QuadMesh, centres: np.ndarray, held:
     return sorted(found, key=lambda s: -s.rms)
 
 
-def relief(points: np.ndarray) -> float:
+def relief(points: Float[np.ndarray, "spirals 3"]) -> float:
     """Root mean square distance of points (n, 3) from their best plane."""
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
-def _line(layout: PatchLayout, quads: np.ndarray) -> np.ndarray:
+def _line(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
     """(c,) int: the edges of the line that halves the most curved patch among these quads; none where no patch is curved."""
     curved = curvature_within(layout)[quads]
     patch = layout.patch_of[quads]
@@ -92,7 +98,7 @@ def _line(layout: PatchLayout, quads: np.ndarray) -> np.ndarray:
     return middle_line(layout, worst) if total[worst] > CURVED else np.zeros(0, dtype=np.int64)
 
 
-def curvature_within(layout: PatchLayout) -> np.ndarray:
+def curvature_within(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
     """(F,) radians: the total of absolute Gaussian curvature that no seam of the layout lets out, shared among the quads.
 
     By the theorem of Gauss and Bonnet for corners: a vertex has what its angles lack of a full turn, a skew quad what its

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .shortfall import Shortfall, shortfalls
 
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
+
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -44,23 +47,23 @@ class Simulation:
     others: list[Equilibrium]
 
     @cached_property
-    def vertices(self) -> np.ndarray:
+    def vertices(self) -> Float[np.ndarray, "vertices 3"]:
         """(V, 3) metres: the target's vertices, carried by the hubs."""
         return carried(self.design, self.equilibrium.pose, self.target)
 
     @cached_property
-    def distance(self) -> np.ndarray:
+    def distance(self) -> Float[np.ndarray, " quads"]:
         """(F,) metres from every spiral's centre to the middle of its quad in the target."""
         return np.linalg.norm(self.equilibrium.pose.centres - self.target.centroids, axis=1)
 
     @cached_property
-    def energy(self) -> np.ndarray:
+    def energy(self) -> Float[np.ndarray, " quads"]:
         """(F,) joules of every spiral: half of each of its joints."""
         halves = np.repeat(0.5 * self.equilibrium.per_joint, 2)
         return np.bincount(self.assembly.pairs.ravel(), weights=halves, minlength=self.assembly.size)
 
     @cached_property
-    def strain(self) -> np.ndarray | None:
+    def strain(self) -> Float[np.ndarray, " quads"] | None:
         """(F,) the largest strain of every spiral's arms as a share of what the material bears; None for the rod model.
 
         A safe estimate, see ``peak_strain``.
@@ -75,7 +78,7 @@ class Simulation:
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
 
-    def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
+    def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, " float"]:
         """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
         pose, pairs = self.equilibrium.pose, self.assembly.pairs
         system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
@@ -166,8 +169,8 @@ def simulate(
     material: Material,
     params: SimulateParams,
     *,
-    supports: np.ndarray | None = None,
-    force: np.ndarray | None = None,
+    supports: Int[np.ndarray, " some"] | None = None,
+    force: Float[np.ndarray, "quads 3"] | None = None,
     start: Pose | None = None,
     quick: bool = False,
     progress: Progress = SILENT,
@@ -198,7 +201,7 @@ def simulate(
     return Simulation(design, target, material, model, assembly, loads, found, others)
 
 
-def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> np.ndarray:
+def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
     """(V, 3) metres: where hubs in a pose carry the vertices of their quads; the mean where quads disagree."""
     local = np.zeros((*mesh.quads.shape, 3))
     corners = design.flat.corners

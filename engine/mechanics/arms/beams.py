@@ -9,9 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev as cheb
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 LARGEST_TWIST = math.radians(620.0)  # where the series ends: a little beyond ``stiffness.TWIST_CAP``
 SHEAR_FACTOR = 1.2  # of a rectangular section (Timoshenko and Goodier)
@@ -27,11 +31,11 @@ class Blocks:
     slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist
     """
 
-    values: np.ndarray
-    slopes: np.ndarray
+    values: Float[np.ndarray, "2 6 spirals"]
+    slopes: Float[np.ndarray, "3 2 6 spirals"]
 
 
-def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> np.ndarray:
+def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float[np.ndarray, " 24"]:
     """(24,) integrals along the arm of radius 1 from u = start to the tip, by Gauss quadrature.
 
     With (X, Y) from the point to the tip and t, n the tangent and the normal: the six products of the in-plane bending
@@ -90,7 +94,12 @@ def torsion_constant(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, by_height
 
 
-def tip_compliance(scale: np.ndarray, height: np.ndarray, twist: np.ndarray, poisson: float) -> Blocks:
+def tip_compliance(
+    scale: Float[np.ndarray, " arms"],
+    height: Float[np.ndarray, " arms"],
+    twist: Float[np.ndarray, " arms"],
+    poisson: float,
+) -> Blocks:
     """Compliance of the tip of arms that are held at the centre.
 
     scale : (n,) s / w; height : (n,) h / w; twist : (n,) radians

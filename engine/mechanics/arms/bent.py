@@ -10,6 +10,7 @@ changes their length. Young's modulus has no part in it: only the poses count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
 from .beams import SHEAR_FACTOR, torsion_constant
+
+if TYPE_CHECKING:
+    from jaxtyping import Bool, Float, Int
 
 # pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
 # 8 miss by 1e-3
@@ -47,15 +51,17 @@ class BentArms:
     wrench : (A, 6) force and moment at the tip in the joint's axes, for a Young's modulus of 1 Pa
     """
 
-    hub: np.ndarray
-    flat: np.ndarray
-    place: np.ndarray
-    turn: np.ndarray
-    bend: np.ndarray
-    stretch: np.ndarray
-    wrench: np.ndarray
+    hub: Float[np.ndarray, " arms"]
+    flat: Float[np.ndarray, "arms _ 3"]
+    place: Float[np.ndarray, "arms _ 3"]
+    turn: Float[np.ndarray, "arms _ 3 3"]
+    bend: Float[np.ndarray, "arms stations 3"]
+    stretch: Float[np.ndarray, "arms stations 3"]
+    wrench: Float[np.ndarray, "arms 6"]
 
-    def at(self, arm: np.ndarray, t: np.ndarray, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(
+        self, arm: np.ndarray, t: Float[np.ndarray, " nodes"], flat: Float[np.ndarray, "nodes 3"]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """x (N, 3) metres and D (N, 3, 3) of arms (N,) at t (N,), where the flat centre lines are at ``flat`` (N, 3)."""
         count = self.bend.shape[1]
         hub = np.maximum(self.hub[arm], 1e-9)  # spirals that are wound too far for their settings are hub to the tip
@@ -84,10 +90,12 @@ class _Pieces:
 
     hub: np.ndarray
     flat: np.ndarray
-    answer: np.ndarray
+    answer: Float[np.ndarray, "arms stations 6 6"]
 
 
-def flat_centre(design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: np.ndarray) -> np.ndarray:
+def flat_centre(
+    design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: Float[np.ndarray, "nodes _"]
+) -> Float[np.ndarray, "nodes _ 3"]:
     """(N, M, 3) metres: centre lines of single arms (N,) at t (N, M), seen from their hubs' centres."""
     out = np.zeros((*t.shape, 3))
     shape = design.arms.one_by_one(quad, side)
@@ -95,7 +103,7 @@ def flat_centre(design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: np.
     return out
 
 
-def hub_ends(design: SpiralDesign) -> np.ndarray:
+def hub_ends(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
     """(F, 4) t where every arm leaves its hub: before both of its slots have ended, so that the hub is rigid."""
     root = design.roots
     return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
@@ -105,8 +113,8 @@ def bent(
     design: SpiralDesign,
     pose: Pose,
     *,
-    closed: np.ndarray | None = None,
-    wrench: np.ndarray | None = None,
+    closed: Bool[np.ndarray, " joints"] | None = None,
+    wrench: Float[np.ndarray, "arms 6"] | None = None,
     poisson: float = POISSON,
     progress: Progress = SILENT,
 ) -> BentArms:
@@ -129,8 +137,8 @@ class Bender:
     """
 
     pieces: _Pieces
-    arm: np.ndarray
-    axes: np.ndarray
+    arm: Int[np.ndarray, "joints 2"]
+    axes: Float[np.ndarray, "arms 3 3"]
     size: float
 
     @classmethod
@@ -147,7 +155,7 @@ class Bender:
         pose: Pose,
         closed: np.ndarray | None = None,
         wrench: np.ndarray | None = None,
-        only: np.ndarray | None = None,
+        only: Bool[np.ndarray, " quads"] | None = None,
         close: float = CLOSE,
         progress: Progress = SILENT,
     ) -> BentArms:
@@ -184,7 +192,7 @@ def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, join
             break
 
 
-def _pieces(design: SpiralDesign, axes: np.ndarray, poisson: float) -> _Pieces:
+def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], poisson: float) -> _Pieces:
     """All arms in pieces that are equally long in t; axes (A, 3, 3) of their joints in the flat frames of their patches."""
     count = design.arms.radius.shape
     hub = hub_ends(design)
@@ -215,8 +223,13 @@ def _pieces(design: SpiralDesign, axes: np.ndarray, poisson: float) -> _Pieces:
 
 
 def _answers(
-    lever: np.ndarray, tangent: np.ndarray, length: np.ndarray, width: np.ndarray, height: float, poisson: float
-) -> np.ndarray:
+    lever: Float[np.ndarray, "arms stations 3"],
+    tangent: np.ndarray,
+    length: np.ndarray,
+    width: np.ndarray,
+    height: float,
+    poisson: float,
+) -> Float[np.ndarray, "arms stations 6 6"]:
     """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
 
     lever : (A, S, 3) metres, from the piece to the tip
@@ -284,7 +297,7 @@ def _newton(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[n
     return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
 
 
-def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray, some: np.ndarray) -> BentArms:
+def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
     """Arms ``some`` (n,) under loads (A, 6); zeros for the others."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])

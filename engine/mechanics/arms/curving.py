@@ -18,6 +18,7 @@ arm's section and the linear wrench K e.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from ...progress import SILENT, Progress
 from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 POINTS = 10  # of the Gauss quadrature: within 2e-8 of 20 points, on a dome, a saddle and a torus
 # where an arm begins to bend, in its widths from the centre of the hub; 0.1 more or less changes energies by 1.4e-4 at
@@ -37,7 +41,7 @@ _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # on [0, 1]
 
 
-def _running() -> np.ndarray:
+def _running() -> Float[np.ndarray, "points points"]:
     """(POINTS, POINTS): integral from 0 to node i of the polynomial that is 1 at node j and 0 at the others."""
     legendre = np.polynomial.legendre
     series = [legendre.legint(one, lbnd=-1) for one in np.eye(POINTS)]
@@ -57,13 +61,13 @@ class Arms:
     those at the joint. thickness (m), youngs (Pa), poisson; side : 1, or -1 for clockwise arms
     """
 
-    radius: np.ndarray
-    width: np.ndarray
-    twist: np.ndarray
-    compliance: np.ndarray
-    radial: np.ndarray
-    centre: np.ndarray
-    to_joint: np.ndarray
+    radius: Float[np.ndarray, "joints 2"]
+    width: Float[np.ndarray, "joints 2"]
+    twist: Float[np.ndarray, "joints 2"]
+    compliance: Float[np.ndarray, "joints 2 6 6"]
+    radial: Float[np.ndarray, "joints 2 3 3"]
+    centre: Float[np.ndarray, "joints 2 3"]
+    to_joint: Float[np.ndarray, "joints 6 6"]
     thickness: float
     youngs: float
     poisson: float
@@ -97,9 +101,9 @@ class Stations:
     the station to the middle. Steps and changes are signed: they go from hub to hub.
     """
 
-    fields: np.ndarray
-    step: np.ndarray
-    arm: np.ndarray
+    fields: Float[np.ndarray, "joints 2 2 stations 3 9"]
+    step: Float[np.ndarray, "joints 2 stations 3"]
+    arm: Float[np.ndarray, "joints 2 stations 3"]
 
     @classmethod
     def of(cls, arms: Arms) -> Stations:
@@ -123,7 +127,7 @@ class Stations:
         fields[:, :, 1, ..., :6] = sign[..., None] * curve
         return cls(fields, sign * step, arm)
 
-    def with_one(self, z: np.ndarray) -> np.ndarray:
+    def with_one(self, z: Float[np.ndarray, "joints 9"]) -> Float[np.ndarray, "joints 2 6 9"]:
         """(m, 2, 6, 9) of both arms: D with wrench and turn z (m, 9) in one of its places, the other one open."""
         m, s = len(z), POINTS + 1
         flat = self.fields.reshape(m, 2, -1, 9)
@@ -144,8 +148,12 @@ class Stations:
 
 
 def second_order_strains(
-    arms: Arms, at_joint: np.ndarray, lever: np.ndarray, offset: np.ndarray, progress: Progress = SILENT
-) -> np.ndarray:
+    arms: Arms,
+    at_joint: Float[np.ndarray, "joints 6 6"],
+    lever: Float[np.ndarray, "joints 2 3"],
+    offset: Float[np.ndarray, "joints 3"],
+    progress: Progress = SILENT,
+) -> Float[np.ndarray, "joints 6 6 6"]:
     """(m, 6, 6, 6) D, symmetric in its last two places: the strains' second order, e' = e + e.D.e, of every joint.
 
     at_joint : (m, 6, 6) stiffness at the joint; lever : (m, 2, 3) m from the hubs to the points between which the shift is
@@ -167,13 +175,13 @@ def second_order_strains(
     return out
 
 
-def _both(arms: Arms, at_joint: np.ndarray) -> np.ndarray:
+def _both(arms: Arms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
     """(m, 9, 6): wrench about the middle between the hubs, and turn, of strains at the joint."""
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
 
 
-def _twice(turn: np.ndarray, way: np.ndarray) -> np.ndarray:
+def _twice(turn: np.ndarray, way: np.ndarray) -> Float[np.ndarray, "joints 3 3"]:
     """(m, 3, 3): turn x (other x way) / 2 + other x (turn x way) / 2 as a matrix on ``other``."""
     return 0.5 * ((turn * way).sum(axis=-1)[..., None, None] * _EYE + outer(turn, way)) - outer(way, turn)
 
@@ -223,12 +231,12 @@ def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.nda
     return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
 
 
-def weighted(wrench: np.ndarray, curving: np.ndarray) -> np.ndarray:
+def weighted(wrench: Float[np.ndarray, "joints 6"], curving: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
     """(m, 6, 6): the sum over the strains of a wrench (m, 6) times D."""
     return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
 
 
-def moved_curving(curving: np.ndarray, offset: np.ndarray) -> np.ndarray:
+def moved_curving(curving: np.ndarray, offset: Float[np.ndarray, "joints 3"]) -> np.ndarray:
     """D (m, 6, 6, 6) of the motion of another point of the same frame, which lies ``offset`` (m, 3) m before the old one."""
     out, across = curving.copy(), skew(offset)[:, None]
     # turns about another point come with shifts, in both places of the motion and in what comes out

@@ -7,6 +7,7 @@ measured in the frame half way between both (corotational).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,6 +15,9 @@ from scipy.spatial.transform import Rotation
 from ..assembly import Pose
 from ..vectors import rotation_vector, times
 from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +29,15 @@ class JointMotion:
     first, second : (m, 3) m in space, from the centre of either hub to its bend point
     """
 
-    middle: np.ndarray
-    turn: np.ndarray
-    gap: np.ndarray
-    shift: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    middle: Float[np.ndarray, "joints 3 3"]
+    turn: Float[np.ndarray, "joints 3"]
+    gap: Float[np.ndarray, "joints 3"]
+    shift: Float[np.ndarray, "joints 3"]
+    first: Float[np.ndarray, "joints 3"]
+    second: Float[np.ndarray, "joints 3"]
 
     @property
-    def vector(self) -> np.ndarray:
+    def vector(self) -> Float[np.ndarray, "joints 6"]:
         """(m, 6): shift and turn."""
         return np.concatenate([self.shift, self.turn], axis=1)
 
@@ -42,7 +46,13 @@ class JointMotion:
         return JointMotion(*(getattr(self, one.name)[joints] for one in fields(self)))
 
 
-def joint_motion(pose: Pose, pairs: np.ndarray, lever: np.ndarray, axes: np.ndarray, rest: np.ndarray) -> JointMotion:
+def joint_motion(
+    pose: Pose,
+    pairs: np.ndarray,
+    lever: Float[np.ndarray, "joints 2 3"],
+    axes: Float[np.ndarray, "joints 2 3 3"],
+    rest: Float[np.ndarray, "joints 3"],
+) -> JointMotion:
     """The motion of m joints in a pose; pairs (m, 2), lever (m, 2, 3), axes (m, 2, 3, 3) and rest (m, 3) as in ``ArmModel``."""
     a, b = pairs.T
     first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
@@ -62,13 +72,13 @@ class SpatialMotion:
     across : (m,) how fast the rotation vector changes at right angles to itself
     """
 
-    gap: np.ndarray
-    turn: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    angle: np.ndarray
-    quarter: np.ndarray
-    across: np.ndarray
+    gap: Float[np.ndarray, "3 joints"]
+    turn: Float[np.ndarray, "3 joints"]
+    first: Float[np.ndarray, "3 joints"]
+    second: Float[np.ndarray, "3 joints"]
+    angle: Float[np.ndarray, " joints"]
+    quarter: Float[np.ndarray, "3 joints"]
+    across: Float[np.ndarray, " joints"]
 
     @classmethod
     def of(cls, motion: JointMotion) -> SpatialMotion:
@@ -80,7 +90,7 @@ class SpatialMotion:
         return cls(gap, turn, first, second, angle, _tan_quarter(angle) * turn, across)
 
 
-def first_order(at: SpatialMotion) -> np.ndarray:
+def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
     """(m, 6, 12): derivatives of gap and turn by both hubs' increments.
 
     With a, b the turns of both hubs, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., q = ``quarter`` (from the
@@ -97,7 +107,9 @@ def first_order(at: SpatialMotion) -> np.ndarray:
     return joints_first(out)
 
 
-def second_order(at: SpatialMotion, force: np.ndarray, moment: np.ndarray) -> np.ndarray:
+def second_order(
+    at: SpatialMotion, force: np.ndarray, moment: Float[np.ndarray, "joints 3"]
+) -> Float[np.ndarray, "joints 12 12"]:
     """(m, 12, 12): second derivatives of gap and turn by both hubs' increments, weighted by force and moment (m, 3)."""
     force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
     out = np.zeros((12, 12, len(at.angle)))  # half of them: the transpose is added in the end

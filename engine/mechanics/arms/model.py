@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import ArmCompliance, tip_compliance
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +57,12 @@ class ArmModel:
 
     assembly: Assembly
     compliance: ArmCompliance
-    at_joint: np.ndarray
-    lever: np.ndarray
-    rest: np.ndarray
-    stiffness: np.ndarray
-    offset: np.ndarray
-    curving: np.ndarray | None = None
+    at_joint: Float[np.ndarray, "joints 6 6"]
+    lever: Float[np.ndarray, "joints 2 3"]
+    rest: Float[np.ndarray, "joints 3"]
+    stiffness: Float[np.ndarray, "joints 6 6"]
+    offset: Float[np.ndarray, "joints 3"]
+    curving: Float[np.ndarray, "joints 6 6 6"] | None = None
     name: str = "arm"
 
     @classmethod
@@ -83,7 +87,7 @@ class ArmModel:
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
     @cached_property
-    def curving_at_joint(self) -> np.ndarray | None:
+    def curving_at_joint(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
         """(m, 6, 6, 6) the second order of the joints' own motion, instead of that of the bend points."""
         return None if self.curving is None else moved_curving(self.curving, self.offset)
 
@@ -150,20 +154,20 @@ class ArmModel:
         e = _curved(state.motion.vector, self.curving)[0]
         return 0.5 * float((times(self.stiffness, e) * e).sum())
 
-    def wrenches(self, state: ArmState) -> np.ndarray:
+    def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
         e, slope = _curved(state.motion.vector, self.curving)
         wrench = times(np.swapaxes(slope, -1, -2), times(self.stiffness, e))
         wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
         return wrench
 
-    def joint_gradients(self, state: ArmState) -> np.ndarray:
+    def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
         """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
         strains, slope = _curved(state.motion.vector, self.curving)
         inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
         return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
 
-    def strains(self, state: ArmState, material: Material) -> np.ndarray:
+    def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``peak_strain``)."""
         return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
 
@@ -214,7 +218,7 @@ def _curved(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray
 
 
 def _expanded(
-    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: np.ndarray
+    motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: Float[np.ndarray, "joints 6"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
 
@@ -243,7 +247,7 @@ def _expanded(
     return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
 
 
-def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
+def _in_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 6"]:
     """(m, 6) in the axes of space of vectors (m, 6) in those half way."""
     middle = motion.middle
     return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
@@ -252,12 +256,12 @@ def _in_space(motion: JointMotion, vectors: np.ndarray) -> np.ndarray:
 BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
-def _bends(assembly: Assembly) -> np.ndarray:
+def _bends(assembly: Assembly) -> Float[np.ndarray, "joints 2 2"]:
     """(m, 2, 2) bend points of the arms, in their axes and radii."""
     return assembly.bend[0][assembly.pairs]
 
 
-def _bend_levers(assembly: Assembly, bend: np.ndarray) -> np.ndarray:
+def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
     """(m, 2, 3) metres: from the hubs to the bend points (m, 2, 2) of the arms."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .stiffness import SCALE_RANGE, Table, interpolate, lengths_and_twists, load_table, locate, refuse_material
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 def peak_strain(
@@ -18,7 +22,7 @@ def peak_strain(
     thickness: float,
     youngs: float,
     poisson: float,
-) -> np.ndarray:
+) -> Float[np.ndarray, " arms"]:
     """(n,) a safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
 
     wrench : (n, 6) N and N m at the tip of one arm, axes as in ``ArmCompliance``. The peak strains of the six components
@@ -36,10 +40,10 @@ class PeakStrain:
     values : (n,); by_wrench : (n, 6) per N and N m; by_width : (n,) per metre, by_twist : (n,) per radian
     """
 
-    values: np.ndarray
-    by_wrench: np.ndarray
-    by_width: np.ndarray
-    by_twist: np.ndarray
+    values: Float[np.ndarray, " arms"]
+    by_wrench: Float[np.ndarray, "arms 6"]
+    by_width: Float[np.ndarray, " arms"]
+    by_twist: Float[np.ndarray, " arms"]
 
 
 def peak_strain_slopes(
@@ -70,7 +74,9 @@ def peak_strain_slopes(
     )
 
 
-def log_strains(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table) -> np.ndarray:
+def log_strains(
+    ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table
+) -> Float[np.ndarray, "6 spirals"]:
     """(6, n) logarithms of the dimensionless peak strains per unit of the six components of a tip wrench."""
     return _log_strains(ratio, flatness, twist, table)[0]
 

@@ -14,6 +14,7 @@ S = 1 + 2 y.D, and D counts as given: what the design changes in it is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from .curving import curved, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain_slopes
 from .stiffness import ArmCompliance
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 WIDTH, TWIST = 0, 1  # places of both parameters of a spiral
 
@@ -39,11 +43,11 @@ class JointChanges:
     turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
     """
 
-    wrench: np.ndarray
-    by_pose: np.ndarray
-    wrench_by_design: np.ndarray
-    wrench_by_pose: np.ndarray
-    turned: np.ndarray
+    wrench: Float[np.ndarray, "joints 6"]
+    by_pose: Float[np.ndarray, "joints 6 12"]
+    wrench_by_design: Float[np.ndarray, "joints 2 2 6"]
+    wrench_by_pose: Float[np.ndarray, "joints 6 12"]
+    turned: Float[np.ndarray, "joints 2 3"]
 
     @classmethod
     def of(
@@ -83,7 +87,7 @@ class JointChanges:
         return cls(wrench, by_pose, changes, tangent @ by_pose, turned)
 
     @property
-    def gradient_by_design(self) -> np.ndarray:
+    def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 2"]:
         """(m, 12, 2, 2): derivative of every joint's gradient by the widths and twists of both spirals.
 
         Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist.
@@ -102,9 +106,9 @@ class StrainChanges:
     by_design : (m, 2, 2, 2) of an arm (first) by width and twist (last) of the spirals on both sides (second)
     """
 
-    values: np.ndarray
-    by_pose: np.ndarray
-    by_design: np.ndarray
+    values: Float[np.ndarray, "joints 2"]
+    by_pose: Float[np.ndarray, "joints 2 12"]
+    by_design: Float[np.ndarray, "joints 2 2 2"]
 
     @classmethod
     def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
@@ -136,7 +140,7 @@ def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> P
     )
 
 
-def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
+def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
     """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
     change = assembly.bend[1][assembly.pairs[:, side]]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
@@ -144,7 +148,7 @@ def _way_by_twist(assembly: Assembly, side: int) -> np.ndarray:
 
 
 def _second_bend(
-    turn: np.ndarray, angle: np.ndarray, way: np.ndarray, force: np.ndarray
+    turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, way: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3)."""
     small = angle < 1e-2

@@ -5,19 +5,24 @@ Vectors are (3, m), matrices (3, k, m).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..vectors import fill_skew
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 EYE = np.eye(3)[:, :, None]  # the unit matrix of every joint
 
 
-def joints_last(values: np.ndarray) -> np.ndarray:
+def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:
     """(..., m) of an array (m, ...)."""
     return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 
 
-def joints_first(values: np.ndarray) -> np.ndarray:
+def joints_first(values: np.ndarray) -> Float[np.ndarray, "joints ..."]:
     """(m, ...) of an array (..., m)."""
     return np.ascontiguousarray(np.moveaxis(values, -1, 0))
 
@@ -35,7 +40,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def skew(v: np.ndarray) -> np.ndarray:
+def skew(v: np.ndarray) -> Float[np.ndarray, "3 3 joints"]:
     """(3, 3, m) with skew(v) x = v x x."""
     out = np.zeros((3, *v.shape))
     fill_skew(out, v)

@@ -20,12 +20,16 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import FlexMapsError
 from ..beyond import Beyond
 from . import beams
+
+if TYPE_CHECKING:
+    from jaxtyping import Float, Int
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
 SCALE_RANGE = (5.0, 50.0)  # s/w of the table's nodes
@@ -51,10 +55,10 @@ class ArmCompliance:
     by_scale, by_width, by_twist : (n, 6, 6) derivatives, per metre, per metre, per radian
     """
 
-    values: np.ndarray
-    by_scale: np.ndarray
-    by_width: np.ndarray
-    by_twist: np.ndarray
+    values: Float[np.ndarray, "... 6 6"]
+    by_scale: Float[np.ndarray, "... 6 6"]
+    by_width: Float[np.ndarray, "... 6 6"]
+    by_twist: Float[np.ndarray, "... 6 6"]
 
 
 def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
@@ -83,8 +87,8 @@ class Table:
     provenance : how the table was made, with what errors
     """
 
-    coefficients: np.ndarray
-    pairs: np.ndarray
+    coefficients: Float[np.ndarray, "_ channels nodes"]
+    pairs: Int[np.ndarray, "_ 2"]
     provenance: dict
 
 
@@ -158,7 +162,11 @@ def _unit(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.nd
 
 
 def beyond(
-    scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float, spiral: np.ndarray
+    scale: Float[np.ndarray, " arms"],
+    width: Float[np.ndarray, " arms"],
+    twist: Float[np.ndarray, " arms"],
+    thickness: float,
+    spiral: Int[np.ndarray, " arms"],
 ) -> list[Beyond]:
     """Which spirals have arms that no finite elements vouch for; they are taken for their nearest neighbours, see above.
 
@@ -239,7 +247,9 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
-def relative_factor(compliance: np.ndarray, scale: float, height: float, twist: float, poisson: float) -> np.ndarray:
+def relative_factor(
+    compliance: np.ndarray, scale: float, height: float, twist: float, poisson: float
+) -> Float[np.ndarray, " 12"]:
     """(12,) what the table stores of a dimensionless (6, 6) compliance: logarithms and ratios against the beam."""
     base = beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[..., 0]
     out = []
@@ -252,7 +262,9 @@ def relative_factor(compliance: np.ndarray, scale: float, height: float, twist: 
     return np.array(out)
 
 
-def blocks(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Table, poisson: float) -> beams.Blocks:
+def blocks(
+    ratio: np.ndarray, flatness: np.ndarray, twist: Float[np.ndarray, " arms"], table: Table, poisson: float
+) -> beams.Blocks:
     """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,)."""
     at = locate(ratio, flatness, twist)
     log, dlog = interpolate(table, at, slice(0, 12))
@@ -276,7 +288,13 @@ def blocks(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray, table: Ta
 
 
 def tip_compliance(
-    scale: np.ndarray, width: np.ndarray, twist: np.ndarray, *, thickness: float, youngs: float, poisson: float
+    scale: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    thickness: float,
+    youngs: float,
+    poisson: float,
 ) -> ArmCompliance:
     """Compliance of the tips of n arms with exact derivatives, for every arm there is: see ``beyond``.
 
@@ -328,7 +346,7 @@ def refuse_material(thickness: float, youngs: float) -> None:
         raise FlexMapsError(f"Young's modulus is {youngs:g} Pa; it must be a positive number")
 
 
-def _full(entries: np.ndarray) -> np.ndarray:
+def _full(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
     """(n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
     out = np.zeros((6, 6, entries.shape[-1]))
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):

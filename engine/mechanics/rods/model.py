@@ -10,6 +10,7 @@ energy is the same and a state has no frame to carry along but whole turns.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from ..vectors import outer
 from . import stiffness, strains
 from .motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
 from .sensitivity import gradient_by_design
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +40,11 @@ class RodModel:
     """
 
     assembly: Assembly
-    springs: np.ndarray
-    stretch: np.ndarray
-    rest: np.ndarray
-    length: np.ndarray
-    by_design: np.ndarray
+    springs: Float[np.ndarray, "joints 2 3"]
+    stretch: Float[np.ndarray, " joints"]
+    rest: Float[np.ndarray, "joints 2 3 3"]
+    length: Float[np.ndarray, " joints"]
+    by_design: Float[np.ndarray, "spirals 4 2"]
     name: str = "rod"
 
     @classmethod
@@ -107,7 +111,7 @@ class RodModel:
     def gradient_by_design(self, state: RodState) -> np.ndarray:
         return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
 
-    def _ends(self, state: RodState) -> np.ndarray:
+    def _ends(self, state: RodState) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) joules of bending and torsion."""
         with np.errstate(invalid="ignore", over="ignore"):
             return strains.energy(self.springs, state.bend, state.angles)
@@ -165,7 +169,12 @@ class RodModel:
         )
 
 
-def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curved: np.ndarray | None) -> np.ndarray:
+def _condensed(
+    ends: Float[np.ndarray, "joints 2 3 3"],
+    jacobian: Float[np.ndarray, "joints 2 3 6"],
+    shifts: Float[np.ndarray, "joints 3 3"],
+    curved: Float[np.ndarray, "joints 2 6 6"] | None,
+) -> Float[np.ndarray, "joints 12 12"]:
     """(m, 12, 12) by the hubs' increments, without the roll.
 
     ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
@@ -187,7 +196,7 @@ def _condensed(ends: np.ndarray, jacobian: np.ndarray, shifts: np.ndarray, curve
     return out
 
 
-def _scale(assembly: Assembly) -> np.ndarray:
+def _scale(assembly: Assembly) -> Float[np.ndarray, " spirals"]:
     """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints; without one, any length."""
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     total = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)

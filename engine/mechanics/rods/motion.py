@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..assembly import Pose
 from ..vectors import outer, skew
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,16 +27,16 @@ class RodState:
     """
 
     pose: Pose
-    length: np.ndarray
-    tangent: np.ndarray
-    frames: np.ndarray
-    bend: np.ndarray
-    torsion: np.ndarray
-    roll: np.ndarray
-    predicted: np.ndarray
+    length: Float[np.ndarray, " joints"]
+    tangent: Float[np.ndarray, "joints 3"]
+    frames: Float[np.ndarray, "joints 2 3 3"]
+    bend: Float[np.ndarray, "joints 2 2"]
+    torsion: Float[np.ndarray, " joints"]
+    roll: Float[np.ndarray, " joints"]
+    predicted: Float[np.ndarray, " joints"]
 
     @property
-    def angles(self) -> np.ndarray:
+    def angles(self) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
@@ -57,9 +61,9 @@ class EndMotion:
     pulled : (m, 2, 4, 6) of the same four by (d, w), but for the roll that goes along with w
     """
 
-    jacobian: np.ndarray
-    by_tangent: np.ndarray
-    pulled: np.ndarray
+    jacobian: Float[np.ndarray, "joints 2 3 6"]
+    by_tangent: Float[np.ndarray, "joints 2 4 3"]
+    pulled: Float[np.ndarray, "joints 2 4 6"]
 
 
 def first_order(state: RodState) -> EndMotion:
@@ -83,7 +87,9 @@ def first_order(state: RodState) -> EndMotion:
     return EndMotion(jacobian, by_tangent, pulled)
 
 
-def second_order(state: RodState, motion: EndMotion, slope: np.ndarray) -> np.ndarray:
+def second_order(
+    state: RodState, motion: EndMotion, slope: Float[np.ndarray, "joints 2 3"]
+) -> Float[np.ndarray, "joints 2 6 6"]:
     """(m, 2, 6, 6): second derivatives by (d, w) of x, y and the frame's roll, weighted by ``slope`` (m, 2, 3)."""
     tangent, length = state.tangent, state.length[:, None, None, None]
     eye, along = np.eye(3), outer(tangent, tangent)[:, None]
@@ -103,7 +109,9 @@ def second_order(state: RodState, motion: EndMotion, slope: np.ndarray) -> np.nd
     return curved
 
 
-def roll_row(ends: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+def roll_row(
+    ends: Float[np.ndarray, "joints 2 3 3"], jacobian: Float[np.ndarray, "joints 2 3 6"]
+) -> Float[np.ndarray, "joints 12"]:
     """(m, 12): mixed derivatives by the hubs' increments and by a roll of both hubs' frames against the edge.
 
     ends : (m, 2, 3, 3) second derivatives by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w)
@@ -112,6 +120,6 @@ def roll_row(ends: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     return coupled[:, 0] @ SPLIT[0] + coupled[:, 1] @ SPLIT[1]
 
 
-def _near(state: RodState) -> np.ndarray:
+def _near(state: RodState) -> Float[np.ndarray, "joints 2"]:
     """(m, 2): one and the cosine of each end's bend."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)

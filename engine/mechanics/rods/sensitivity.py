@@ -8,16 +8,21 @@ edge with nothing else. The rolls follow: with the least energy over a roll r, t
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..assembly import Assembly
 from . import strains
 from .motion import FLIP, SPLIT, RodState, first_order, roll_row
 
+if TYPE_CHECKING:
+    from jaxtyping import Float
+
 
 def gradient_by_design(
     assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
-) -> np.ndarray:
+) -> Float[np.ndarray, "joints 12 2 2"]:
     """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
 
     Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist. Arguments as in ``RodModel``.

@@ -11,13 +11,16 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import FlexMapsError
 from ..arms.stiffness import _twist_limit, lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
 FORMAT = 1  # of the file
@@ -34,13 +37,13 @@ class RodStiffness:
     values : (n, 4); by_scale, by_width per metre, by_twist per radian : (n, 4)
     """
 
-    values: np.ndarray
+    values: Float[np.ndarray, "spirals 4"]
     by_scale: np.ndarray
     by_width: np.ndarray
     by_twist: np.ndarray
 
 
-def coordinates(spiral: Any) -> np.ndarray:
+def coordinates(spiral: Any) -> Float[np.ndarray, " 3"]:
     """(3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
     limit = _twist_limit(np.array(spiral.scale))[0]
     return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
@@ -66,7 +69,13 @@ def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
 
 
 def rod_parameters(
-    scale: np.ndarray, width: np.ndarray, twist: np.ndarray, *, thickness: float, youngs: float, model: str = "pair"
+    scale: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    *,
+    thickness: float,
+    youngs: float,
+    model: str = "pair",
 ) -> RodStiffness:
     """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
@@ -140,7 +149,12 @@ def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tu
     return np.minimum(2.0 * math.pi, cut), slope / scale, -slope / (width + SMALLEST_SLOT * thickness)
 
 
-def beyond(scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> list[Beyond]:
+def beyond(
+    scale: Float[np.ndarray, " joints"],
+    width: Float[np.ndarray, " joints"],
+    twist: Float[np.ndarray, " rad"],
+    thickness: float,
+) -> list[Beyond]:
     """Which of n spirals, scale, width (m) and twist (rad) (n,), lie outside the sampled region."""
     near, every = _Nearest.of(scale, width, twist, thickness), np.arange(len(scale))
     share = twist / _largest_twist(near.scale, near.width, thickness)[0]

@@ -10,8 +10,12 @@ frames makes the curvatures of eq. 3
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from jaxtyping import Float
 
 TOLERANCE = 1e-9  # radians: a Newton step below this leaves an error of its square
 ROUNDS = 60  # most Newton steps or halvings of an interval: enough for any double
@@ -26,13 +30,13 @@ class EndEnergy:
     curvature
     """
 
-    energy: np.ndarray
-    gradient: np.ndarray
-    hessian: np.ndarray
-    convex: np.ndarray
+    energy: Float[np.ndarray, " ..."]
+    gradient: Float[np.ndarray, "... 3"]
+    hessian: Float[np.ndarray, "... 3 3"]
+    convex: Float[np.ndarray, "... 3 3"]
 
 
-def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
+def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, " ..."]:
     """Both curvatures, cos^2 h, cos h sin h and cos^2 h - 1/2."""
     half_cosine, half_sine = 0.5 * np.cos(torsion), 0.5 * np.sin(torsion)
     squared = 0.5 + half_cosine
@@ -40,13 +44,15 @@ def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
     return squared * x - half_sine * y, squared * y + half_sine * x, squared, half_sine, half_cosine
 
 
-def energy(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> np.ndarray:
+def energy(
+    springs: Float[np.ndarray, "... 3"], bend: Float[np.ndarray, "... 2"], torsion: Float[np.ndarray, " ..."]
+) -> Float[np.ndarray, " ..."]:
     """(...) joules of eq. 3 and 4; springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D; bend : (..., 2); torsion : (...) rad."""
     first, second = _strains(bend, torsion)[:2]
     return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * torsion**2)
 
 
-def slope(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> np.ndarray:
+def slope(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> Float[np.ndarray, "... 3"]:
     """(..., 3): first derivatives of ``energy`` by x, y and torsion; arguments as there."""
     strains, slopes = _slopes(bend, torsion)
     return np.einsum("...i,...ij->...j", springs * strains, slopes)
@@ -83,7 +89,12 @@ def _slopes(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.stack([first, second, torsion], axis=-1), slopes
 
 
-def relaxed_roll(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray, guess: np.ndarray) -> np.ndarray:
+def relaxed_roll(
+    springs: Float[np.ndarray, "joints 2 3"],
+    bend: Float[np.ndarray, "joints 2 2"],
+    torsion: Float[np.ndarray, " joints"],
+    guess: Float[np.ndarray, " joints"],
+) -> Float[np.ndarray, " joints"]:
     """(m,) rad: the edges' rolls against their first hubs in the energy's minimum downhill of ``guess`` (m,).
 
     springs : (m, 2, 3), bend : (m, 2, 2) of both ends; torsion : (m,) rad of the second hub against the first. Newton's
@@ -108,12 +119,14 @@ def relaxed_roll(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray, gue
     return roll
 
 
-def _offsets(torsion: np.ndarray) -> np.ndarray:
+def _offsets(torsion: np.ndarray) -> Float[np.ndarray, "joints 2"]:
     """(m, 2): how far the hubs of both ends are turned against the first."""
     return np.stack([np.zeros_like(torsion), torsion], axis=1)
 
 
-def _roll_slopes(springs: np.ndarray, bend: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _roll_slopes(
+    springs: np.ndarray, bend: np.ndarray, angle: Float[np.ndarray, "joints 2"]
+) -> tuple[np.ndarray, np.ndarray]:
     """First and second derivative (m,) of the energy of both ends by the roll; angle : (m, 2) rad."""
     first, second, _, half_sine, half_cosine = _strains(bend, angle)
     x, y = bend[..., 0], bend[..., 1]
