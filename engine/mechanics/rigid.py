@@ -93,7 +93,7 @@ def freedoms(
     return found
 
 
-def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, " int"]:
+def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, int]:
     """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are given."""
     held = members[fixed[members].any(axis=1)]
     if not len(held):

@@ -78,7 +78,7 @@ class Simulation:
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
 
-    def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, " float"]:
+    def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
         pose, pairs = self.equilibrium.pose, self.assembly.pairs
         system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))

@@ -36,7 +36,7 @@ class EndEnergy:
     convex: Float[np.ndarray, "... 3 3"]
 
 
-def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, " ..."]:
+def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
     """Both curvatures, cos^2 h, cos h sin h and cos^2 h - 1/2."""
     half_cosine, half_sine = 0.5 * np.cos(torsion), 0.5 * np.sin(torsion)
     squared = 0.5 + half_cosine
