@@ -6,14 +6,13 @@ iteration of this program does.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-if TYPE_CHECKING:
-    from jaxtyping import Int, Num
+from .arrays import Int, Num
 
 
 class NotPositiveDefinite(ArithmeticError):

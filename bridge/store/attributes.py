@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bmesh
 import bpy
 import numpy as np
 
+from ...engine.arrays import Bool, Float, Int, Shaped
 from ...engine.errors import FlexMapsError
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int, Shaped
 
 PREFIX = "flexmaps_"
 LARGEST = 1e30  # single precision goes to 3e38; needed, as the distance from a square of a folded quad has no bound

@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import bmesh
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
 from . import attributes, pose, settings
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
 

@@ -20,12 +20,11 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
 from . import attributes, notes, pose, states
 from .i18n import translate
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-
     from ...engine.mechanics.assembly import Pose
     from ...engine.optimisation.reach import Reach
     from ...engine.simulation.simulate import Simulation

@@ -22,11 +22,12 @@ a change of frame.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
@@ -36,9 +37,6 @@ from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from .objects import changed_by_modifiers, unusable
 from .surface import Surface
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
 from . import attributes
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-
     from ...engine.mechanics.assembly import Pose
 
 NAMES = ("hub", "hub_x", "hub_y")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
+from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
@@ -15,9 +16,6 @@ from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
 from . import mesh, notes, objects, settings, supports
 from .surface import Surface
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import LoadParams
 from . import mesh, objects
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
-
     from .surface import Surface
 
 CORNERS = 2  # corners of a quad in the group that make the quad belong to it: an edge on the ground is a support

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
 from ...engine.display import arrange
 from ..store import attributes
 from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
-    from jaxtyping import Float
-
     from ...engine.assembling.film import Film, Track
     from ...engine.mechanics.assembly import Pose
     from ...engine.spirals.design import SpiralDesign

@@ -5,13 +5,10 @@ Engine coordinates, metres; the objects are scaled to the scene's unit.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ...engine.arrays import Float
 
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 import numpy as np
 
 from ...engine import colours
+from ...engine.arrays import Float, Int, Shaped
 from ..store import attributes, equilibrium
 from .legend import Legend
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int, Shaped
 
 # kind -> (attribute, label, unit)
 KINDS: dict[str, tuple[str, str, str]] = {

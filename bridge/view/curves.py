@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ...engine.arrays import Float
 
+if TYPE_CHECKING:
     from ...engine.spirals.arcs import Curve
 
 

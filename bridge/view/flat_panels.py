@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ...engine import colours
+from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import ConnectorParams, ObjectSettings
 from ...engine.progress import SILENT, Progress
@@ -20,8 +21,6 @@ from .materials import material, wear
 from .meshes import paint, polygons, quads
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
-
     from ...engine.display.solids import Solid
     from ...engine.fabrication.connectors.connect import Connections
     from ...engine.patches.flattening.flatten import FlatPatches

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float
 from ...engine.display.raster import Glyphs
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 # the letters that drawings can have
 LETTERS = "".join(map(chr, range(32, 127))) + "\N{DEGREE SIGN}\N{PLUS-MINUS SIGN}\N{MULTIPLICATION SIGN}\N{EN DASH}"

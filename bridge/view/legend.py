@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ...engine.arrays import Float
 
 ROW = 18  # height of a line of the legend, pixels at an interface scale of 1
 

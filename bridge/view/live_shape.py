@@ -5,15 +5,13 @@ It is drawn on top of everything, so that the target, which it almost coincides 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float, Int
 from .legend import Legend
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB, of faces and lines; chosen by eye
 LIFT = 0.01  # in edges: lines float above the faces, or they flicker; not measured

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ...engine import colours
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
+from ...engine.arrays import Float, Int
 
 UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
 

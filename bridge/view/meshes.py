@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float, Int
 from ..store import attributes
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 def quads(name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]) -> bpy.types.Mesh:

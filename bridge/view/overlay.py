@@ -7,19 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ...engine import colours
+from ...engine.arrays import Float, Int, Shaped
 from ..store import attributes, equilibrium
 from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIGHT, LiveShape
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int, Shaped
 
 EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
 SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ...engine import colours
+from ...engine.arrays import Bool, Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
@@ -20,8 +21,6 @@ from .legend import Legend
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
-
     from ...engine.fabrication.connectors.tips import Tip
     from ...engine.spirals.design import SpiralDesign
 

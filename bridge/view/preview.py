@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 import numpy as np
 
+from ...engine.arrays import Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
@@ -21,8 +22,6 @@ from ..store import attributes
 from . import collection, colouring, curves, materials, meshes
 
 if TYPE_CHECKING:
-    from jaxtyping import Float, Int
-
     from ...engine.display.panel_mesh import PanelMesh
     from ...engine.fabrication.connectors.tips import Tip
     from ...engine.mechanics.arms.bent import BentArms

@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ...engine import colours
+from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import collection, meshes
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 MARGIN = 1.06  # size of the picture over that of what is in it
 UNDENOISED = 4  # times as many samples where there is no denoiser; not measured

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ..arrays import Float
 
+if TYPE_CHECKING:
     from ..patches.flattening.flatten import FlatPatches
 
 ASPECT = 1.6  # width over height of the page that is filled, as of a screen

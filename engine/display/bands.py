@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ..arrays import Float, Int
 from ..spirals.spiral import LEFT, RIGHT, Arms, edge
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 MOST = 250_000  # points of all bands together, beyond which arms get fewer pieces; 1,000 spirals still have the most pieces
 LEAST_PIECES, MOST_PIECES = 5, 18  # of an arm; 18 pieces of a full turn show no corners at the size of a window

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float
 from .drawing import (
     GREY,
     GRID,
@@ -26,9 +26,6 @@ from .drawing import (
     rgb,
     ticks,
 )
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float
 from .drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes, Strokes, Text, rgb
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SCALE = 2  # pixels of the picture for one of the drawing, so that letters of 11 pixels can be read when enlarged
 FINE = 2  # smaller ones, both ways, for one of the picture: soft edges

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .. import colours
+from ..arrays import Bool, Float, Int
 from ..optimisation import reach
 from ..optimisation.reach import Reach
 from ..patches.flattening.flatten import FlatPatches
@@ -18,9 +19,6 @@ from ..surface.mesh import QuadMesh
 from . import arrange, plots
 from .drawing import Drawing, hexes, rgb
 from .plots import Colouring
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "limits")  # fmt: skip

@@ -7,19 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
 from ..spirals.contours import ends
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
 # faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million

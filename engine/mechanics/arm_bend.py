@@ -12,12 +12,9 @@ shift up to the third order; ``share`` is the arm's part of the joint's turning,
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ..arrays import Float
 
 POINTS = 24  # of the Gauss quadrature: within 2e-14 of the radius, up to a twist of 600 degrees
 _X, _W = np.polynomial.legendre.leggauss(POINTS)

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from .arm_bend import bend_point
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)

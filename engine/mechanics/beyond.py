@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Int
+from ..arrays import Int
 
 SLACK = 2e-3  # relative: rounding, and what ``design.outside`` leaves a twist
 

@@ -8,10 +8,11 @@ turns are capped. A result counts as converged at a minimum only.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Float
 from ..newton import (
     CONVERGED,
     INDEFINITE,
@@ -32,9 +33,6 @@ from .assembly import Pose
 from .elastic import ElasticModel, Expansion
 from .loads import Loads
 from .newton_system import NewtonSystem
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from ..arrays import Float, Int
 from .assembly import nearest_rotation
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_array:

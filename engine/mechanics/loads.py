@@ -6,17 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import index
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 from .assembly import Pose
 from .rigid import Freedom, freedoms
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"

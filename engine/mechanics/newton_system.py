@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from ..arrays import Float, Num
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
 from ..progress import SILENT, Progress
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Num
 
 SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
 DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for

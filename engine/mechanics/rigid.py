@@ -9,18 +9,15 @@ them, and where they do, there is no equilibrium.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..arrays import Bool, Float, Int
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 HELD = 1e-6  # least mean squared motion of the supports, in distances of neighbours, that counts as holding a turn of 1 rad
 

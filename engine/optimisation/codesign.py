@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Float
 from ..errors import FlexMapsError
 from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
@@ -22,9 +23,6 @@ from ..spirals.design import SpiralDesign, fitted
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import INNER_ITERATIONS, Accepted, Trace
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before

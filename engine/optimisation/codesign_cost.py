@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Complex, Float
 from ..patches.flattening.flatten import FlatPatches, seam_mismatch
 from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
 
 SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were
 

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
+from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose
 from ..patches.layout import PatchLayout
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
 

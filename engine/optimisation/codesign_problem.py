@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import StrainChanges
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
@@ -24,9 +24,6 @@ from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .inverse import Point, Problem
 from .work import GEOMETRY
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)

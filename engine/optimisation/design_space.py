@@ -10,18 +10,15 @@ Any x in the box is a design whose spirals can be cut; what blended joints and n
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 # widths at which the largest twist is computed; in between it is interpolated. Not measured: what is cut is checked
 # again

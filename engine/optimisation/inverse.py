@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..arrays import Float
 from ..materials import Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
@@ -23,9 +24,6 @@ from ..progress import SILENT, Progress
 from .design_space import DesignSpace
 from .objective import Mismatch, Target
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from ..arrays import Float, Int
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 # How much a place counts beside the Laplacian coordinates, which hardly feel bends that are longer than some 30 spirals: a piece
 # may match in all of them and still lie far away. On 12 surfaces of 78 to 986 quads the RMS distance to the target fell with 0.05

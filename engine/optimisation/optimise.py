@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..errors import Cancelled, FlexMapsError
 from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
@@ -22,9 +23,6 @@ from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import Search, Task
 from .work import Work
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 ENDS = {
     "converged": "Further steps would gain next to nothing.",

@@ -8,18 +8,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float
 from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
 from .inverse import Point, Problem
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 PRECISION = 0.1  # share of the gradient that a step may leave
 CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds

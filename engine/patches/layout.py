@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..arrays import Bool, Float, Int
 from ..surface.curvature import corner_angles
 from ..surface.mesh import QuadMesh
 from .loops import counted, loops_of
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:

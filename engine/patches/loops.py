@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int, Num
+from ..arrays import Bool, Float, Int, Num
 
 NEXT = np.array([1, 2, 3, 0])  # the corner after each of a quad
 PREVIOUS = np.array([3, 0, 1, 2])  # the corner before each of a quad

@@ -9,16 +9,13 @@ always none, and every other piece at least 45 %.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 FAR = 0.02  # RMS distance as a share of the piece's diagonal that anybody sees at once: 8 mm on 400 mm
 MISSED = 0.5  # RMS distance as a share of the target's relief: more than half of what should stand up does not

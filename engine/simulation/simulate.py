@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..materials import Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
@@ -24,9 +25,6 @@ from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .shortfall import Shortfall, shortfalls
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,10 @@ the links of closed chains: one round every inner flat vertex, and one round the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
@@ -20,9 +20,6 @@ from ..surface.mesh import QuadMesh
 from .arcs import Curve, Fitted, fit
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
@@ -28,9 +29,6 @@ from .slots import (
     twist_limit,
 )
 from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 

@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
@@ -22,9 +22,6 @@ from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .arcs import dot
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, opposite_sides, width_at
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 # The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
 # loses slot at the hub: about here its arms are free over their greatest length.

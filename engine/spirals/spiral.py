@@ -9,16 +9,13 @@ on smoothly from one quad into the other.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
 

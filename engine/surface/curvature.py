@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.sparse import coo_array
 
+from ..arrays import Float
 from .mesh import QuadMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can; any small number does
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..arrays import Float, Int
 from ..progress import SILENT, Progress
 from .mesh import QuadMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 SEARCH = "Looking for symmetries"
 

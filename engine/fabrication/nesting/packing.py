@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
+from ...arrays import Float, Int
 from ...progress import SILENT, Progress
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 CELLS = 512  # cells of the raster along the longer side of a sheet
 # Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.

@@ -8,19 +8,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ... import PROGRAM
+from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
 TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid

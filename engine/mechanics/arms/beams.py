@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev as cheb
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ...arrays import Float
 
 LARGEST_TWIST = math.radians(620.0)  # where the series ends: a little beyond ``stiffness.TWIST_CAP``
 SHEAR_FACTOR = 1.2  # of a rectangular section (Timoshenko and Goodier)

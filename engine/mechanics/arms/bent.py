@@ -10,19 +10,16 @@ changes their length. Young's modulus has no part in it: only the poses count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Float, Int
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
 from .beams import SHEAR_FACTOR, torsion_constant
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 # pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
 # 8 miss by 1e-3

@@ -18,18 +18,15 @@ arm's section and the linear wrench K e.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from ...materials import Material
 from ...progress import SILENT, Progress
 from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 POINTS = 10  # of the Gauss quadrature: within 2e-8 of 20 points, on a dome, a saddle and a torus
 # where an arm begins to bend, in its widths from the centre of the hub; 0.1 more or less changes energies by 1.4e-4 at

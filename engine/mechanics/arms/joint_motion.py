@@ -7,17 +7,14 @@ measured in the frame half way between both (corotational).
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...arrays import Float
 from ..assembly import Pose
 from ..vectors import rotation_vector, times
 from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)

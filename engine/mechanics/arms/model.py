@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ...progress import SILENT, Progress
@@ -27,9 +27,6 @@ from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import ArmCompliance, tip_compliance
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from .stiffness import SCALE_RANGE, Table, interpolate, lengths_and_twists, load_table, locate, refuse_material
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def peak_strain(

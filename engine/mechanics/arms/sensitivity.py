@@ -14,10 +14,10 @@ S = 1 + 2 y.D, and D counts as given: what the design changes in it is left out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly
 from ..vectors import skew, times
@@ -25,9 +25,6 @@ from .curving import curved, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain_slopes
 from .stiffness import ArmCompliance
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 WIDTH, TWIST = 0, 1  # places of both parameters of a spiral
 

@@ -5,14 +5,10 @@ Vectors are (3, m), matrices (3, k, m).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ...arrays import Float
 from ..vectors import fill_skew
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 EYE = np.eye(3)[:, :, None]  # the unit matrix of every joint
 

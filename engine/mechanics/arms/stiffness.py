@@ -20,16 +20,13 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ..beyond import Beyond
 from . import beams
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
 SCALE_RANGE = (5.0, 50.0)  # s/w of the table's nodes

@@ -10,10 +10,10 @@ energy is the same and a state has no frame to carry along but whole turns.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly, Pose
 from ..beyond import Beyond
@@ -22,9 +22,6 @@ from ..vectors import outer
 from . import stiffness, strains
 from .motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
 from .sensitivity import gradient_by_design
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,16 +8,12 @@ edge with nothing else. The rolls follow: with the least energy over a roll r, t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ...arrays import Float
 from ..assembly import Assembly
 from . import strains
 from .motion import FLIP, SPLIT, RodState, first_order, roll_row
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 
 def gradient_by_design(

@@ -11,16 +11,14 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ...arrays import Float
 from ...errors import FlexMapsError
 from ..arms.stiffness import _twist_limit, lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
 FORMAT = 1  # of the file

@@ -10,12 +10,10 @@ frames makes the curvatures of eq. 3
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxtyping import Float
+from ...arrays import Float
 
 TOLERANCE = 1e-9  # radians: a Newton step below this leaves an error of its square
 ROUNDS = 60  # most Newton steps or halvings of an interval: enough for any double

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg.lapack import dpbtrf, dpbtrs
@@ -16,12 +15,10 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
+from ...arrays import Complex, Float, Int
 from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float, Int
 
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
 

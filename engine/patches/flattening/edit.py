@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool
 from ...errors import FlexMapsError
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ..layout import PatchLayout
 from .flatten import FlatPatches, flatten
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool
 
 
 def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:

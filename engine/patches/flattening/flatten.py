@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Complex, Float, Int
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...threads import one_thread
@@ -15,9 +15,6 @@ from ..layout import PatchLayout
 from .outline import simple
 from .seams import QUICK, ROUNDS, match_seams
 from .triangles import corner_triangles, quad_energy, square_energy
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float, Int
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from ...arrays import Bool, Complex, Int
 from ..layout import groups
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Complex, Int
 
 WIDE = 0.4  # relative width of an isthmus from which on it is none: a rectangle 1.5 times as long as wide has it
 ROUNDING = 8.0 * np.finfo(float).eps  # bound of the error of an orientation, relative to its terms (Shewchuk 1997)

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Complex, Float, Int
 from ...params import LayoutParams
 from ...progress import Progress
 from ..layout import PatchLayout
 from ..loops import NEXT
 from .arap import FlatPatch, PatchProblem, Springs, minimax, settle
 from .outline import simple
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Complex, Float, Int
 
 ROUNDS = 24  # rounds for a whole layout; the best state counts; not measured
 QUICK = 10  # rounds for the few patches of a hand edit, which is to take 0.1 s

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Complex, Float
 from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
-
-if TYPE_CHECKING:
-    from jaxtyping import Complex, Float
 
 
 @dataclass(frozen=True, eq=False)

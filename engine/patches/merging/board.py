@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Complex, Int
 from ...params import LayoutParams
 from ...surface.curvature import corner_angles
 from ...surface.symmetry import Symmetry
@@ -17,9 +17,6 @@ from ..flattening.outline import simple
 from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
 from .sketch import Piece, Sketch, Sketcher
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Complex, Int
 
 # over the largest bottleneck: the smallest width of an isthmus over the outline behind it. 1.0 gives 45 instead of 44
 # patches on seven surfaces, 1.5 gives 48

@@ -7,16 +7,13 @@ among several, or keep part of a cut as a dart, even if what comes of it has a n
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Int
 from .board import NOTHING, Board, Change
 from .sketch import Piece
 from .straighten import badness, gain_of
-
-if TYPE_CHECKING:
-    from jaxtyping import Int
 
 DRAWN = 1e-3  # what an edge of cut counts beside a patch: it only decides between equals
 

@@ -7,19 +7,16 @@ is measured by the angles on both sides of the line (Polthier & Schmies 1998).
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from ...arrays import Int
 from ...surface.corners import rings
 from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, attempted, gain_of
-
-if TYPE_CHECKING:
-    from jaxtyping import Int
 
 # what a quarter turn costs, in median edges, as much as a reflex corner of a patch; 1.5 and 6 give
 # the same on two irregular surfaces

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Complex, Int
 from ...surface.mesh import QuadMesh
 from ..flattening.arap import FlatPatch
 from ..flattening.outline import isthmus_width
 from ..layout import drawn_lengths, groups, straight_on
 from ..loops import NEXT, Loops, loops_of, perimeter
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Complex, Int
 
 WIDEST = 8  # edges: longer straight lines are no isthmuses; 5 and 12 give the same patches on seven surfaces
 

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Int
 from ...progress import Progress
 from ...surface.corners import corner_cost, rings
 from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
 from .sketch import Piece
-
-if TYPE_CHECKING:
-    from jaxtyping import Int
 
 PATCH = 15.0  # what a patch less is worth, in edges of cut; 7 to 30 give the same on seven surfaces
 SMALL = 5.0  # what a quad more is worth in a patch that is too small; 2 to 10 give the same on seven surfaces

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from ...arrays import Float, Int
 from ..flattening.flatten import FlatPatches
-
-if TYPE_CHECKING:
-    from jaxtyping import Float, Int
 
 BEND = 3.0  # what a quarter turn of a run costs, in mean edges; as in drawing seams anew
 # starts times directed edges: beyond, only some of the starts are taken, which bounds memory to some 200 MB

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...params import LayoutParams, SheetParams
 from ...progress import SILENT, Progress
@@ -23,9 +23,6 @@ from ..flattening.flatten import FlatPatches
 from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from .runs import Runs, chord_areas, straight_runs
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet: 3 degrees apart
 CHECKED = 40  # runs that are looked at closely, best first; not measured, it bounds the time

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra, maximum_flow
 
+from ...arrays import Bool, Int
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.curvature import angle_defects, corner_angles
@@ -23,9 +23,6 @@ from ..flattening.arap import PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout, drawn_lengths, groups
 from ..loops import loops_of, perimeter
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Int
 
 # share of the distortion limit that merging uses up; the rest is for seams with sides of equal length. On seven surfaces
 # 0.7 gives as many patches with 4 % less seam, 0.95 one more, and twice the mismatch of seams

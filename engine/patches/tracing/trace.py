@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool
 from ...errors import FlexMapsError
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
@@ -21,9 +21,6 @@ from ..flattening.arap import PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout, straight_on
 from .regions import MERGING_SHARE, Halving
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool
 
 
 @one_thread

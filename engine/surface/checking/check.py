@@ -34,18 +34,15 @@ Codes of the findings, first those that may be the cause of others:
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Int
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
 from .finding import REMESH, Finding, counted, finding, named
 from .geometry import degenerate, far_out, in_unit, lengths_of, sizes
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
-
-if TYPE_CHECKING:
-    from jaxtyping import Int
 
 
 def edges_of(polygons: PolygonMesh) -> Int[np.ndarray, "edges 2"]:

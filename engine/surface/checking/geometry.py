@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Float
 from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, counted, finding, named
 from .topology import Sides, sides_of
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # 99th to 1st percentile of the faces' mean edge lengths
 SIZES = 1e-6, 1e6  # metres: least and largest median edge; beyond these nothing can be cut, whatever the units

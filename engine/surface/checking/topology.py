@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ...arrays import Bool, Int
 from ..mesh import PolygonMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Int
 
 
 @dataclass(frozen=True, eq=False)

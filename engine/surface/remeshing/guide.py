@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ...arrays import Bool, Float, Int
 from ..mesh import QuadMesh
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it: two ends of one cannot pass each other
 TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there

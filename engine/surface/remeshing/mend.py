@@ -6,17 +6,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ...arrays import Bool, Float, Int
 from ..checking.check import findings
 from ..checking.topology import sides_of, split_vertices
 from ..mesh import PolygonMesh
 from .regularise import best_squares
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float, Int
 
 FOLDED = {"zero-edge", "zero-area", "crossed", "repeated-vertex", "duplicate-faces"}
 USELESS = FOLDED | {"thin"}  # no spiral has room in them

@@ -8,18 +8,15 @@ stay on these lines, their corners stay where they are.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...arrays import Bool, Float
 from ...params import RegulariseParams
 from ...progress import SILENT, Progress
 from ..mesh import QuadMesh
 from ..symmetry import symmetries
 from .guide import Guide, distances, samples
-
-if TYPE_CHECKING:
-    from jaxtyping import Bool, Float
 
 MOMENTUM = 0.5  # share of the last move that goes on: twice as far in the same number of rounds
 EVERY = 8  # rounds after which spoilt quads are looked for, for which a search tree is built: dearer than a round

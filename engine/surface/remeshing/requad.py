@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from ...arrays import Float
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ..checking.check import Finding, findings
 from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
 from ..mesh import PolygonMesh
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
-
-if TYPE_CHECKING:
-    from jaxtyping import Float
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one

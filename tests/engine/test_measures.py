@@ -1,0 +1,69 @@
+"""The house is in order: what ``tools/measures.py`` counts is nothing, and it would notice if it were not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+FAULTS = (
+    "imports upward",
+    "circles of imports",
+    "files over 400 lines",
+    "functions over 60 lines",
+    "numbers without a comment",
+)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_house_is_in_order(name: str, measures: ModuleType) -> None:
+    assert not [str(place) for place in measures.FAULTS[name]()]
+
+
+def test_all_are_held(measures: ModuleType) -> None:
+    assert tuple(measures.FAULTS) == FAULTS
+
+
+@pytest.fixture
+def house(tmp_path: Path, measures: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A small house in order, for which the tool takes it."""
+    monkeypatch.setattr(measures, "ROOT", tmp_path)
+    for name, text in {
+        "__init__.py": "",
+        "api.py": "from .engine import files\n",
+        "engine/__init__.py": "",
+        "engine/files.py": "LARGEST = 3  # so many\n",
+        "engine/surface/__init__.py": "",
+        "engine/surface/mesh.py": "from .. import files\n# so many\nSMALLEST = 0.5\nFIRST = [name for name in 'ab'][0]\n",
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def test_a_house_in_order(house: Path, measures: ModuleType) -> None:
+    assert {name: measure() for name, measure in measures.FAULTS.items()} == {key: [] for key in FAULTS}
+
+
+@pytest.mark.parametrize(
+    ("name", "file", "text", "places"),
+    [
+        ("imports upward", "engine/params.py", "from .surface import mesh\n", ["engine/params.py:1"]),
+        ("imports upward", "engine/surface/check.py", "def f():\n    from ...api import load\n", ["engine/surface/check.py:2"]),
+        ("imports upward", "engine/attic/lost.py", "", ["engine/attic/lost.py:1"]),
+        ("circles of imports", "engine/files.py", "from .surface.mesh import x\n", ["engine/files.py:1", "engine/surface/mesh.py:1"]),
+        ("files over 400 lines", "tools/long.py", "\n" * 401, ["tools/long.py:401"]),
+        ("functions over 60 lines", "tests/long.py", "def f():\n" + "    f()\n" * 60, ["tests/long.py:1"]),
+        ("numbers without a comment", "engine/numbers.py", "A = 1\n\nB, C = (2, 3.5)\n", ["engine/numbers.py:1", "engine/numbers.py:3"]),
+    ],
+)  # fmt: skip
+def test_what_is_out_of_order_is_named(
+    name: str, file: str, text: str, places: list[str], house: Path, measures: ModuleType
+) -> None:
+    (house / file).parent.mkdir(parents=True, exist_ok=True)
+    (house / file).write_text(text)
+    measures.tree.cache_clear()
+    found = [f"{place.path}:{place.line}" for place in measures.FAULTS[name]()]
+    assert set(places) <= set(found)
+    assert len(found) <= len(places) + 1  # what stands on a circle is named with it
