@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -67,3 +69,18 @@ def test_what_is_out_of_order_is_named(
     found = [f"{place.path}:{place.line}" for place in measures.FAULTS[name]()]
     assert set(places) <= set(found)
     assert len(found) <= len(places) + 1  # what stands on a circle is named with it
+
+
+def test_the_glossary_names_classes_that_there_are(root: Path, measures: ModuleType) -> None:
+    rows = [line.split("|")[1:-1] for line in (root / "docs" / "glossary.md").read_text("utf-8").splitlines()[8:]]
+    assert all(len(row) == 4 for row in rows)
+    words = [row[0].strip().lower() for row in rows]
+    assert words == sorted(set(words))
+    named = {name for row in rows for name in re.findall(r"`(?:[\w/]+[.:] ?)*([A-Z]\w*[a-z]\w*)`", row[3])}
+    classes = {
+        node.name
+        for path in measures.package()
+        for node in ast.walk(measures.tree(path))
+        if isinstance(node, ast.ClassDef)
+    }
+    assert named - classes == set()
