@@ -17,10 +17,8 @@ CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 ROUNDED, DIVERGED = "rounded", "diverged"
 
-DECAY, LEAST_CONVEX = (
-    0.3,
-    0.01,
-)  # of the convex share: what a step leaves of it, and below which it counts as none; by eye
+# of the convex share: what a step leaves of it, and below which it counts as none; by eye
+DECAY, LEAST_CONVEX = 0.3, 0.01
 # of the convex part's diagonal, one after the other where rounding leaves it indefinite; not measured, the first nearly always does
 SHIFTS = (1e-9, 1e-6, 1e-3)
 ARMIJO = 1e-4  # share of the predicted fall that a step must bring: the usual value (Nocedal and Wright, section 3.1)
@@ -32,11 +30,8 @@ ESCAPES = 5  # saddles that are left before the search is given up; not measured
 GROWN, PATIENCE = 1e6, 6  # a decrement so much above its least, after so many steps, does not come down again; by eye
 TRIALS = 12  # of a damped step before the search ends: 8 ** 12 times the damping leaves nothing of it
 FIRST = 0.3  # of a box of size 1 that a first step along the gradient uses
-GOOD, POOR, TAKEN = (
-    0.7,
-    0.25,
-    1e-3,
-)  # actual over predicted fall: above, less damping; below, more; below, the step is not taken
+# actual over predicted fall: above, less damping; below, more; below, the step is not taken
+GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
 HOPE = 0.25  # share of the predicted fall that counts as still to be had; by eye
 TINY = 1e-9  # of a box of size 1: a step that is none
 

@@ -13,6 +13,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from ...engine.runs import stages
 from . import attributes, pose, settings
 
 MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
@@ -106,7 +107,7 @@ class Checksums:
 
     def _settings(self, name: str) -> bytes:
         given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
-        section, _, but = name.partition("!")
+        section, but = stages.section_of(name)
         return b"" if given is None else settings.changed(getattr(given, section), but).encode()
 
 

@@ -37,9 +37,8 @@ from .newton_system import NewtonSystem
 TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye
 LOCKED = 1.0  # radians of torsion in a joint beyond which the frames may have locked in a false minimum; by eye
-UNSTRESSED = (
-    1e-5  # strain whose forces the residual is measured against where nothing is stressed: far below any that counts
-)
+# strain whose forces the residual is measured against where nothing is stressed: far below any that counts
+UNSTRESSED = 1e-5
 STATUS = {
     CONVERGED: "Converged in {} iterations.",
     ROUNDED: "Converged in {} iterations.",

@@ -43,19 +43,15 @@ ALIKE = 1e-6  # relative differences of lengths, and radians
 FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
 CUT_ITERATIONS = 150  # Newton iterations for what can be cut, which may lie farther away than a step leads
-BACK = (
-    0.5,
-    0.2,
-)  # shares of the way that are tried where a move of the flat shapes does not keep its shape when it is cut
+# shares of the way that are tried where a move of the flat shapes does not keep its shape when it is cut
+BACK = 0.5, 0.2
 POLISH_STEPS, POLISHES, GAIN = 8, 3, 0.01  # of the spirals alone afterwards, and how often, as above
 ALONE, WITH_FLATS = 0.3, 0.8  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
 NEAR, FARTHER = 0.2, 1.1
-WALK_STEPS, WALK_LEAST = (
-    4,
-    1.0 / 16.0,
-)  # steps at every place on the way to the whole model, and the shortest way between two
+# steps at every place on the way to the whole model, and the shortest way between two
+WALK_STEPS, WALK_LEAST = 4, 1.0 / 16.0
 
 
 @dataclass(frozen=True, eq=False)

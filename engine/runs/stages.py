@@ -50,7 +50,13 @@ class Stage:
     @property
     def sections(self) -> set[str]:
         """The sections of the settings that concern it, wholly or but for one setting."""
-        return {named.partition("!")[0] for named in self.settings}
+        return {section_of(named)[0] for named in self.settings}
+
+
+def section_of(named: str) -> tuple[str, str]:
+    """A section of the settings as ``Stage.settings`` names it, and the setting that is left out of it, or ""."""
+    section, _, but = named.partition("!")
+    return section, but
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
@@ -187,8 +193,8 @@ def ingredients(members: Iterable[str]) -> set[str]:
     return found
 
 
-def _differs(section: str, old: Settings, new: Settings) -> bool:
-    name, _, but = section.partition("!")
+def _differs(named: str, old: Settings, new: Settings) -> bool:
+    name, but = section_of(named)
     before, now = getattr(old, name, None), getattr(new, name, None)
     if but and before is not None and now is not None:
         now = replace(now, **{but: getattr(before, but)})

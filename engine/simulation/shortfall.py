@@ -21,9 +21,8 @@ FAR = 0.02  # RMS distance as a share of the piece's diagonal that anybody sees 
 MISSED = 0.5  # RMS distance as a share of the target's relief: more than half of what should stand up does not
 FLAT = 0.25  # share of the target's relief below which a piece has stayed flat
 LOW = 0.005  # relief as a share of the diagonal below which the target itself is as good as flat
-CURVED = (
-    0.6  # radians of total Gaussian curvature within patches: domes and saddles of less stayed flat with seams, too
-)
+# radians of total Gaussian curvature within patches: domes and saddles of less stayed flat with seams, too
+CURVED = 0.6
 
 
 @dataclass(frozen=True, eq=False)

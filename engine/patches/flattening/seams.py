@@ -22,17 +22,14 @@ QUICK = 10  # rounds for the few patches of a hand edit, which is to take 0.1 s
 # took 32 s alone and take 3 s so.
 SMALL = 8
 HEAP = 64  # quads that are solved side by side
-STIFFNESS = (
-    3.0  # of a seam side against its quads, at first; 1 and 10 leave a worst mismatch of 10 and 11 % instead of 9
-)
+# of a seam side against its quads, at first; 1 and 10 leave a worst mismatch of 10 and 11 % instead of 9
+STIFFNESS = 3.0
 ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier; of seven surfaces 0.5 leaves a worst seam mismatch of 16 %, 0.8 of 7, this 9
 # difference of the two sides, as a share of their length, above which a seam edge gets stiffer; of seven
 # surfaces 0.04 leaves a worst of 6 %, 0.12 of 13, this 9
 MISMATCH_CAP = 0.07
-SOFTER, STIFFER = (
-    0.8,
-    1.6,
-)  # least and largest change of a stiffness in a round; not measured, they keep rounds from swinging
+# least and largest change of a stiffness in a round; not measured, they keep rounds from swinging
+SOFTER, STIFFER = 0.8, 1.6
 YIELD = 0.7  # change of the stiffness where a patch is beyond the limit, so that its seams give way; not measured
 
 
