@@ -35,7 +35,7 @@ def test_the_whole_walk(dome: Any, tmp_path: Path, mode: str, attribute: Any) ->
         assert dome.mode == mode
         assert bpy.context.view_layer.objects.active == dome
     found = report(dome)
-    assert set(found) == {"checks", "layout", "spirals", "sheets"}
+    assert set(found) == {"checks", "layout", "spirals", "sheets", "assembly"}
     assert found["layout"]["energy_max"] <= dome.flexmaps.layout.distortion_limit
     bpy.ops.object.mode_set(mode="OBJECT")
     width, twist = attribute(dome, "flexmaps_width"), attribute(dome, "flexmaps_twist")

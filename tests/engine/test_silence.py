@@ -21,6 +21,7 @@ from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 
+shapes: Any = sys.modules["flexmaps_shapes"]
 FEW = 20_000  # calls, some hundredths of a second
 
 
@@ -43,11 +44,12 @@ class Counter:
     def of(self, work: Callable[[Progress], Any]) -> Any:
         progress = Progress(self.tell)
         self.words, self.calls = "begin", 0
-        sys.setprofile(self.count)
-        try:
-            made = work(progress)
-        finally:
-            sys.setprofile(None)
+        with shapes.paused():
+            sys.setprofile(self.count)
+            try:
+                made = work(progress)
+            finally:
+                sys.setprofile(None)
         self.tell(1.0, "end")
         return made
 
