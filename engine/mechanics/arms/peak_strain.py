@@ -10,26 +10,6 @@ from ...arrays import Float
 from .stiffness import SCALE_RANGE, Table, interpolate, lengths_and_twists, load_table, locate, refuse_material
 
 
-def peak_strain(
-    wrench: np.ndarray,
-    scale: np.ndarray,
-    width: np.ndarray,
-    twist: np.ndarray,
-    *,
-    thickness: float,
-    youngs: float,
-    poisson: float,
-) -> Float[np.ndarray, " arms"]:
-    """(n,) a safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
-
-    wrench : (n, 6) N and N m at the tip of one arm, axes as in ``ArmCompliance``. The peak strains of the six components
-    are added as if they met in one place: usually 1.2 to 2.5 times the true strain, more where components cancel. Small
-    strains; at the fillets, in the hundredth of the volume that is left out, it is higher.
-    """
-    arrays = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (wrench, scale, width, twist))
-    return peak_strain_slopes(*arrays, thickness=thickness, youngs=youngs, poisson=poisson).values
-
-
 @dataclass(frozen=True, eq=False)
 class PeakStrain:
     """Peak strains of n arms and their derivatives.
@@ -43,7 +23,7 @@ class PeakStrain:
     by_twist: Float[np.ndarray, " arms"]
 
 
-def peak_strain_slopes(
+def peak_strain(
     wrench: np.ndarray,
     scale: np.ndarray,
     width: np.ndarray,
@@ -53,8 +33,15 @@ def peak_strain_slopes(
     youngs: float,
     poisson: float,
 ) -> PeakStrain:
-    """``peak_strain`` with its derivatives; arms shorter than the table's shortest count as that long."""
+    """A safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
+
+    wrench : (n, 6) N and N m at the tip of one arm, axes as in ``ArmCompliance``. The peak strains of the six components
+    are added as if they met in one place: usually 1.2 to 2.5 times the true strain, more where components cancel. Small
+    strains; at the fillets, in the hundredth of the volume that is left out, it is higher. Arms shorter than the table's
+    shortest count as that long.
+    """
     refuse_material(thickness, youngs)
+    wrench = np.atleast_2d(np.asarray(wrench, dtype=float))
     scale, width, twist = lengths_and_twists(scale, width, twist)
     stub = scale < SCALE_RANGE[0] * width
     ratio = np.where(stub, SCALE_RANGE[0], scale / width)

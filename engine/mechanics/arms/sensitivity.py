@@ -23,7 +23,7 @@ from ..assembly import Assembly
 from ..vectors import skew, times
 from .curving import curved, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order
-from .peak_strain import PeakStrain, peak_strain_slopes
+from .peak_strain import PeakStrain, peak_strain
 from .stiffness import ArmCompliance
 
 WIDTH, TWIST = 0, 1  # places of both parameters of a spiral
@@ -126,7 +126,7 @@ def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> P
     """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint."""
     own = (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
     width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
-    return peak_strain_slopes(
+    return peak_strain(
         own.reshape(-1, 6),
         2.0 * assembly.radius.ravel(),
         width,
