@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..engine.arrays import Float, Int
 from ..engine.errors import FlexMapsError
 from .solid import LOBATTO_WEIGHTS, derivative_matrix, lagrange
 
@@ -19,7 +20,7 @@ STATION_PAIRS = [(p, r) for p in range(ALONG) for r in range(p + 1)]  # the pair
 
 
 def _section_basis() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Weights (16,), and values and both derivatives (16 points, 16 nodes) of the section's shape functions."""
+    """Weights of the section's 16 points, and values and both derivatives (points, nodes) of its shape functions there."""
     x, w = np.polynomial.legendre.leggauss(4)
     value, slope = lagrange(0.5 * (x + 1.0))
     weights = np.outer(0.5 * w, 0.5 * w).ravel()
@@ -52,8 +53,8 @@ class Elements:
         self.weight = det * (LOBATTO_WEIGHTS[:, None] * weights)
         self.metric = np.einsum("emqdI,emqfI->emqdf", self.inverse, self.inverse)
 
-    def _slopes(self, field: np.ndarray) -> np.ndarray:
-        """(E, 4, 16, 3, 3): derivative of component i of a nodal (E, 4, 16, 3) field by local direction d."""
+    def _slopes(self, field: Float[np.ndarray, "elements 4 16 3"]) -> Float[np.ndarray, "elements 4 16 3 3"]:
+        """Derivative of component i of a nodal field by local direction d."""
         return self._at(field, self._n, self._n1, self._n2)
 
     def _at(self, field: np.ndarray, n: np.ndarray, n1: np.ndarray, n2: np.ndarray) -> np.ndarray:
@@ -65,31 +66,33 @@ class Elements:
         return out
 
     @cached_property
-    def node_volumes(self) -> np.ndarray:
-        """(E, 4, 16): integral of every node's shape function over its element."""
+    def node_volumes(self) -> Float[np.ndarray, "elements 4 16"]:
+        """Integral of every node's shape function over its element."""
         return self.weight @ self._n
 
-    def gradients(self, displacement: np.ndarray) -> np.ndarray:
-        """(E, 4, 16, 3, 3): deformation gradient F of (N, 3) nodal displacements."""
+    def gradients(self, displacement: Float[np.ndarray, "nodes 3"]) -> Float[np.ndarray, "elements 4 16 3 3"]:
+        """Deformation gradient F of nodal displacements."""
         return np.eye(3) + self._slopes(displacement[self.index]) @ self.inverse
 
-    def strain(self, f: np.ndarray) -> np.ndarray:
+    def strain(self, f: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points 3 3"]:
         """Green strain of deformation gradients."""
         return 0.5 * (np.swapaxes(f, -1, -2) @ f - np.eye(3))
 
-    def stress(self, strain: np.ndarray) -> np.ndarray:
+    def stress(self, strain: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points 3 3"]:
         """Second Piola-Kirchhoff stress of (linearised or full) Green strains, per Young's modulus."""
         trace = np.trace(strain, axis1=-2, axis2=-1)
         return 2.0 * self.shear * strain + self.lame * trace[..., None, None] * np.eye(3)
 
-    def energy(self, strain: np.ndarray) -> float:
+    def energy(self, strain: Float[np.ndarray, "elements 4 16 3 3"]) -> float:
         """Elastic energy, in Young's modulus times cubed arm width."""
         trace = np.trace(strain, axis1=-2, axis2=-1)
         density = self.shear * np.einsum("...ij,...ij->...", strain, strain) + 0.5 * self.lame * trace**2
         return float((self.weight * density).sum())
 
-    def forces(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """(E, 4, 16, 3): derivative of the energy by the nodal positions."""
+    def forces(
+        self, f: Float[np.ndarray, "elements 4 16 3 3"], stress: Float[np.ndarray, "elements 4 16 3 3"]
+    ) -> Float[np.ndarray, "elements 4 16 3"]:
+        """Derivative of the energy by the nodal positions."""
         # first Piola-Kirchhoff stress by local direction: w P_iI dxi_d/dX_I
         p = self.weight[..., None, None] * (f @ stress @ np.swapaxes(self.inverse, -1, -2))
         by_point = np.swapaxes(p, 2, 4)  # (E, m, d, i, q)
@@ -145,8 +148,10 @@ class Elements:
                             out[:, :, g, d, j, i] = value
         return out
 
-    def tangents(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """(E, 10, 3, 3, 16, 16): second derivative of the energy by the nodal positions, per pair in STATION_PAIRS.
+    def tangents(
+        self, f: Float[np.ndarray, "elements 4 16 3 3"], stress: Float[np.ndarray, "elements 4 16 3 3"]
+    ) -> Float[np.ndarray, "elements 10 3 3 16 16"]:
+        """Second derivative of the energy by the nodal positions, per pair in STATION_PAIRS.
 
         Entry [e, k, i, j, s, s'] couples component i of node (p, s) and component j of node (p', s') for the pair k of
         stations p >= p'; the other pairs follow from symmetry.
@@ -164,8 +169,8 @@ class Elements:
         return (self._mixing @ stack.reshape(count, 4 * ALONG, -1)).reshape(count, -1, 3, 3, SECTION, SECTION)
 
     @cached_property
-    def _mixing(self) -> np.ndarray:
-        """(10, 16): how the four kinds of section matrices at the four stations make up the pairs of stations."""
+    def _mixing(self) -> Float[np.ndarray, "10 16"]:
+        """How the four kinds of section matrices at the four stations make up the pairs of stations."""
         d = self._d
         out = np.zeros((len(STATION_PAIRS), 4, ALONG))
         for k, (p, r) in enumerate(STATION_PAIRS):
@@ -207,8 +212,8 @@ class Elements:
         return np.linalg.det(self._fine_jacobian) * LOBATTO_WEIGHTS[:, None] / 64.0
 
 
-def largest_principal(strain: np.ndarray) -> np.ndarray:
-    """Largest eigenvalue in magnitude of symmetric (..., 3, 3) matrices, by the trigonometric formula."""
+def largest_principal(strain: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points"]:
+    """Largest eigenvalue in magnitude of symmetric matrices, by the trigonometric formula."""
     flat = np.ascontiguousarray(np.moveaxis(strain.reshape(-1, 9), 1, 0))  # long runs of plain products
     xx, xy, xz, _, yy, yz, _, _, zz = flat
     mean = (xx + yy + zz) / 3.0
@@ -220,8 +225,8 @@ def largest_principal(strain: np.ndarray) -> np.ndarray:
     return np.maximum(np.abs(high), np.abs(low)).reshape(strain.shape[:-2])
 
 
-def tangent_entries(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns (E, pairs, 3, 3, 16, 16) of what ``Elements.tangents`` returns; dofs : (E, stations, 16, 3) int."""
+def tangent_entries(dofs: Int[np.ndarray, "elements 4 16 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (E, pairs, 3, 3, 16, 16) of what ``Elements.tangents`` returns."""
     pairs = np.array(STATION_PAIRS)
     rows, cols = (dofs[:, pairs[:, end]].transpose(0, 1, 3, 2) for end in (0, 1))
     shape = (len(dofs), len(pairs), 3, 3, SECTION, SECTION)
@@ -229,7 +234,7 @@ def tangent_entries(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return rows, np.broadcast_to(cols[:, :, None, :, None, :], shape)
 
 
-def lower_entries(dofs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lower_entries(dofs: Int[np.ndarray, "elements 4 16 3"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """The same in a row, for a ``Pattern``: a pair of different stations stands for both triangles, so it goes to the lower
     one; equal stations hold both.
     """

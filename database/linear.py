@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..engine.arrays import Float
 from .statics import Model
 
 IN_PLANE = (0, 1, 5)  # places of (Fx, Fy, Mz) in a wrench
@@ -15,23 +16,23 @@ OUT_OF_PLANE = (2, 3, 4)  # places of (Fz, Mx, My)
 TIP = 1  # the tip whose compliance is asked for
 
 
-def transport(offset: np.ndarray) -> np.ndarray:
-    """(6, 6): motion of a point at ``offset`` (3,) from the one whose motion (shift, turn) is multiplied."""
+def transport(offset: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "6 6"]:
+    """Motion of a point at ``offset`` from the one whose motion (shift, turn) is multiplied."""
     x, y, z = offset
     out = np.eye(6)
     out[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
     return out
 
 
-def turned(axis: np.ndarray) -> np.ndarray:
-    """(6, 6): components of motions or wrenches along the in-plane unit ``axis``, its left, and the normal."""
+def turned(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "6 6"]:
+    """Components of motions or wrenches along the in-plane unit ``axis``, its left, and the normal."""
     c, s = axis[:2]
     turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.kron(np.eye(2), turn)
 
 
-def unit_motions(model: Model) -> np.ndarray:
-    """(N, 3, 6) displacements under the six unit wrenches at tip 1, balanced by the hub.
+def unit_motions(model: Model) -> Float[np.ndarray, "nodes 3 6"]:
+    """Displacements under the six unit wrenches at tip 1, balanced by the hub.
 
     The wrenches act along the radius to the tip, to the left of it in the plane, and along the normal.
     """
@@ -44,8 +45,8 @@ def unit_motions(model: Model) -> np.ndarray:
     return model.expand(model.rest.solve(model.reduce(nodal)))
 
 
-def tip_compliance(model: Model, motions: np.ndarray) -> np.ndarray:
-    """(6, 6) motion of the tip relative to the hub per unit wrench, axes as in ``unit_motions``.
+def tip_compliance(model: Model, motions: Float[np.ndarray, "nodes 3 6"]) -> Float[np.ndarray, "6 6"]:
+    """Motion of the tip relative to the hub per unit wrench, axes as in ``unit_motions``.
 
     Dimensionless: lengths in arm widths, forces in Young's modulus times squared arm width.
     """
@@ -57,8 +58,8 @@ def tip_compliance(model: Model, motions: np.ndarray) -> np.ndarray:
     return 0.5 * (found + found.T)
 
 
-def peak_strains(model: Model, motions: np.ndarray) -> np.ndarray:
-    """(6,) largest principal strain, 99 % of the loaded arm's volume stays below it, per unit of each wrench component."""
+def peak_strains(model: Model, motions: Float[np.ndarray, "nodes 3 6"]) -> Float[np.ndarray, " 6"]:
+    """Largest principal strain, 99 % of the loaded arm's volume stays below it, per unit of each wrench component."""
     own = np.flatnonzero(model.solid.arm_of == TIP)
     scale = 1e-7 / np.maximum(np.abs(motions).max(axis=(0, 1)), 1e-300)
     return np.array([model.elements.peak_strain(motions[..., k] * scale[k], only=own) / scale[k] for k in range(6)])

@@ -9,22 +9,25 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..engine.arrays import Float
 from ..engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
 HUB = 4  # place of the hub behind the four tips
 
 
-def _arm_frames(rest_tips: np.ndarray) -> np.ndarray:
-    """(4, 3, 3) columns: outwards along every arm's chord, to its left, normal."""
+def _arm_frames(rest_tips: Float[np.ndarray, "4 3"]) -> Float[np.ndarray, "4 3 3"]:
+    """Columns: outwards along every arm's chord, to its left, normal."""
     out = rest_tips / np.linalg.norm(rest_tips, axis=1, keepdims=True)
     normal = np.broadcast_to([0.0, 0.0, 1.0], out.shape)
     return np.stack([out, np.cross(normal, out), normal], axis=2)
 
 
-def chord_features(centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray) -> np.ndarray:
-    """(n, 4) energy per unit of k_s, k_b0, k_b1, k_t of the edges from the hub to the tips (FlexMaps 6.1, eq. 1-4).
+def chord_features(
+    centres: Float[np.ndarray, "n 5 3"], rotations: Float[np.ndarray, "n 5 3 3"], rest_tips: Float[np.ndarray, "4 3"]
+) -> Float[np.ndarray, "n 4"]:
+    """Energy per unit of k_s, k_b0, k_b1, k_t of the edges from the hub to the tips (FlexMaps 6.1, eq. 1-4).
 
-    centres : (n, 5, 3), rotations : (n, 5, 3, 3) of tips 0-3 and the hub; rest_tips : (4, 3)
+    centres, rotations : of tips 0-3 and the hub
     """
     edge = centres[:, :HUB] - centres[:, HUB:]
     length = np.linalg.norm(edge, axis=2)
@@ -54,8 +57,13 @@ def _transport(v: np.ndarray, t1: np.ndarray, t2: np.ndarray) -> np.ndarray:
     return v * cosine + np.cross(axis, v) + axis * (axis * v).sum(-1)[..., None] / (1.0 + cosine)
 
 
-def arm_motions(centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray, share: float = 0.5) -> np.ndarray:
-    """(n, 4, 6) motion of every tip relative to the rigidly moved hub, in the arm's axes: shift, rotation vector.
+def arm_motions(
+    centres: Float[np.ndarray, "n 5 3"],
+    rotations: Float[np.ndarray, "n 5 3 3"],
+    rest_tips: Float[np.ndarray, "4 3"],
+    share: float = 0.5,
+) -> Float[np.ndarray, "n 4 6"]:
+    """Motion of every tip relative to the rigidly moved hub, in the arm's axes: shift, rotation vector.
 
     The shift is measured in the frame half way between hub and tip and then referred to the hub: measured in the hub's
     own frame, a slender arm that bends would seem to be pressed together. ``share`` is that part of the way.
@@ -71,18 +79,20 @@ def arm_motions(centres: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarra
     return np.concatenate([np.einsum("kij,nki->nkj", frames, shift), np.einsum("kij,nki->nkj", frames, vector)], axis=2)
 
 
-def joint_wrenches(wrenches: np.ndarray, rotations: np.ndarray, rest_tips: np.ndarray) -> np.ndarray:
-    """(3 n, 6) the loads of tips 1-3 in their arms' axes, which turn with the hub.
+def joint_wrenches(
+    wrenches: Float[np.ndarray, "n 3 6"], rotations: Float[np.ndarray, "n 5 3 3"], rest_tips: Float[np.ndarray, "4 3"]
+) -> Float[np.ndarray, "3*n 6"]:
+    """The loads of tips 1-3 in their arms' axes, which turn with the hub.
 
-    wrenches : (n, 3, 6) in fixed axes; rotations : (n, 5, 3, 3) of tips 0-3 and the hub; rest_tips : (4, 3)
+    wrenches : in fixed axes; rotations : of tips 0-3 and the hub
     """
     parts = wrenches.reshape(-1, 3, 2, 3)
     turned = np.einsum("nji,nkpj->nkpi", rotations[:, HUB], parts)
     return np.einsum("kij,nkpi->nkpj", _arm_frames(rest_tips)[1:], turned).reshape(-1, 6)
 
 
-def stiffness_features(motions: np.ndarray) -> np.ndarray:
-    """(n, 12) energy per unit of the twelve entries of the tip stiffness, summed over the arms of (n, 4, 6) motions."""
+def stiffness_features(motions: Float[np.ndarray, "n 4 6"]) -> Float[np.ndarray, "n 12"]:
+    """Energy per unit of the twelve entries of the tip stiffness, summed over the arms."""
     out = []
     for rows in (IN_PLANE, OUT_OF_PLANE):
         for i, j in ENTRIES:
@@ -90,8 +100,8 @@ def stiffness_features(motions: np.ndarray) -> np.ndarray:
     return np.stack(out, axis=1)
 
 
-def stiffness_parameters(compliance: np.ndarray) -> np.ndarray:
-    """(12,) entries of the inverse of a (6, 6) tip compliance, in the order of ``stiffness_features``."""
+def stiffness_parameters(compliance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, " 12"]:
+    """Entries of the inverse of a tip compliance, in the order of ``stiffness_features``."""
     out = []
     for rows in (IN_PLANE, OUT_OF_PLANE):
         inverse = np.linalg.inv(compliance[np.ix_(rows, rows)])
@@ -99,10 +109,12 @@ def stiffness_parameters(compliance: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-def pair_features(wrenches: np.ndarray, compliance: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Two arms in series between two hubs: features (m, 4) of the four parameters, and exact energies (m,).
+def pair_features(
+    wrenches: Float[np.ndarray, "loads 6"], compliance: Float[np.ndarray, "6 6"], scale: float
+) -> tuple[Float[np.ndarray, "loads 4"], Float[np.ndarray, " loads"]]:
+    """Two arms in series between two hubs: features of the four parameters, and exact energies.
 
-    wrenches : (m, 6) at the joint in the first arm's axes; compliance : (6, 6) of one arm. The second arm is the first
+    wrenches : at the joint in the first arm's axes; compliance : of one arm. The second arm is the first
     one turned by half a turn about the joint; small motions. The edge runs from hub to hub, its length is the scale,
     every end bends over half of it and the twist of both ends is shared (FlexMaps 6.1, spiral assembly).
     """

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from .geometry import Spiral
 from .solid import Fineness
@@ -75,29 +76,29 @@ def key(subject: Subject, law: str) -> str:
 class Samples:
     """n samples, dimensionless: lengths in arm widths, forces in Young's modulus times squared arm width.
 
-    number : (n,) int; wrenches : (n, 3, 6) dead forces and moments at tips 1-3; centres : (n, 5, 3) and turns (n, 5, 3)
-    rotation vectors of tips 0-3 and the hub; energy, strain (99 % of the volume stays below), displacement (largest),
-    clearance (smallest distance between neighbouring arms): (n,); iterations, steps, converged : (n,)
+    wrenches : dead forces and moments at tips 1-3; centres and turns : positions and rotation vectors of tips 0-3 and the
+    hub; strain : 99 % of the volume stays below it; displacement : the largest; clearance : smallest distance between
+    neighbouring arms; iterations : Newton steps in all; steps : load steps
     """
 
-    number: np.ndarray
-    wrenches: np.ndarray
-    centres: np.ndarray
-    turns: np.ndarray
-    energy: np.ndarray
-    strain: np.ndarray
-    displacement: np.ndarray
-    clearance: np.ndarray
-    iterations: np.ndarray
-    steps: np.ndarray
-    converged: np.ndarray
+    number: Int[np.ndarray, " samples"]
+    wrenches: Float[np.ndarray, "samples 3 6"]
+    centres: Float[np.ndarray, "samples 5 3"]
+    turns: Float[np.ndarray, "samples 5 3"]
+    energy: Float[np.ndarray, " samples"]
+    strain: Float[np.ndarray, " samples"]
+    displacement: Float[np.ndarray, " samples"]
+    clearance: Float[np.ndarray, " samples"]
+    iterations: Int[np.ndarray, " samples"]
+    steps: Int[np.ndarray, " samples"]
+    converged: Bool[np.ndarray, " samples"]
 
     @property
-    def rotations(self) -> np.ndarray:
-        """(n, 5, 3, 3)."""
+    def rotations(self) -> Float[np.ndarray, "samples 5 3 3"]:
+        """The turns as matrices."""
         return Rotation.from_rotvec(self.turns.reshape(-1, 3)).as_matrix().reshape(-1, 5, 3, 3)
 
-    def chosen(self, mask: np.ndarray) -> Samples:
+    def chosen(self, mask: Bool[np.ndarray, " samples"]) -> Samples:
         return Samples(**{name: value[mask] for name, value in vars(self).items()})
 
     @classmethod
@@ -113,8 +114,8 @@ class Sampler:
         self.model = Model(subject.spiral, subject.poisson, fineness_of(subject.spiral))
         self._unit: np.ndarray | None = None
 
-    def wrenches(self, number: int) -> np.ndarray:
-        """(4, 6) loads of one sample at tips 0 to 3; tip 0 carries none."""
+    def wrenches(self, number: int) -> Float[np.ndarray, "4 6"]:
+        """Loads of one sample at tips 0 to 3; tip 0 carries none."""
         words = [int(self.key[i : i + 10], 16) for i in (0, 10)]
         rng = np.random.Generator(np.random.Philox(key=words, counter=[number, 0, 0, 0]))
         out = np.zeros((4, 6))
@@ -132,8 +133,8 @@ class Sampler:
         peak = self.model.elements.peak_strain(motion * tiny) / tiny
         return out * min(reach / size, strain / peak)
 
-    def _linear(self, wrenches: np.ndarray) -> np.ndarray:
-        """(N, 3) displacement of the linear limit."""
+    def _linear(self, wrenches: Float[np.ndarray, "4 6"]) -> Float[np.ndarray, "nodes 3"]:
+        """Displacement in the linear limit."""
         if self._unit is None:
             model = self.model
             nodal = np.zeros((len(model.solid.nodes), 3, 18))
@@ -167,7 +168,7 @@ class Sampler:
         return Samples(**{name: np.array([row[name] for row in rows]) for name in Samples.__dataclass_fields__})
 
 
-def _directions(rng: np.random.Generator) -> np.ndarray:
-    """(3, 3) unit vectors, even on the sphere."""
+def _directions(rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+    """Three unit vectors, evenly distributed over the sphere."""
     v = rng.normal(size=(3, 3))
     return v / np.linalg.norm(v, axis=1, keepdims=True)

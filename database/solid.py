@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..engine.arrays import Complex, Float, Int
 from ..engine.errors import FlexMapsError
 from .geometry import HALF_WIDTH, QUARTER, Outline, Spiral, centre_line, edge, outline
 
@@ -43,31 +44,30 @@ COARSE = Fineness()
 class Solid:
     """A spiral as a solid.
 
-    nodes : (N, 3) arm widths
-    elements : (E, 4, 4, 4) int, nodes by local direction along, across, through
-    tips : four int arrays, the nodes of the tip faces
-    tip_elements : (4, A) int, the elements whose last face along is the tip face of arm k
-    hub_elements : (H,) int
-    arm_of : (E,) int, 0-3, and -1 in the hub
+    nodes : arm widths
+    elements : nodes by local direction along, across, through
+    tips : the nodes of the four tip faces
+    tip_elements : the elements whose last face along is the tip face of arm k
+    arm_of : 0-3, and -1 in the hub
     """
 
     spiral: Spiral
     fineness: Fineness
-    nodes: np.ndarray
-    elements: np.ndarray
-    tips: tuple[np.ndarray, ...]
-    tip_elements: np.ndarray
-    hub_elements: np.ndarray
-    arm_of: np.ndarray
+    nodes: Float[np.ndarray, "nodes 3"]
+    elements: Int[np.ndarray, "elements 4 4 4"]
+    tips: tuple[Int[np.ndarray, " face"], ...]
+    tip_elements: Int[np.ndarray, "4 ends"]
+    hub_elements: Int[np.ndarray, " hub"]
+    arm_of: Int[np.ndarray, " elements"]
 
     @property
-    def tip_centres(self) -> np.ndarray:
-        """(4, 3) arm widths: the middle of every tip face."""
+    def tip_centres(self) -> Float[np.ndarray, "4 3"]:
+        """Arm widths: the middle of every tip face."""
         z = self.spiral.radius * QUARTER ** np.arange(ARMS)
         return np.column_stack([z.real, z.imag, np.zeros(ARMS)])
 
 
-def _stations(spiral: Spiral, start: float, fineness: Fineness) -> np.ndarray:
+def _stations(spiral: Spiral, start: float, fineness: Fineness) -> Float[np.ndarray, " stations"]:
     """u of the element boundaries from ``start`` to the tip: even in length and turn together, finer at the hub."""
     u = np.linspace(start, 1.0, 400)
     _, tangent, speed = centre_line(spiral, u)
@@ -121,8 +121,8 @@ class _Rails:
         return self.shape.left - self._arc(right=False)[0]
 
 
-def _arm(rails: _Rails, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
-    """(M, 4) complex left and right sides of arm 0 at the nodes of its M elements along."""
+def _arm(rails: _Rails, fineness: Fineness) -> tuple[Complex[np.ndarray, "along 4"], Complex[np.ndarray, "along 4"]]:
+    """Left and right sides of arm 0 at the nodes of its elements along."""
     middle = 0.5 * (rails.left_start + rails.right_start)
     skew = 0.5 * (rails.right_start - rails.left_start)
     # the first section is skewed; the skew fades as fast as both sides can still run outwards
@@ -141,8 +141,8 @@ def _spoke(shape: Outline, t: np.ndarray) -> np.ndarray:
     return corner * (3 * t**2 - 2 * t**3) + corner * (t - 2 * t**2 + t**3) + arrival * (t**3 - t**2)
 
 
-def _hub_quarter(rails: _Rails, n: int) -> np.ndarray:
-    """(n * n, 4, 4) complex nodes of the quarter of the hub that arm 0 leaves from.
+def _hub_quarter(rails: _Rails, n: int) -> Complex[np.ndarray, "quarter 4 4"]:
+    """Nodes of the quarter of the hub that arm 0 leaves from.
 
     A Coons patch between the centre, the hub's corner on the right, the end of the arm's first section on the left,
     and the hub's corner on the left; direction 0 runs outwards, direction 1 counter-clockwise.
@@ -160,8 +160,8 @@ def _hub_quarter(rails: _Rails, n: int) -> np.ndarray:
     return np.array(blocks)
 
 
-def _plan(spiral: Spiral, fineness: Fineness) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 4, 4) complex nodes of the plan's elements, along x across, and (P,) arm, -1 for the hub."""
+def _plan(spiral: Spiral, fineness: Fineness) -> tuple[Complex[np.ndarray, "plan 4 4"], Int[np.ndarray, " plan"]]:
+    """Nodes of the plan's elements, along by across, and the arm of each, -1 for the hub."""
     rails = _Rails(outline(spiral))
     left, right = _arm(rails, fineness)
     n = fineness.across
@@ -208,7 +208,7 @@ def make_solid(spiral: Spiral, fineness: Fineness = COARSE) -> Solid:
     )
 
 
-def _refuse_folds(spiral: Spiral, plan: np.ndarray) -> None:
+def _refuse_folds(spiral: Spiral, plan: Complex[np.ndarray, "plan 4 4"]) -> None:
     """Raise FlexMapsError if an element of the plan is folded: its Jacobian must be positive at every node."""
     d = derivative_matrix()
     along = np.einsum("mi,pij->pmj", d, plan)
@@ -221,13 +221,13 @@ def _refuse_folds(spiral: Spiral, plan: np.ndarray) -> None:
         )
 
 
-def derivative_matrix() -> np.ndarray:
-    """(4, 4): derivative of the Lagrange polynomial of Gauss-Lobatto node j at node i, on [0, 1]."""
+def derivative_matrix() -> Float[np.ndarray, "4 4"]:
+    """Derivative of the Lagrange polynomial of Gauss-Lobatto node j at node i, on [0, 1]."""
     return lagrange(LOBATTO)[1]
 
 
-def lagrange(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(len(x), 4) values and derivatives at x of the cubic Lagrange polynomials on the Gauss-Lobatto points of [0, 1]."""
+def lagrange(x: Float[np.ndarray, " points"]) -> tuple[Float[np.ndarray, "points 4"], Float[np.ndarray, "points 4"]]:
+    """Values and derivatives at x of the cubic Lagrange polynomials on the Gauss-Lobatto points of [0, 1]."""
     powers = np.linalg.inv(np.vander(LOBATTO, 4, increasing=True))
     x = np.asarray(x, dtype=float)
     values = np.vander(x, 4, increasing=True)

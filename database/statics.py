@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.spatial import cKDTree
 
+from ..engine.arrays import Float, Int
 from ..engine.linalg import Pattern, SparseCholesky
 from ..engine.newton import CONVERGED, FullSteps, Iteration, Local, minimise
 from .elastic import STATION_PAIRS, Elements, lower_entries, tangent_entries
@@ -31,16 +32,15 @@ ENERGY_TOLERANCE = 1e-6
 class Group:
     """Nodes that share a frame: a tip face or the hub.
 
-    nodes : (G,) int
-    weights : (G,) share of the face or volume that each node stands for, in all 1
-    centre : (3,) rest position of the weighted mean
-    arms : (G, 3) rest positions from there
+    weights : share of the face or volume that each node stands for, in all 1
+    centre : rest position of the weighted mean
+    arms : rest positions from there
     """
 
-    nodes: np.ndarray
-    weights: np.ndarray
-    centre: np.ndarray
-    arms: np.ndarray
+    nodes: Int[np.ndarray, " group"]
+    weights: Float[np.ndarray, " group"]
+    centre: Float[np.ndarray, " 3"]
+    arms: Float[np.ndarray, "group 3"]
 
     @classmethod
     def of(cls, positions: np.ndarray, nodes: np.ndarray, weights: np.ndarray) -> Group:
@@ -48,8 +48,8 @@ class Group:
         return cls(nodes, weights, centre, positions[nodes] - centre)
 
     @cached_property
-    def spread(self) -> np.ndarray:
-        """(G, 3, 6): nodal forces per unit of force and moment at the centre; its transpose gives the mean motion."""
+    def spread(self) -> Float[np.ndarray, "group 3 6"]:
+        """Nodal forces per unit of force and moment at the centre; its transpose gives the mean motion."""
         r, a = self.arms, self.weights
         inertia = np.einsum("g,gij->ij", a, (r**2).sum(1)[:, None, None] * np.eye(3) - r[:, :, None] * r[:, None, :])
         turn = np.linalg.inv(inertia)
@@ -59,8 +59,8 @@ class Group:
         out[:, :, 3:] = np.swapaxes(moment, 1, 2)
         return out * a[:, None, None]
 
-    def frame(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Centre (3,) and rotation (3, 3) from rest, by polar decomposition, of (N, 3) deformed node positions."""
+    def frame(self, positions: np.ndarray) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, "3 3"]]:
+        """Centre and rotation from rest, by polar decomposition, of (N, 3) deformed node positions."""
         x = positions[self.nodes]
         centre = self.weights @ x
         moment = np.einsum("g,gi,gj->ij", self.weights, x - centre, self.arms)
@@ -72,14 +72,14 @@ class Group:
 class Solution:
     """A static equilibrium, or the attempt at one.
 
-    displacement : (N, 3) arm widths
+    displacement : arm widths
     energy : Young's modulus times cubed arm width
     iterations : Newton steps in all
     steps : load steps that were needed
     converged : False where no number of load steps led to an equilibrium
     """
 
-    displacement: np.ndarray
+    displacement: Float[np.ndarray, "nodes 3"]
     energy: float
     iterations: int
     steps: int
@@ -90,22 +90,22 @@ class Solution:
 class _Numbering:
     """Degrees of freedom: three a node, but six fewer in the held face, whose mean motion is zero.
 
-    free, held : of the nodes off and on that face; common, special : (E,) int, the elements off and at it
+    free, held : of the nodes off and on that face; common, special : the elements off and at it
     block : the degrees of freedom of all nodes of the latter, which make one dense block; slots : where their tangents go in it
     """
 
-    free: np.ndarray
-    held: np.ndarray
-    common: np.ndarray
-    special: np.ndarray
-    block: np.ndarray
-    slots: np.ndarray
+    free: Int[np.ndarray, " free"]
+    held: Int[np.ndarray, " held"]
+    common: Int[np.ndarray, " common"]
+    special: Int[np.ndarray, " special"]
+    block: Int[np.ndarray, " block"]
+    slots: Int[np.ndarray, " slots"]
     pattern: Pattern
     cholesky: SparseCholesky
 
     @classmethod
-    def of(cls, solid: Solid, index: np.ndarray, face: Group, backend: str | None) -> _Numbering:
-        """index : (E, stations, 16) int, the nodes of the elements; face : the one that is held"""
+    def of(cls, solid: Solid, index: Int[np.ndarray, "elements 4 16"], face: Group, backend: str | None) -> _Numbering:
+        """index : the nodes of the elements; face : the one that is held"""
         count = 3 * len(solid.nodes)
         held = (3 * face.nodes[:, None] + np.arange(3)).ravel()
         free = np.setdiff1d(np.arange(count), held)
@@ -181,20 +181,20 @@ class Model:
 
     # -- between all nodes and the degrees of freedom ------------------------------------------------------------
 
-    def expand(self, q: np.ndarray) -> np.ndarray:
-        """(N, 3) or (N, 3, k) nodal displacements of (size,) or (size, k) degrees of freedom."""
+    def expand(self, q: Float[np.ndarray, " size *columns"]) -> Float[np.ndarray, "nodes 3 *columns"]:
+        """Nodal displacements of degrees of freedom."""
         full = np.zeros((3 * len(self.solid.nodes), *q.shape[1:]))
         full[self.numbering.free] = q[: len(self.numbering.free)]
         full[self.numbering.held] = self._basis @ q[len(self.numbering.free) :]
         return full.reshape(len(self.solid.nodes), 3, *q.shape[1:])
 
-    def reduce(self, nodal: np.ndarray) -> np.ndarray:
-        """(size,) or (size, k): the work of (N, 3) or (N, 3, k) nodal forces on the degrees of freedom."""
+    def reduce(self, nodal: Float[np.ndarray, "nodes 3 *columns"]) -> Float[np.ndarray, " size *columns"]:
+        """The work of nodal forces on the degrees of freedom."""
         full = nodal.reshape(3 * len(self.solid.nodes), *nodal.shape[2:])
         return np.concatenate([full[self.numbering.free], self._basis.T @ full[self.numbering.held]])
 
-    def loads(self, wrenches: np.ndarray) -> np.ndarray:
-        """(N, 3) nodal forces of (4, 6) dead forces and moments at the four tips; those at tip 0 do no work."""
+    def loads(self, wrenches: Float[np.ndarray, "4 6"]) -> Float[np.ndarray, "nodes 3"]:
+        """Nodal forces of dead forces and moments at the four tips; those at tip 0 do no work."""
         out = np.zeros_like(self.solid.nodes)
         for tip, wrench in zip(self.tips, wrenches):
             out[tip.nodes] += tip.spread @ wrench
@@ -202,8 +202,8 @@ class Model:
 
     # -- equilibrium ---------------------------------------------------------------------------------------------
 
-    def inner_forces(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
-        """(size,) derivative of the energy by the degrees of freedom."""
+    def inner_forces(self, f: np.ndarray, stress: np.ndarray) -> Float[np.ndarray, " size"]:
+        """Derivative of the energy by the degrees of freedom."""
         per_element = self.elements.forces(f, stress)
         flat = self.elements.index.ravel()
         nodal = np.stack(
@@ -211,7 +211,7 @@ class Model:
         )
         return self.reduce(nodal)
 
-    def stiffness(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+    def stiffness(self, f: np.ndarray, stress: np.ndarray) -> Float[np.ndarray, " entries"]:
         """Lower-triangle values of the tangent on ``pattern``."""
         tangents = self.elements.tangents(f, stress)
         size = len(self.numbering.block)
@@ -231,13 +231,13 @@ class Model:
         factor.factor(self.rest_stiffness())
         return factor
 
-    def rest_stiffness(self) -> np.ndarray:
+    def rest_stiffness(self) -> Float[np.ndarray, " entries"]:
         """Lower-triangle values of the unloaded spiral's tangent on ``pattern``."""
         f = np.broadcast_to(np.eye(3), (*self.elements.weight.shape, 3, 3))
         return self.stiffness(f, np.zeros_like(f))
 
-    def solve(self, nodal_forces: np.ndarray) -> Solution:
-        """Equilibrium under (N, 3) dead nodal forces, in one step where possible, else in 3 or 12 load steps."""
+    def solve(self, nodal_forces: Float[np.ndarray, "nodes 3"]) -> Solution:
+        """Equilibrium under dead nodal forces, in one step where possible, else in 3 or 12 load steps."""
         target = self.reduce(nodal_forces)
         iterations = 0
         for steps in STEPS:
@@ -257,8 +257,8 @@ class Model:
 
     # -- what is looked at ---------------------------------------------------------------------------------------
 
-    def frames(self, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Centres (5, 3) and rotations (5, 3, 3) of tips 0 to 3 and the hub."""
+    def frames(self, displacement: np.ndarray) -> tuple[Float[np.ndarray, "5 3"], Float[np.ndarray, "5 3 3"]]:
+        """Centres and rotations of tips 0 to 3 and the hub under (N, 3) nodal displacements."""
         found = [g.frame(self.solid.nodes + displacement) for g in (*self.tips, self.hub)]
         return np.array([c for c, _ in found]), np.array([r for _, r in found])
 
@@ -273,7 +273,7 @@ class Model:
             left.append(np.unique(own[-1, 1:, :, :, -1, :]))
         return left, right
 
-    def clearance(self, displacement: np.ndarray) -> float:
+    def clearance(self, displacement: Float[np.ndarray, "nodes 3"]) -> float:
         """Smallest distance in arm widths between nodes on the facing sides of neighbouring arms, off the hub."""
         x = self.solid.nodes + displacement
         left, right = self._sides
@@ -282,29 +282,29 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A deformed spiral: degrees of freedom (size,), and of its elements the deformation gradients f, the strain, the stress and
+    """A deformed spiral: degrees of freedom q, and of its elements the deformation gradients f, the strain, the stress and
     the mixed stress that the step which led here predicted; the elastic energy.
     """
 
-    q: np.ndarray
-    f: np.ndarray
-    strain: np.ndarray
-    stress: np.ndarray
-    mixed: np.ndarray
+    q: Float[np.ndarray, " size"]
+    f: Float[np.ndarray, "elements 4 16 3 3"]
+    strain: Float[np.ndarray, "elements 4 16 3 3"]
+    stress: Float[np.ndarray, "elements 4 16 3 3"]
+    mixed: Float[np.ndarray, "elements 4 16 3 3"]
     energy: float
 
 
 @dataclass(frozen=True, eq=False)
 class _Loaded:
-    """A spiral under dead forces ``target`` (size,) on its degrees of freedom (a ``newton.Problem``).
+    """A spiral under dead forces ``target`` on its degrees of freedom (a ``newton.Problem``).
 
     The energy is the elastic one alone: full steps are judged by their work against it.
     """
 
     model: Model
-    target: np.ndarray
+    target: Float[np.ndarray, " size"]
 
-    def start(self, q: np.ndarray) -> _State:
+    def start(self, q: Float[np.ndarray, " size"]) -> _State:
         el = self.model.elements
         f = el.gradients(self.model.expand(q))
         strain = el.strain(f)
@@ -314,7 +314,7 @@ class _Loaded:
     def expand(self, state: _State) -> Local:
         return Local(state.energy, self.model.inner_forces(state.f, state.stress) - self.target, own=state)
 
-    def moved(self, state: _State, step: np.ndarray) -> _State:
+    def moved(self, state: _State, step: Float[np.ndarray, " size"]) -> _State:
         el = self.model.elements
         slope = el.gradients(self.model.expand(step)) - np.eye(3)
         linear = np.swapaxes(state.f, -1, -2) @ slope
@@ -335,9 +335,9 @@ class _Loaded:
             return True
         return self.model.cholesky.attempt(self.model.stiffness(state.f, state.mixed))
 
-    def step(self, here: Local) -> np.ndarray:
+    def step(self, here: Local) -> Float[np.ndarray, " size"]:
         factor = self.model.cholesky if here.own.q.any() else self.model.rest
         return -factor.solve(here.gradient)
 
-    def slope(self, here: Local, step: np.ndarray) -> float:
+    def slope(self, here: Local, step: Float[np.ndarray, " size"]) -> float:
         return float(here.gradient @ step)
