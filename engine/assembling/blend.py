@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import splu
 
+from ..arrays import Float, Int
 from ..mechanics.assembly import Pose
 from ..mechanics.vectors import exponential, rotation_vector, times
 
@@ -18,19 +19,19 @@ from ..mechanics.vectors import exponential, rotation_vector, times
 class Blend:
     """The way from one pose, 0, to another, 1: hubs turn about fixed axes, and what is joined moves so that it stays joined.
 
-    part : (n,) int, which connected part every hub belongs to; pairs : (m, 2) the joints; lever : (m, 2, 3) metres to them
-    turns : (n, 3) rotation vectors in space from the first pose to the second
-    gaps : (2, m, 3) metres, what the way between both hubs misses the joint by in either pose, as seen half way between them
+    part : which connected part every hub belongs to; pairs : the hubs of the joints; lever : metres to them
+    turns : rotation vectors in space from the first pose to the second
+    gaps : metres, what the way between both hubs misses the joint by in either pose, as seen half way between them
     solve : the shifts (n, 3) of the hubs that change the gaps by some (m, 3), as nearly as can be
     """
 
     start: Pose
     end: Pose
-    part: np.ndarray
-    pairs: np.ndarray
-    lever: np.ndarray
-    turns: np.ndarray
-    gaps: np.ndarray
+    part: Int[np.ndarray, " hubs"]
+    pairs: Int[np.ndarray, "joints 2"]
+    lever: Float[np.ndarray, "joints 2 3"]
+    turns: Float[np.ndarray, "hubs 3"]
+    gaps: Float[np.ndarray, "2 joints 3"]
     solve: Callable[[np.ndarray], np.ndarray]
 
     @classmethod
@@ -63,8 +64,8 @@ class Blend:
         return Pose(centres + moved - means(moved, self.part)[self.part], here.rotations)
 
 
-def means(points: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(parts, 3): the mean of the points (n, 3) of every part (n,)."""
+def means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
+    """The mean of the points of every part."""
     count = np.bincount(part)
     return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arrays import Float, Int
 from ..display.panel_mesh import Detail, PanelMesh, panel_mesh
 from ..fabrication.connectors.tips import Tip
 from ..materials import Material
@@ -44,40 +45,39 @@ NEAR = 1e-3
 class Track:
     """What becomes of one panel. Times are in steps.
 
-    vertices : (n,) int, its vertices in the film's mesh
-    shapes : (K, n, 3) metres, in the panel's own frame, one after the other; shape_times : (T,) and which : (T,) int, when it
-        has which of them
-    times : (M,), turns : (M, 3, 3) and places : (M, 3) metres, of the panel's own frame
+    vertices : its vertices in the film's mesh
+    shapes : metres, in the panel's own frame, one after the other; shape_times and which : when it has which of them
+    times, turns and places in metres, of the panel's own frame
     """
 
     patch: int
-    vertices: np.ndarray
-    shapes: np.ndarray
-    shape_times: np.ndarray
-    which: np.ndarray
-    times: np.ndarray
-    turns: np.ndarray
-    places: np.ndarray
+    vertices: Int[np.ndarray, " vertices"]
+    shapes: Float[np.ndarray, "shapes vertices 3"]
+    shape_times: Float[np.ndarray, " changes"]
+    which: Int[np.ndarray, " changes"]
+    times: Float[np.ndarray, " times"]
+    turns: Float[np.ndarray, "times 3 3"]
+    places: Float[np.ndarray, "times 3"]
 
 
 @dataclass(frozen=True, eq=False)
 class Film:
     """panels : the mesh of all panels; tracks : one a panel, in the order in which they are joined; length : in steps
 
-    stages : the shapes in which half-finished pieces rest; stage_times : (S,), when each is reached
+    stages : the shapes in which half-finished pieces rest; stage_times : when each is reached
     """
 
     panels: PanelMesh
     tracks: tuple[Track, ...]
     length: float
     stages: Stages
-    stage_times: np.ndarray
+    stage_times: Float[np.ndarray, " stages"]
 
 
 def film(
     design: SpiralDesign,
     pose: Pose,
-    table: np.ndarray,
+    table: Float[np.ndarray, "patches 3"],
     detail: Detail,
     material: Material,
     params: SimulateParams,
@@ -86,7 +86,7 @@ def film(
 ) -> Film:
     """The film of an assembly that ends in a pose, with the elastic model and the solver of a simulation.
 
-    table : (N, 3) metres, where the origin of every patch lies at first, parallel to the xy plane; tips : the ends of arms
+    table : metres, where the origin of every patch lies at first, parallel to the xy plane; tips : the ends of arms
     with connectors. Raises FlexMapsError where a spiral is outside the elastic model's range.
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.writers.pdf import Page
 from ..patches.flattening.flatten import FlatPatches
@@ -37,8 +38,8 @@ class Box:
     height: float
 
 
-def middle(points: np.ndarray) -> np.ndarray:
-    """A place (2,) well inside a polygon (M, 2)."""
+def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
+    """A place well inside a polygon."""
     import shapely
 
     place = shapely.Polygon(points).buffer(0.0).representative_point()
@@ -51,7 +52,7 @@ def line(points: list[list[float]] | np.ndarray) -> Curve:
     return Curve(points, np.zeros(len(points)), closed=False)
 
 
-def fitted(low: np.ndarray, high: np.ndarray, box: Box) -> tuple[float, np.ndarray]:
+def fitted(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
     """Scale and shift that bring a rectangle into the middle of a box."""
     size = np.maximum(high - low, 1e-9)
     scale = float(min(box.width / size[0], box.height / size[1]))
@@ -66,9 +67,9 @@ def model(
     strong: tuple[int, ...],
     joins: tuple[Join, ...],
     look: Look,
-    view: np.ndarray,
+    view: Float[np.ndarray, "3 3"],
 ) -> None:
-    """The target surface as far as it is there, from a camera's axes ``view`` (3, 3); the rest as a pale ghost."""
+    """The target surface as far as it is there, from a camera's axes ``view``; the rest as a pale ghost."""
     layout, mesh = flat.layout, flat.layout.mesh
     ahead, places = view[2], mesh.vertices @ view.T
     scale, shift = fitted(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
@@ -128,10 +129,13 @@ def _goodness(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
     return np.minimum(towards, 0.6) - 0.5 * apart / max(float(apart.max()), 1e-12)
 
 
-def seen(places: np.ndarray, quads: np.ndarray, which: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """(m,) bool: quads ``which`` (m,) whose middles no quad that is ``shown`` (F,) covers.
+def seen(
+    places: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"],
+    which: Int[np.ndarray, " m"], shown: Bool[np.ndarray, " quads"],
+) -> Bool[np.ndarray, " m"]:  # fmt: skip
+    """Quads ``which`` whose middles no quad that is ``shown`` covers.
 
-    places : (V, 3), to the right, upwards and towards the viewer; quads : (F, 4) vertices
+    places : to the right, upwards and towards the viewer
     """
     import shapely
 
@@ -148,8 +152,8 @@ def seen(places: np.ndarray, quads: np.ndarray, which: np.ndarray, shown: np.nda
     return np.bincount(point, weights=inside & nearer, minlength=len(middles)) == 0.0
 
 
-def best_view(flat: FlatPatches, step: Step) -> np.ndarray:
-    """The camera's axes (3, 3) from which most of the step's panel is seen; from where it faces, if that is as good."""
+def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
+    """The camera's axes from which most of the step's panel is seen; from where it faces, if that is as good."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), LOOKED_AT)).astype(int)]
@@ -170,8 +174,8 @@ def best_view(flat: FlatPatches, step: Step) -> np.ndarray:
     return best
 
 
-def camera(facing: np.ndarray) -> np.ndarray:
-    """The rows right, up and towards the viewer (3, 3) of a view with ``facing`` (3,) towards the viewer and z upright."""
+def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """The rows right, up and towards the viewer of a view with ``facing`` towards the viewer and z upright."""
     level = np.array([facing[0], facing[1], 0.0])
     size, whole = float(np.linalg.norm(level)), float(np.linalg.norm(facing))
     level = level / size if size > 0.15 * max(whole, 1e-12) else np.array([0.6, -0.8, 0.0])

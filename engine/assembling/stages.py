@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Bool, Int
 from ..fabrication.panels.labels import panel_name
 from ..materials import Material
 from ..mechanics.assembly import Pose, nearest_rotation, of_design
@@ -44,7 +45,7 @@ class Stage:
 
     step : number of the step of ``assembly_order.steps`` in which its last panel comes; seam : name of its last seam, empty
         before the first
-    hubs : (n,) int, the spirals of its panels; closed : (m,) bool, of all inner edges, those whose joints are closed
+    hubs : the spirals of its panels; closed : of all inner edges, those whose joints are closed
     share : of the joints of the step that are closed
     pose : of the hubs, laid over their places in the finished piece
     energy : joules, of the elastic model
@@ -54,8 +55,8 @@ class Stage:
 
     step: int
     seam: str
-    hubs: np.ndarray
-    closed: np.ndarray
+    hubs: Int[np.ndarray, " hubs"]
+    closed: Bool[np.ndarray, " joints"]
     share: float
     pose: Pose
     energy: float
@@ -167,8 +168,8 @@ class _Search:
         return replace(here, pose=pose, energy=found.energy)
 
 
-def lying(design: SpiralDesign, hubs: np.ndarray, there: Pose) -> Pose:
-    """Hubs (n,) int of one panel, flat, laid over their places in a pose of all hubs."""
+def lying(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
+    """Hubs of one panel, flat, laid over their places in a pose of all hubs."""
     centres = np.c_[design.arms.centre[hubs], np.zeros(len(hubs))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(hubs), 3, 3)))
     return _laid(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
@@ -199,8 +200,8 @@ def _bodies(layout: PatchLayout) -> np.ndarray:
 # -- joints in the order in which they are closed --------------------------------------------------------------------------
 
 
-def batches(layout: PatchLayout, step: Step) -> list[tuple[str, np.ndarray]]:
-    """The joints (n,) int, of all inner edges, that a step closes one after the other, with the names of their seams.
+def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+    """The joints, of all inner edges, that a step closes one after the other, with the names of their seams.
 
     Seam by seam as the step says, those within the panel last, for it hangs on nothing before the others; along a seam from
     the end at which the panel is already joined.

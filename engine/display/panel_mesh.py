@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
 from ..mechanics.arms.bent import BentArms, hub_ends
@@ -43,37 +44,37 @@ DETAILS = {"COARSE": Detail(4, 40.0, 0), "MEDIUM": Detail(6, 20.0, 0), "FINE": D
 class PanelMesh:
     """Sections of the arms and points of the hubs, and the faces between them.
 
-    arm, t : (R,) arm 4 f + k and parameter of every section; line : (R, 3) metres, flat, from the hub's centre to the section
-    sides : (R, 2, 3) metres, flat, from there to its left and right edge
-    rim_quad : (Q,) and rim : (Q, 3) metres, the points of the hubs between the arms, as ``line``
-    used : (V,) int, the vertices that are there, of 4 a section (left and right above, left and right below) and 2 a point of
+    arm, t : arm 4 f + k and parameter of every section; line : metres, flat, from the hub's centre to the section
+    sides : metres, flat, from there to its left and right edge
+    rim_quad and rim : metres, the points of the hubs between the arms, as ``line``
+    used : the vertices that are there, of 4 a section (left and right above, left and right below) and 2 a point of
         a rim or a connector (above, below)
     heads : the points of the connectors
-    corners : (C,) int, vertex of every face corner; sizes : (P,) int; quad_of : (P,) int, the quad of every face
-    vertex_quad : (V,) int, the quad of every vertex; section : (V,) int, vertices with the same number share a section
+    corners : vertex of every face corner; sizes : corners of every face; quad_of : the quad of every face
+    vertex_quad : the quad of every vertex; section : vertices with the same number share a section
     """
 
     design: SpiralDesign
-    arm: np.ndarray
-    t: np.ndarray
-    line: np.ndarray
-    sides: np.ndarray
-    rim_quad: np.ndarray
-    rim: np.ndarray
+    arm: Int[np.ndarray, " sections"]
+    t: Float[np.ndarray, " sections"]
+    line: Float[np.ndarray, "sections 3"]
+    sides: Float[np.ndarray, "sections 2 3"]
+    rim_quad: Int[np.ndarray, " rims"]
+    rim: Float[np.ndarray, "rims 3"]
     heads: Heads
-    used: np.ndarray
-    corners: np.ndarray
-    sizes: np.ndarray
-    quad_of: np.ndarray
-    vertex_quad: np.ndarray
-    section: np.ndarray
+    used: Int[np.ndarray, " vertices"]
+    corners: Int[np.ndarray, " corners"]
+    sizes: Int[np.ndarray, " faces"]
+    quad_of: Int[np.ndarray, " faces"]
+    vertex_quad: Int[np.ndarray, " vertices"]
+    section: Int[np.ndarray, " vertices"]
 
     @property
     def triangles(self) -> int:
         return int((self.sizes - 2).sum())
 
-    def placed(self, arms: BentArms, pose: Pose, only: np.ndarray | None = None) -> np.ndarray:
-        """(V, 3) metres: the vertices in space; where only some quads, (F,) bool, are asked for, the others' are anywhere."""
+    def placed(self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None) -> np.ndarray:
+        """(V, 3) metres: the vertices in space; where only some quads are asked for, the others' are anywhere."""
         wanted = np.ones(len(self.design.width), bool) if only is None else only
         rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
         place, turn = arms.at(self.arm[rows], self.t[rows], self.line[rows])
@@ -87,8 +88,8 @@ class PanelMesh:
         alone[later], alone_up[later] = head + times(head_turn, heads.side[points]), head_turn[:, :, 2]
         return self._thick(edges, up, alone, alone_up)
 
-    def flat(self, centres: np.ndarray) -> np.ndarray:
-        """(V, 3) metres: the vertices in the flat panels, every patch's origin at ``centres`` (N, 2), middle plane at z = 0."""
+    def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
+        """Metres: the vertices in the flat panels, every patch's origin at ``centres``, middle plane at z = 0."""
         shape = np.zeros((len(self.design.width), 3))
         shape[:, :2] = self.design.arms.centre + centres[self.design.flat.layout.patch_of]
         up = np.array([0.0, 0.0, 1.0])
@@ -235,20 +236,20 @@ def _faces(
 class Heads:
     """The points of the connectors that do not belong to the arms, and the faces on them.
 
-    arm, t : (H,) of every point, as of a section; line, side : (H, 3) metres, flat, to the centre line and from there
-    ends : (n,) int, the arms that have one; starts : (n + 1,) int, where its points begin
-    triangles : (T, 3) int, counter-clockwise, numbers of points, and -1 and -2 for the arm's right and left edge
-    of : (T,) int, which of ``ends`` they belong to
+    arm, t : of every point, as of a section; line, side : metres, flat, to the centre line and from there
+    ends : the arms that have one; starts : (ends + 1,), where its points begin
+    triangles : counter-clockwise, numbers of points, and -1 and -2 for the arm's right and left edge
+    of : which of ``ends`` they belong to
     """
 
-    arm: np.ndarray
-    t: np.ndarray
-    line: np.ndarray
-    side: np.ndarray
-    ends: np.ndarray
-    starts: np.ndarray
-    triangles: np.ndarray
-    of: np.ndarray
+    arm: Int[np.ndarray, " points"]
+    t: Float[np.ndarray, " points"]
+    line: Float[np.ndarray, "points 3"]
+    side: Float[np.ndarray, "points 3"]
+    ends: Int[np.ndarray, " ends"]
+    starts: Int[np.ndarray, " starts"]
+    triangles: Int[np.ndarray, "triangles 3"]
+    of: Int[np.ndarray, " triangles"]
 
     @classmethod
     def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip], progress: Progress = SILENT) -> Heads:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..arrays import Bool, Float, Int
 from ..assembling.check import AssemblyCheck
 from ..errors import FlexMapsError
 from ..fabrication.estimates import Estimates
@@ -29,8 +30,8 @@ class Result:
     findings : what the check found, warnings included
     mesh : the quad mesh, regularised if that stage ran
     edge, height : the size that was asked for, metres, which regularising keeps
-    supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the quads
-    seams : (E,) bool, where somebody wants the surface to be cut; tracing then begins there
+    supports : quads that are held where they lie in the target; force : newtons on the quads
+    seams : where somebody wants the surface to be cut; tracing then begins there
     rest : a pose that was found before, from which simulating starts
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     design : the spirals, optimised if that stage ran; optimisation : how they became so
@@ -46,9 +47,9 @@ class Result:
     mesh: QuadMesh
     edge: float | None = None
     height: float | None = None
-    supports: np.ndarray | None = None
-    force: np.ndarray | None = None
-    seams: np.ndarray | None = None
+    supports: Int[np.ndarray, " held"] | None = None
+    force: Float[np.ndarray, "quads 3"] | None = None
+    seams: Bool[np.ndarray, " edges"] | None = None
     rest: Pose | None = None
     layout: PatchLayout | None = None
     flat: FlatPatches | None = None

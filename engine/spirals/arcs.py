@@ -54,8 +54,8 @@ class Curve:
         share = np.where(np.abs(angle) > 1e-4, (safe - np.sin(safe)) / (8.0 * np.sin(0.5 * safe) ** 2), angle / 12.0)
         return float(polygon + (chord2 * share).sum())
 
-    def moved(self, rotation: float, shift: np.ndarray) -> Curve:
-        """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
+    def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Curve:
+        """Turned by ``rotation`` radians about the origin, then shifted, in metres."""
         cos, sin = np.cos(rotation), np.sin(rotation)
         return Curve(self.points @ np.array([[cos, sin], [-sin, cos]]) + shift, self.bulge, self.closed)
 
@@ -71,9 +71,9 @@ class Curve:
 
 
 def along_arcs(
-    a: np.ndarray, b: Float[np.ndarray, "segments 2"], bulge: np.ndarray, tolerance: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points (M, 2) on the arcs from ``a`` on to ``b``, without ``b``, and how many every arc has, (S,)."""
+    a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"], bulge: Float[np.ndarray, " n"], tolerance: float
+) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, " n"]]:
+    """Points on the arcs from ``a`` on to ``b``, without ``b``, and how many every arc has."""
     chord, angle = np.linalg.norm(b - a, axis=1), 4.0 * np.arctan(bulge)
     radius = 0.5 * chord / np.maximum(np.abs(np.sin(0.5 * angle)), 1e-12)
     step = 2.0 * np.arccos(np.clip(1.0 - tolerance / np.maximum(radius, 1e-12), 0.0, 1.0))
@@ -85,9 +85,9 @@ def along_arcs(
 
 
 def arc_points(
-    a: np.ndarray, b: Float[np.ndarray, "segments 2"], bulge: np.ndarray, share: np.ndarray
-) -> Float[np.ndarray, "segments m 2"]:
-    """Points on the arcs from ``a`` to ``b`` at the shares (S, M) of their angle."""
+    a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"], bulge: Float[np.ndarray, " n"], share: np.ndarray
+) -> Float[np.ndarray, "n m 2"]:
+    """Points on the arcs from ``a`` to ``b`` at the shares (n, m) of their angle."""
     half = 2.0 * np.arctan(bulge)[:, None]
     flat = np.abs(half) < 1e-9
     safe = np.where(flat, 1.0, half)
@@ -278,6 +278,6 @@ def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.nda
     return np.abs(power) / (twice + np.sqrt(to_x * to_x + to_y * to_y))
 
 
-def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Scalar products of vectors (..., 2)."""
+def dot(a: Float[np.ndarray, "... 2"], b: Float[np.ndarray, "... 2"]) -> np.ndarray:
+    """Scalar products of vectors."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Float, Int
 from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 from ..panels.kerf import cut_paths
@@ -22,15 +23,14 @@ _FINE = 5e-7  # metres; how far chords may stray from arcs here
 class Fit:
     """Gaps between the finished parts of every connector, in metres; a key has one row for each of its sockets.
 
-    joint : (n,) index into ``Connections.connectors``
-    least, most : (n,) smallest and largest gap round the head, or between two faces, less what they stand back
-    overlap : (n,) square metres where both parts would be in the same place
+    joint : index into ``Connections.connectors``; overlap : square metres where both parts would be in the same place
+    least, most : smallest and largest gap round the head, or between two faces, less what they stand back
     """
 
-    joint: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-    overlap: np.ndarray
+    joint: Int[np.ndarray, " rows"]
+    least: Float[np.ndarray, " rows"]
+    most: Float[np.ndarray, " rows"]
+    overlap: Float[np.ndarray, " rows"]
 
 
 def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:

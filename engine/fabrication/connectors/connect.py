@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import ConnectorParams
 from ...progress import SILENT, Progress
@@ -60,7 +61,7 @@ class Connections:
 
     unsolved : (name, quad, quad) of the joints that have no room for any connector: they keep their plain ends
     clearance : metres
-    taken : (F, 4) metres of every arm, from its joint on, that a connector needs
+    taken : metres of every arm, from its joint on, that a connector needs
     tips : the ends of all arms that have a connector
     """
 
@@ -68,7 +69,7 @@ class Connections:
     connectors: tuple[Connector, ...]
     unsolved: tuple[tuple[str, int, int], ...]
     clearance: float
-    taken: np.ndarray
+    taken: Float[np.ndarray, "quads 4"]
     tips: tuple[Tip, ...] = ()
 
     @property

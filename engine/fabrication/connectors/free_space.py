@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from ...arrays import Bool, Float, Int
 from ...params import ConnectorParams
 from ...progress import SILENT, Progress
 from ...spirals.contours import Tips
@@ -41,19 +42,18 @@ _TOGETHER = 500  # quads whose arms are drawn together
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """All places where two arms meet across a cut; m of them, seam by seam along the seams.
+    """All places where two arms meet across a cut, seam by seam along the seams.
 
-    edge, seam, place : (m,) int, the edge of the mesh, its seam, and its place along that
-    quad, side : (m, 2) int, both arms; the panel with the lower number first
-    inside : (m,) bool, whether both arms belong to one panel
+    edge, seam, place : the edge of the mesh, its seam, and its place along that
+    quad, side : both arms; the panel with the lower number first; inside : whether both arms belong to one panel
     """
 
-    edge: np.ndarray
-    seam: np.ndarray
-    place: np.ndarray
-    quad: np.ndarray
-    side: np.ndarray
-    inside: np.ndarray
+    edge: Int[np.ndarray, " joints"]
+    seam: Int[np.ndarray, " joints"]
+    place: Int[np.ndarray, " joints"]
+    quad: Int[np.ndarray, "joints 2"]
+    side: Int[np.ndarray, "joints 2"]
+    inside: Bool[np.ndarray, " joints"]
 
 
 def joints(design: SpiralDesign) -> Joints:
@@ -74,17 +74,17 @@ def joints(design: SpiralDesign) -> Joints:
 class Openings:
     """How much room there is beside the arm through a joint.
 
-    x : (n,) metres along the arm from the joint, towards the second half
-    left, right : (n,) metres that the edges could be further out there; width : (n,) metres of the arm
+    x : metres along the arm from the joint, towards the second half
+    left, right : metres that the edges could be further out there; width : metres of the arm
     """
 
-    x: np.ndarray
-    left: np.ndarray
-    right: np.ndarray
-    width: np.ndarray
+    x: Float[np.ndarray, " places"]
+    left: Float[np.ndarray, " places"]
+    right: Float[np.ndarray, " places"]
+    width: Float[np.ndarray, " places"]
 
-    def asides(self, s: Size, shifts: np.ndarray, overhanging: bool) -> list[tuple[float, float]]:
-        """Of all ``shifts`` (k,) where a connector of this size has room, and how far to the left it has to sit there.
+    def asides(self, s: Size, shifts: Float[np.ndarray, " shifts"], overhanging: bool) -> list[tuple[float, float]]:
+        """Of all ``shifts`` where a connector of this size has room, and how far to the left it has to sit there.
 
         Its neck stays on the arm, unless it may be ``overhanging``: then it hangs on the widened end only.
         """

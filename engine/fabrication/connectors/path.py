@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...arrays import Bool, Complex, Float, Int
 from ...spirals.arcs import Curve, fit
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, width_at
@@ -23,13 +24,13 @@ _TABLE = 41  # places along an arm of the table from length to parameter; not me
 _FOLDS = 41  # places along a tip where its edges are looked at for folds; not measured
 
 
-def complexes(points: np.ndarray) -> np.ndarray:
-    """Points (..., 2) as complex numbers."""
+def complexes(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
+    """Points as complex numbers."""
     return points[..., 0] + 1j * points[..., 1]
 
 
-def pairs(numbers: np.ndarray) -> np.ndarray:
-    """Complex numbers as points (..., 2)."""
+def pairs(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
+    """Complex numbers as points."""
     return np.stack([numbers.real, numbers.imag], axis=-1)
 
 
@@ -47,12 +48,12 @@ def _interpolated(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.nd
 
 @dataclass(frozen=True, eq=False)
 class Widening:
-    """How much arms are wider at their tips: ``left`` and ``right`` (n,) metres up to tau ``full``, nothing from ``over`` on."""
+    """How much arms are wider at their tips: ``left`` and ``right`` metres up to tau ``full``, nothing from ``over`` on."""
 
-    left: np.ndarray
-    right: np.ndarray
-    full: np.ndarray
-    over: np.ndarray
+    left: Float[np.ndarray, " arms"]
+    right: Float[np.ndarray, " arms"]
+    full: Float[np.ndarray, " arms"]
+    over: Float[np.ndarray, " arms"]
 
     def at(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What to add to the widths at tau (n, M) for edges that broadcast with it, and the derivative; an edge moves by half."""
@@ -66,26 +67,26 @@ class Widening:
 
 @dataclass(frozen=True, eq=False)
 class Halves:
-    """One arm each of n joints by itself, all arrays with n rows.
+    """One arm each of n joints by itself.
 
     arm : 4 quad + side; patch : its patch; origin, out : origin and direction of its frame in that of its patch, complex
-    t, length : (n, K) table of metres along the centre line from the joint; speed : metres per t at the joint
+    t, length : table of metres along the centre line from the joint; speed : metres per t at the joint
     end : t up to which a connector may take it
     """
 
-    arm: np.ndarray
-    patch: np.ndarray
+    arm: Int[np.ndarray, " arms"]
+    patch: Int[np.ndarray, " arms"]
     arms: Arms
-    origin: np.ndarray
-    out: np.ndarray
-    t: np.ndarray
-    length: np.ndarray
-    speed: np.ndarray
-    end: np.ndarray
+    origin: Complex[np.ndarray, " arms"]
+    out: Complex[np.ndarray, " arms"]
+    t: Float[np.ndarray, "arms table"]
+    length: Float[np.ndarray, "arms table"]
+    speed: Float[np.ndarray, " arms"]
+    end: Float[np.ndarray, " arms"]
 
     @staticmethod
-    def of(design: SpiralDesign, quad: np.ndarray, side: np.ndarray) -> Halves:
-        """The halves of joints that the arms ``side`` of ``quad``, each (n,), are."""
+    def of(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> Halves:
+        """The halves of joints that the arms ``side`` of ``quad`` are."""
         roots = design.roots
         single = design.arms.one_by_one(quad, side)
         end = np.minimum(roots.left[quad, side], roots.right[quad, side - 1])
@@ -101,18 +102,18 @@ class Halves:
         rest = {n: getattr(self, n)[which] for n in self.__dataclass_fields__ if n != "arms"}
         return Halves(arms=self.arms.of(which), **rest)
 
-    def local(self, points: np.ndarray) -> np.ndarray:
-        """From the patches' frames to the arms', (n, ...)."""
+    def local(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
+        """From the patches' frames to the arms'."""
         shape = (-1, *(1,) * (points.ndim - 1))
         return (points - self.origin.reshape(shape)) / self.out.reshape(shape)
 
-    def placed(self, points: np.ndarray) -> np.ndarray:
-        """From the arms' frames to the patches', (n, ...)."""
+    def placed(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
+        """From the arms' frames to the patches'."""
         shape = (-1, *(1,) * (points.ndim - 1))
         return self.origin.reshape(shape) + self.out.reshape(shape) * points
 
-    def along(self, t: np.ndarray) -> np.ndarray:
-        """(n,) metres along the centre lines up to t (n,)."""
+    def along(self, t: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " arms"]:
+        """Metres along the centre lines up to t."""
         return _interpolated(t[:, None], self.t, self.length)[:, 0]
 
     def edge(
@@ -142,12 +143,12 @@ class Throughs:
         return Throughs(self.own.rows(which), self.other.rows(which))
 
     @property
-    def scale(self) -> np.ndarray:
-        """(n,) how much t of the other arm is worth one of this."""
+    def scale(self) -> Float[np.ndarray, " arms"]:
+        """How much t of the other arm is worth one of this."""
         return self.own.speed / self.other.speed
 
-    def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> np.ndarray:
-        """(n,) whether an edge would fold between two tau (n,) if the arm were as much wider there; for parallel curves."""
+    def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
+        """Whether an edge would fold between two tau (n,) if the arm were as much wider there; for parallel curves."""
         low = np.maximum(begin, -self.other.end / self.scale)
         tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, _FOLDS)
         edges = self.edges(tau)[0]
@@ -157,14 +158,14 @@ class Throughs:
         one, two = left + turn * wide.left[:, None], right - turn * wide.right[:, None]
         return (np.minimum(one, two) < UNFOLDED * np.maximum(one, two)).any(axis=1)
 
-    def tau(self, distance: np.ndarray) -> np.ndarray:
-        """The parameters (n, M) at distances (n, M) in metres along the arms from the joints; beyond the joint if negative."""
+    def tau(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
+        """The parameters at distances in metres along the arms from the joints; beyond the joint if negative."""
         ahead = _interpolated(distance, self.own.length, self.own.t)
         beyond = _interpolated(-distance, self.other.length, self.other.t)
         return np.where(distance >= 0.0, ahead, -beyond / self.scale[:, None])
 
-    def centre(self, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points and outward unit directions (n,) of the centre lines at tau (n,), complex, and the widths of the arms."""
+    def centre(self, tau: Float[np.ndarray, " arms"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points and outward unit directions (n,) of the centre lines at tau, complex, and the widths of the arms."""
         found = []
         for half, t in ((self.own, tau), (self.other, -tau * self.scale)):
             at = np.maximum(t, 0.0)[:, None, None]
@@ -176,8 +177,8 @@ class Throughs:
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 
-    def edges(self, tau: np.ndarray, wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Points (2, n, M) of the widened arms' left and right edges at tau (n, M), and the outward directions there."""
+    def edges(self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Points (2, n, M) of the widened arms' left and right edges at tau, and the outward directions there."""
         side = np.array([LEFT, RIGHT])[:, None, None]
         wider = None if wide is None else wide.at(tau, side)
         made = self.own.edge(np.maximum(tau, 0.0), side, wider)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Complex, Float
 from ...spirals.arcs import Curve, along_arcs
 from ...spirals.spiral import LEFT, RIGHT
 from .path import ARM_SHARE, UNFOLDED, Throughs, Widening, complexes, pairs
@@ -55,7 +56,7 @@ class Tip:
     """One arm's end with its part of a connector.
 
     through, row : the arm, one of many; wide : how it is widened, of one row; begin : tau where the edges end
-    across : from the right edge at ``begin`` to the left one, complex nodes and bulges, in the arm's frame
+    across : from the right edge at ``begin`` to the left one, nodes and bulges, in the arm's frame
     polygon : shapely's, from ``over`` outwards, in the patch's frame
     """
 
@@ -63,7 +64,7 @@ class Tip:
     row: int
     wide: Widening
     begin: float
-    across: tuple[np.ndarray, np.ndarray]
+    across: tuple[Complex[np.ndarray, " nodes"], Float[np.ndarray, " nodes"]]
     polygon: Any
 
     @property
@@ -144,12 +145,12 @@ def make_tips(
     rows: np.ndarray,
     roles: Sequence[str],
     tries: Sequence[Attempt],
-    shift: np.ndarray,
-    aside: np.ndarray,
+    shift: Float[np.ndarray, " arms"],
+    aside: Float[np.ndarray, " arms"],
 ) -> list[Tip | None]:
     """The ends of arms, one a row of ``base``; ``None`` where an arm has no room for it.
 
-    ``shift`` and ``aside`` (n,) in metres as these arms see them.
+    ``shift`` and ``aside`` in metres as these arms see them.
     """
     found: list[Tip | None] = [None] * len(rows)
     through = base.rows(rows)

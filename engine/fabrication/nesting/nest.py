@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Float
 from ...params import SheetParams
 from ...progress import SILENT, Progress
 from .packing import Packing, least_box, pack, turn_that_fits, used_length
@@ -34,7 +35,7 @@ MANY = 400  # most panels that are searched for; the quick packing fills sheets 
 LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
 
 
-def nest(shapes: list[np.ndarray], params: SheetParams, progress: Progress = SILENT) -> Packing:
+def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
     """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
 
     Never worse than ``packing.pack``, which it returns where spyrrow is missing or nothing better is found. The seed makes

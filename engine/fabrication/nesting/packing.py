@@ -49,14 +49,14 @@ def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.nd
 
 
 def pack(
-    shapes: list[np.ndarray],
+    shapes: list[Float[np.ndarray, "_ 2"]],
     sheet: tuple[float, float],
     margin: float,
     spacing: float,
     progress: Progress = SILENT,
     rotation: str = "FREE",
 ) -> Packing:
-    """Lay closed outlines (M, 2), in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
+    """Lay closed outlines, in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
 
     Of very many shapes the last and smallest ones are laid in rows, once ``TRIES`` places on sheets have been looked for.
 
@@ -198,7 +198,7 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[cos, sin], [-sin, cos]])
 
 
-def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float:
+def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index: int) -> float:
     """Metres from the left border of a sheet to the right end of what lies on it."""
     ends = [0.0]
     for i in np.flatnonzero(packing.sheet == index).tolist():
@@ -207,15 +207,15 @@ def used_length(packing: Packing, shapes: list[np.ndarray], index: int) -> float
     return max(ends)
 
 
-def fill(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:
+def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
     """Share of the sheets that shapes of this whole area, square metres, cover; of the emptiest sheet only the used end counts."""
     used = [used_length(packing, shapes, k) + margin for k in range(len(packing.sizes))]
     spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in enumerate(used)), default=0.0)
     return area / float(packing.sizes.prod(axis=1).sum() - max(spare, 0.0))
 
 
-def fits(size: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Whether a box of this size (2,), in metres, longer side first, fits on the sheet: either way round, or along the grain."""
+def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
+    """Whether a box of this size, in metres, longer side first, fits on the sheet: either way round, or along the grain."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])

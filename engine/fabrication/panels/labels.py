@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Float
 from ...params import SheetParams
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
@@ -66,12 +67,12 @@ def make_labels(
     arms: Arms,
     hubs: Hubs,
     params: SheetParams,
-    taken: np.ndarray | None = None,
+    taken: Float[np.ndarray, "quads 4"] | None = None,
     progress: Progress = SILENT,
 ) -> Labels:
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
-    ``taken`` (F, 4) is how many metres of every arm, from its joint on, a connector needs.
+    ``taken`` is how many metres of every arm, from its joint on, a connector needs.
     """
     taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
     lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))

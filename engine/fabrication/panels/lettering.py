@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Float
+
 ADVANCE = 0.85  # from one letter to the next, as a share of the letters' height
 _SQUEEZE = 0.6  # letters are drawn on a square of height 1 and set this wide
 
@@ -21,8 +23,8 @@ _STROKES = {
 }  # fmt: skip
 
 
-def strokes(text: str) -> list[np.ndarray]:
-    """The strokes of a text of height 1, each (N, 2); it begins at x = 0, stands on y = 0, and is ``length(text)`` long.
+def strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
+    """The strokes of a text of height 1; it begins at x = 0, stands on y = 0, and is ``length(text)`` long.
 
     Letters that the font lacks are left blank.
     """
@@ -39,15 +41,15 @@ def length(text: str) -> float:
     return ADVANCE * (len(text) - 1) + _SQUEEZE if text else 0.0
 
 
-def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray) -> list[np.ndarray]:
+def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray) -> list[Float[np.ndarray, "_ 2"]]:
     """The strokes of a text of this height in metres, its middle at ``centre`` (2,), running along ``direction`` (2,)."""
     along = np.asarray(direction) / np.linalg.norm(direction)
     frame = height * np.array([along, [-along[1], along[0]]])
     return [(s - [0.5 * length(text), 0.5]) @ frame + centre for s in strokes(text)]
 
 
-def along(text: str, height: float, line: np.ndarray, middle: float) -> list[np.ndarray]:
-    """The strokes of a text that follows a curve: ``line`` (M, 2) metres runs through the middle of the letters.
+def along(text: str, height: float, line: Float[np.ndarray, "points 2"], middle: float) -> list[np.ndarray]:
+    """The strokes of a text that follows a curve: ``line`` in metres runs through the middle of the letters.
 
     ``middle`` is where the text's middle lies, in metres along the line.
     """

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...arrays import Float
 from ...spirals.arcs import Curve
 
 
@@ -15,7 +16,7 @@ class Panel:
 
     number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
-    holds : (K, 3) where a holding tab may be: x and y in metres, and how little it is liked there
+    holds : where a holding tab may be: x and y in metres, and how little it is liked there
     """
 
     number: int
@@ -24,10 +25,10 @@ class Panel:
     holes: tuple[Curve, ...]
     labels: tuple[Curve, ...]
     area: float
-    holds: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    holds: Float[np.ndarray, "places 3"] = field(default_factory=lambda: np.empty((0, 3)))
 
-    def moved(self, rotation: float, shift: np.ndarray) -> Panel:
-        """Turned by ``rotation`` radians about the origin, then shifted by (2,) metres."""
+    def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Panel:
+        """Turned by ``rotation`` radians about the origin, then shifted, in metres."""
         return replace(
             self,
             outline=self.outline.moved(rotation, shift),

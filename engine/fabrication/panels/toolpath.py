@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Float
 from ...params import CutParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve, arc_points
@@ -38,14 +39,14 @@ def plan(
     labels: list[Curve],
     holes: list[Curve],
     outlines: list[Curve],
-    places: list[np.ndarray],
+    places: list[Float[np.ndarray, "_ 3"]],
     size: tuple[float, float],
     cut: CutParams,
     progress: Progress = SILENT,
 ) -> Runs:
     """The runs of one sheet: closed paths beside the material, with the tabs and lead-ins that are asked for.
 
-    places : of every outline, (K, 3): x, y in metres where a tab may be, and how little it is liked there (1 or more)
+    places : of every outline: x, y in metres where a tab may be, and how little it is liked there (1 or more)
     size : metres, width and height of the sheet
     """
     pieces = [[o] for o in outlines]
