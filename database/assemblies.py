@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.arrays import Int
 from ..engine.errors import FlexMapsError
 from .geometry import QUARTER
 
@@ -20,18 +21,17 @@ EAST, NORTH, WEST, SOUTH = range(ARMS)
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """n spirals and the m joints between their arms.
+    """Spirals and the joints between their arms.
 
-    cells : (n, 2) int, column and row of every spiral in its patch
-    patch : (n,) int
-    pairs : (m, 2) int, the two spirals of every joint
-    arms : (m, 2) int in 0-3, the arm of either that ends there
+    cells : column and row of every spiral in its patch
+    pairs : the two spirals of every joint
+    arms : in 0-3, the arm of either that ends there
     """
 
-    cells: np.ndarray
-    patch: np.ndarray
-    pairs: np.ndarray
-    arms: np.ndarray
+    cells: Int[np.ndarray, "spirals 2"]
+    patch: Int[np.ndarray, " spirals"]
+    pairs: Int[np.ndarray, "joints 2"]
+    arms: Int[np.ndarray, "joints 2"]
 
     def __post_init__(self) -> None:
         ends = self.pairs * ARMS + self.arms

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..engine.arrays import Float, Int
 from .assemblies import ARMS, Plan, box, direction, dome, grid
 from .assembly_solid import joint_turn
 from .geometry import Spiral
@@ -78,8 +79,8 @@ class Case:
         ]()
 
     @cached_property
-    def of(self) -> np.ndarray:
-        """(n,) int, the design of every spiral."""
+    def of(self) -> Int[np.ndarray, " spirals"]:
+        """The design of every spiral."""
         return self.plan.cells.sum(axis=1) % len(self.designs)
 
     def identity(self) -> dict:
@@ -87,8 +88,8 @@ class Case:
         return {**asdict(self), "fineness": asdict(self.fineness), "scale": SCALE, "thickness": THICKNESS}
 
     @cached_property
-    def rest(self) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) metres and (n, 3, 3): where the hubs lie while no arm is bent, but for the seams of a dome or a box.
+    def rest(self) -> tuple[Float[np.ndarray, "spirals 3"], Float[np.ndarray, "spirals 3 3"]]:
+        """Places (metres) and rotations of the hubs while no arm is bent, except at the seams of a dome or a box.
 
         Tips of unlike twists lean differently, so that neighbours turn in the plane against each other.
         """
@@ -116,8 +117,8 @@ class Case:
         return plan.pairs, lever, axes
 
 
-def _faces(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Frames (p, 3, 3) of the patches as faces of a cube, and the places (p, 3) of their first spirals, in metres."""
+def _faces(shape: str, n: int) -> tuple[Float[np.ndarray, "patches 3 3"], Float[np.ndarray, "patches 3"]]:
+    """Frames of the patches as faces of a cube, and the places of their first spirals, in metres."""
     x, y, z = np.eye(3)
     if shape == "dome":
         # the corner of the cube is every patch's north-west; patch p's north side is patch p + 1's west side

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..engine.arrays import Bool, Float
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
 from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, minimise
@@ -34,17 +35,17 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0])  # about the normal: what joins the axes 
 class Balance:
     """An equilibrium of an assembly, or the attempt at one. Arm widths, Young's modulus 1.
 
-    nodes : (N, 3) deformed positions of the welded nodes
-    centres (n, 3), rotations (n, 3, 3) : mean position and rotation of every hub
-    reactions : (h, 6) force and moment on every held hub, at its centre
+    nodes : deformed positions of the welded nodes
+    centres, rotations : mean position and rotation of every hub
+    reactions : force and moment on every held hub, at its centre
     energy; strain : 99 % of the volume stays below it; iterations
     stable : the last tangent had only positive eigenvalues
     """
 
-    nodes: np.ndarray
-    centres: np.ndarray
-    rotations: np.ndarray
-    reactions: np.ndarray
+    nodes: Float[np.ndarray, "nodes 3"]
+    centres: Float[np.ndarray, "spirals 3"]
+    rotations: Float[np.ndarray, "spirals 3 3"]
+    reactions: Float[np.ndarray, "held 6"]
     energy: float
     strain: float
     iterations: int
@@ -92,8 +93,8 @@ class Welded:
 
     # -- start ---------------------------------------------------------------------------------------------------
 
-    def guess(self, centres: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-        """(N, 3) node positions for given hub poses: every arm bends from its hub to the joint, half way between hubs.
+    def guess(self, centres: np.ndarray, rotations: np.ndarray) -> Float[np.ndarray, "nodes 3"]:
+        """Node positions for given poses of all hubs: every arm bends from its hub to the joint, half way between hubs.
 
         The field in a spiral is the linear limit's under the tip motions that the joints ask for.
         """
@@ -114,8 +115,8 @@ class Welded:
             np.add.at(count, number, 1.0)
         return out / count[:, None]
 
-    def frames(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(n, 3) centres and (n, 3, 3) rotations of the hubs."""
+    def frames(self, nodes: np.ndarray) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+        """Centres and rotations of the hubs for (N, 3) node positions."""
         found = [self.model(i).hub.frame(nodes[number]) for i, number in enumerate(self.numbers)]
         return np.array([c for c, _ in found]), np.array([r for _, r in found])
 
@@ -134,19 +135,19 @@ class Welded:
             values[6 * h : 6 * h + 3] = c
         return functionals, values
 
-    def gradients(self, nodes: np.ndarray) -> list[np.ndarray]:
+    def gradients(self, nodes: Float[np.ndarray, "nodes 3"]) -> list[np.ndarray]:
         """Deformation gradients of every spiral's elements."""
         return [
             self.model(i).elements.gradients(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
         ]
 
-    def energy(self, state: list[np.ndarray]) -> float:
+    def energy(self, state: list[Float[np.ndarray, "... 4 16 3 3"]]) -> float:
         """Elastic energy of deformation gradients."""
         parts = enumerate(state)
         return sum(self.model(i).elements.energy(self.model(i).elements.strain(f)) for i, f in parts)
 
-    def forces(self, state: list[np.ndarray]) -> np.ndarray:
-        """(size,) derivative of the energy by the node positions."""
+    def forces(self, state: list[Float[np.ndarray, "... 4 16 3 3"]]) -> Float[np.ndarray, " size"]:
+        """Derivative of the energy by the node positions."""
         out = np.zeros(self.size)
         for i, f in enumerate(state):
             el = self.model(i).elements
@@ -167,16 +168,16 @@ class Welded:
 
     def solve(
         self,
-        start: np.ndarray,
-        centres: np.ndarray,
-        rotations: np.ndarray,
-        forces: np.ndarray,
-        fixed: np.ndarray | None = None,
+        start: Float[np.ndarray, "nodes 3"],
+        centres: Float[np.ndarray, "held 3"],
+        rotations: Float[np.ndarray, "held 3 3"],
+        forces: Float[np.ndarray, "spirals 3"],
+        fixed: Bool[np.ndarray, "held 6"] | None = None,
         progress: Progress = SILENT,
     ) -> Balance:
-        """Equilibrium from (N, 3) start positions, held hubs at poses (h, 3), (h, 3, 3), dead forces (n, 3) at the hubs.
+        """Equilibrium from start positions of the nodes, held hubs at given poses, dead forces at the hubs.
 
-        fixed : (h, 6) bool, which of shift and turn of the held hubs are prescribed; all by default
+        fixed : which of shift and turn of the held hubs are prescribed; all by default
         """
         functionals, values = self._constraints(centres, rotations)
         chosen = np.ones(len(values), dtype=bool) if fixed is None else np.ravel(fixed)
@@ -195,7 +196,7 @@ class Welded:
         converged = run.ended == CONVERGED
         return Balance(x, *self.frames(x), reactions.reshape(-1, 6), energy, strain, iterations, converged, stable)
 
-    def strain(self, nodes: np.ndarray) -> float:
+    def strain(self, nodes: Float[np.ndarray, "nodes 3"]) -> float:
         """The strain that 99 % of the volume of the most strained spiral stays below."""
         return max(
             self.model(i).elements.peak_strain(nodes[n] - self.model(i).solid.nodes) for i, n in enumerate(self.numbers)
@@ -204,11 +205,11 @@ class Welded:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Node positions (N, 3), the deformation gradients of every spiral's elements, and the mixed stress that the step which led
+    """Node positions, the deformation gradients of every spiral's elements, and the mixed stress that the step which led
     here predicted; the elastic energy.
     """
 
-    nodes: np.ndarray
+    nodes: Float[np.ndarray, "nodes 3"]
     f: list[np.ndarray]
     mixed: list[np.ndarray]
     energy: float
@@ -216,15 +217,15 @@ class _State:
 
 @dataclass(eq=False)
 class _Loaded:
-    """An assembly under dead ``load`` (N, 3) at its nodes whose ``functionals`` (size, c) keep ``values`` (c,) (a ``newton.Problem``).
+    """An assembly under dead ``load`` at its nodes whose ``functionals`` keep ``values`` (a ``newton.Problem``).
 
-    multipliers : (c,) of the last step, the forces that keep them
+    multipliers : of the last step, the forces that keep them
     """
 
     welded: Welded
-    functionals: np.ndarray
-    values: np.ndarray
-    load: np.ndarray
+    functionals: Float[np.ndarray, "size fixed"]
+    values: Float[np.ndarray, " fixed"]
+    load: Float[np.ndarray, "nodes 3"]
     progress: Progress
     multipliers: np.ndarray = field(init=False)
 
@@ -270,14 +271,14 @@ class _Loaded:
         return float((here.gradient + self.functionals @ self.multipliers) @ step.ravel())
 
 
-def tip_axes(spiral: Spiral, arm: int) -> np.ndarray:
-    """(3, 3) columns: the outward tangent of an arm at its tip, the direction to the left of it, the normal."""
+def tip_axes(spiral: Spiral, arm: int) -> Float[np.ndarray, "3 3"]:
+    """Columns: the outward tangent of an arm at its tip, the direction to the left of it, the normal."""
     tangent = complex(centre_line(spiral, 1.0)[1] * QUARTER**arm)
     return np.array([[tangent.real, -tangent.imag, 0.0], [tangent.imag, tangent.real, 0.0], [0.0, 0.0, 1.0]])
 
 
-def joint_turn(first: Spiral, arm: int, second: Spiral, other: int) -> np.ndarray:
-    """(3, 3): a direction in the flat frame of the first spiral of a joint to the same one in the second's."""
+def joint_turn(first: Spiral, arm: int, second: Spiral, other: int) -> Float[np.ndarray, "3 3"]:
+    """Takes a direction in the flat frame of the first spiral of a joint to the same one in the second's."""
     return tip_axes(second, other) @ HALF_TURN @ tip_axes(first, arm).T
 
 
@@ -315,8 +316,8 @@ def _spiral_pattern(elements: Elements) -> Pattern:
     return Pattern(*lower_entries(dofs), int(dofs.max()) + 1)
 
 
-def _tip_fields(model: Model) -> np.ndarray:
-    """(N, 3, 4, 6): displacement per unit motion (shift, turn) of the tips against the hub, in the linear limit."""
+def _tip_fields(model: Model) -> Float[np.ndarray, "nodes 3 4 6"]:
+    """Displacement per unit motion (shift, turn) of the tips against the hub, in the linear limit."""
     out = np.zeros((*model.solid.nodes.shape, 4, 6))
     wrenches = np.eye(6)
     for k in range(4):

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
 from . import linear, rods
 from .sampling import LAWS, VERSION, Sampler, Samples, Subject, key, subjects
@@ -50,14 +51,14 @@ class Chunk:
         FlexMaps 6.2 is |normal matrix p - right side|^2 up to a constant
     fitted : number of samples in the sums
     counts : how many converged, failed, needed load steps; Newton iterations of all
-    compliance : (6, 6) of one tip in the linear limit, dimensionless
+    compliance : of one tip in the linear limit, dimensionless
     kept : the held-out samples, and every failed one
     """
 
     normal: dict[str, tuple[np.ndarray, np.ndarray]]
     fitted: dict[str, int]
     counts: dict[str, int]
-    compliance: np.ndarray
+    compliance: Float[np.ndarray, "6 6"]
     kept: Samples
 
     def joined(self, other: Chunk) -> Chunk:
@@ -87,7 +88,7 @@ def tasks(per_law: dict[str, int] | None = None) -> list[Task]:
 
 
 @lru_cache(maxsize=1)
-def _sampler(subject: Subject, law: str) -> tuple[Sampler, np.ndarray]:
+def _sampler(subject: Subject, law: str) -> tuple[Sampler, Float[np.ndarray, "6 6"]]:
     sampler = Sampler(subject, law)
     motions = linear.unit_motions(sampler.model)
     return sampler, linear.tip_compliance(sampler.model, motions)

@@ -89,9 +89,7 @@ class Elements:
         density = self.shear * np.einsum("...ij,...ij->...", strain, strain) + 0.5 * self.lame * trace**2
         return float((self.weight * density).sum())
 
-    def forces(
-        self, f: Float[np.ndarray, "elements 4 16 3 3"], stress: Float[np.ndarray, "elements 4 16 3 3"]
-    ) -> Float[np.ndarray, "elements 4 16 3"]:
+    def forces(self, f: np.ndarray, stress: np.ndarray) -> Float[np.ndarray, "elements 4 16 3"]:
         """Derivative of the energy by the nodal positions."""
         # first Piola-Kirchhoff stress by local direction: w P_iI dxi_d/dX_I
         p = self.weight[..., None, None] * (f @ stress @ np.swapaxes(self.inverse, -1, -2))
@@ -148,9 +146,7 @@ class Elements:
                             out[:, :, g, d, j, i] = value
         return out
 
-    def tangents(
-        self, f: Float[np.ndarray, "elements 4 16 3 3"], stress: Float[np.ndarray, "elements 4 16 3 3"]
-    ) -> Float[np.ndarray, "elements 10 3 3 16 16"]:
+    def tangents(self, f: np.ndarray, stress: np.ndarray) -> Float[np.ndarray, "elements 10 3 3 16 16"]:
         """Second derivative of the energy by the nodal positions, per pair in STATION_PAIRS.
 
         Entry [e, k, i, j, s, s'] couples component i of node (p, s) and component j of node (p', s') for the pair k of

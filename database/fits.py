@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.rods import stiffness as stiffness_rods
 from ..engine.mechanics.rods.stiffness import PARAMETERS
@@ -33,7 +34,7 @@ FEWEST_CHORD = 400
 MODELS = ("chord", "pair", "arm")
 
 
-def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = SMALLEST) -> np.ndarray:
+def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = SMALLEST) -> Float[np.ndarray, " p"]:
     """Positive parameters that minimise the sum of (a . p - 1)^2 over ``count`` samples (FlexMaps 6.2, eq. 5).
 
     ``least`` is the smallest, as a share of the one that would explain all alone.
@@ -47,7 +48,7 @@ def solve(matrix: np.ndarray, side: np.ndarray, count: int, least: float = SMALL
     return found.x * scale
 
 
-def parameters(series: Series, model: str, least: float = SMALLEST) -> np.ndarray:
+def parameters(series: Series, model: str, least: float = SMALLEST) -> Float[np.ndarray, " parameters"]:
     """The parameters of one model for one spiral, dimensionless: (4,), or (12,) for "arm". ``least`` as in ``solve``."""
     if model == "arm":
         return rods.stiffness_parameters(series.compliance)
@@ -60,8 +61,8 @@ def parameters(series: Series, model: str, least: float = SMALLEST) -> np.ndarra
     return solve(*series.normal[model], series.fitted[model], least)
 
 
-def joint_loads(scale: float, law: str, count: int = 4000) -> np.ndarray:
-    """(count, 6) loads at a joint, distributed like those of a law and alike for all spirals: forces, and moments under
+def joint_loads(scale: float, law: str, count: int = 4000) -> Float[np.ndarray, "count 6"]:
+    """Loads at a joint, distributed like those of a law and alike for all spirals: forces, and moments under
     the strain-targeted one."""
     rng = np.random.Generator(np.random.Philox(SEED))
 
@@ -74,8 +75,8 @@ def joint_loads(scale: float, law: str, count: int = 4000) -> np.ndarray:
     return np.hstack([force, moment if law == "strain" else np.zeros_like(moment)])
 
 
-def held_out(series: Series, model: str) -> tuple[np.ndarray, np.ndarray]:
-    """Of the held-out samples: (n, p) energy per unit of the model's parameters, and true energies (n,)."""
+def held_out(series: Series, model: str) -> tuple[Float[np.ndarray, "n parameters"], Float[np.ndarray, " n"]]:
+    """Of the held-out samples: energy per unit of the model's parameters, and true energies."""
     s = series.held_out
     if model == "pair":
         loads = rods.joint_wrenches(s.wrenches, s.rotations, series.rest_tips)
@@ -91,7 +92,7 @@ def predicted(series: Series, model: str, fitted: np.ndarray) -> tuple[np.ndarra
     return features @ fitted, true
 
 
-def floor(all_series: list[Series], model: str, law: str) -> np.ndarray:
+def floor(all_series: list[Series], model: str, law: str) -> Float[np.ndarray, " samples"]:
     """Relative errors that remain where every spiral's parameters are fitted to the very samples that judge them.
 
     Whatever loads one fits to, their mean square is never smaller.
@@ -105,7 +106,7 @@ def floor(all_series: list[Series], model: str, law: str) -> np.ndarray:
     return np.concatenate(out)
 
 
-def errors(all_series: list[Series], model: str, law: str) -> np.ndarray:
+def errors(all_series: list[Series], model: str, law: str) -> Float[np.ndarray, " samples"]:
     """Relative held-out errors of all spirals under one law, each fitted on its own sums."""
     out = [np.zeros(0)]
     for series in all_series:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.arrays import Float
+
 SPREADS = np.linspace(0.2, 0.8, 20)  # in units of the inputs' ranges: twenty, as in FlexMaps section 6.3
 # RMS errors, of the unit range, at which neurons are no longer added. FlexMaps has one; parameters fitted to finitely
 # many samples scatter, and a network that follows the scatter is wild between its nodes
@@ -21,22 +23,22 @@ HALF = np.sqrt(np.log(2.0))  # A neuron's answer falls to one half at a distance
 class Network:
     """y(x) = offset + span * (bias + sum of weights * exp(-(HALF |x' - centre| / spread)^2)), x' scaled to [0, 1].
 
-    low, high : (3,) input range; offset, span : (4,) output range; centres : (m, 3) scaled; weights : (m + 1, 4), bias last
+    low, high : input range; offset, span : output range; centres : scaled; weights : bias last
     """
 
-    low: np.ndarray
-    high: np.ndarray
-    offset: np.ndarray
-    span: np.ndarray
-    centres: np.ndarray
-    weights: np.ndarray
+    low: Float[np.ndarray, " inputs"]
+    high: Float[np.ndarray, " inputs"]
+    offset: Float[np.ndarray, " outputs"]
+    span: Float[np.ndarray, " outputs"]
+    centres: Float[np.ndarray, "neurons inputs"]
+    weights: Float[np.ndarray, "neurons+1 outputs"]
     spread: float
     rms: float
 
     def arrays(self) -> dict[str, np.ndarray]:
         return {n: np.asarray(v) for n, v in vars(self).items() if n != "rms"}
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
+    def __call__(self, points: Float[np.ndarray, "points inputs"]) -> Float[np.ndarray, "points outputs"]:
         basis = _basis((points - self.low) / (self.high - self.low), self.centres, self.spread)
         return self.offset + self.span * (basis @ self.weights)
 
@@ -117,8 +119,8 @@ def choose(points: np.ndarray, outputs: np.ndarray) -> tuple[Network, float, np.
     return min(tried, key=lambda one: float(one[2].mean()))
 
 
-def leave_one_out(points: np.ndarray, outputs: np.ndarray, made: Network) -> np.ndarray:
-    """(n, 4) relative errors of the parameters at every point when the network is solved without it."""
+def leave_one_out(points: np.ndarray, outputs: np.ndarray, made: Network) -> Float[np.ndarray, "n outputs"]:
+    """Relative errors of the parameters at every point when the network is solved without it."""
     x, y = (points - made.low) / (made.high - made.low), (outputs - made.offset) / made.span
     position = np.array([int(np.argmin(((x - c) ** 2).sum(1))) for c in made.centres])
     out = np.empty_like(outputs)

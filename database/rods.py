@@ -82,10 +82,7 @@ def arm_motions(
 def joint_wrenches(
     wrenches: Float[np.ndarray, "n 3 6"], rotations: Float[np.ndarray, "n 5 3 3"], rest_tips: Float[np.ndarray, "4 3"]
 ) -> Float[np.ndarray, "3*n 6"]:
-    """The loads of tips 1-3 in their arms' axes, which turn with the hub.
-
-    wrenches : in fixed axes; rotations : of tips 0-3 and the hub
-    """
+    """Loads of tips 1-3, given in fixed axes, in their arms' axes, which turn with the hub; rotations of tips 0-3 and hub."""
     parts = wrenches.reshape(-1, 3, 2, 3)
     turned = np.einsum("nji,nkpj->nkpi", rotations[:, HUB], parts)
     return np.einsum("kij,nkpi->nkpj", _arm_frames(rest_tips)[1:], turned).reshape(-1, 6)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..engine.arrays import Float
 from ..engine.mechanics.arms import stiffness
 from ..engine.progress import SILENT, Progress
 from . import linear
@@ -24,8 +25,8 @@ NARROW = replace(FINENESS, across=4)  # for stout spirals with narrow slots, who
 CHANNELS = 18  # of a node: 12 entries of the compliance, 6 peak strains
 
 
-def roots(count: int) -> np.ndarray:
-    """(count,) Chebyshev points in (-1, 1)."""
+def roots(count: int) -> Float[np.ndarray, " count"]:
+    """Chebyshev points in (-1, 1)."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
@@ -45,8 +46,8 @@ def fineness_of(spiral: Spiral) -> Fineness:
     return NARROW if spiral.scale < 9.0 and spiral.tip_gap < 0.4 else FINENESS
 
 
-def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[np.ndarray, Model]:
-    """(18,) what the table stores of one spiral: the relative factor (12) and the logarithms of six peak strains."""
+def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[Float[np.ndarray, " 18"], Model]:
+    """What the table stores of one spiral: the relative factor (12) and the logarithms of six peak strains."""
     model = Model(spiral, poisson, fineness_of(spiral), like=like)
     motions = linear.unit_motions(model)
     compliance = linear.tip_compliance(model, motions)
@@ -86,8 +87,8 @@ def digest(fineness: Fineness) -> str:
     return hashlib.sha256(json.dumps(asdict(fineness), sort_keys=True).encode()).hexdigest()[:10]
 
 
-def coefficients(values: np.ndarray) -> np.ndarray:
-    """Chebyshev coefficients (Nx, Ny, Nz, Np, channels) of values at the nodes, exactly interpolating."""
+def coefficients(values: Float[np.ndarray, "x y z p channels"]) -> Float[np.ndarray, "x y z p channels"]:
+    """Chebyshev coefficients of values at the nodes, exactly interpolating."""
     for axis in range(4):
         count = values.shape[axis]
         basis = np.cos(np.outer(np.arange(count), np.pi * (np.arange(count) + 0.5) / count))
@@ -97,7 +98,7 @@ def coefficients(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def write(values: np.ndarray, path: Path, provenance: dict) -> None:
+def write(values: Float[np.ndarray, "x y z p channels"], path: Path, provenance: dict) -> None:
     """Write the table as the engine reads it: float32 coefficients, tiny pairs of degrees dropped."""
     c = coefficients(values)
     nx, ny, nz, npo, channels = c.shape
@@ -161,8 +162,8 @@ def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stif
     return np.concatenate(out)
 
 
-def true_block(values: np.ndarray, spiral: Spiral, poisson: float, block: int) -> np.ndarray:
-    """(3, 3) dimensionless compliance block from what ``arm`` returned."""
+def true_block(values: np.ndarray, spiral: Spiral, poisson: float, block: int) -> Float[np.ndarray, "3 3"]:
+    """Dimensionless compliance block from what ``arm`` returned."""
     from ..engine.mechanics.arms import beams
 
     base = beams.tip_compliance(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.materials import Material
 from ..engine.mechanics.assembly import Assembly, Pose
@@ -38,24 +39,23 @@ MATERIAL = Material(
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What full solids say about one case: n spirals, m joints, S states; SI.
+    """What full solids say about one case, SI.
 
-    name, states : of the case and its states; fixed : (S, n, 6) bool; force : (S, n, 3) N
-    start : (S, n) poses from which the models may search: held hubs where they are held, the rest as in the solids
-    centres (S, n, 3), turns (S, n, 3) : hubs, as mean positions and rotation vectors
-    energy (S,) J; strain (S,) that 99 % of the volume stays below; iterations (S,); unknowns
+    name, states : of the case and its states; fixed : the prescribed shifts and turns; force : N
+    centres, turns : hubs, as mean positions and rotation vectors
+    energy : J; strain : 99 % of the volume stays below it
     """
 
     name: str
     states: tuple[str, ...]
     assembly: Assembly
-    fixed: np.ndarray
-    force: np.ndarray
-    centres: np.ndarray
-    turns: np.ndarray
-    energy: np.ndarray
-    strain: np.ndarray
-    iterations: np.ndarray
+    fixed: Bool[np.ndarray, "states spirals 6"]
+    force: Float[np.ndarray, "states spirals 3"]
+    centres: Float[np.ndarray, "states spirals 3"]
+    turns: Float[np.ndarray, "states spirals 3"]
+    energy: Float[np.ndarray, " states"]
+    strain: Float[np.ndarray, " states"]
+    iterations: Int[np.ndarray, " states"]
     unknowns: int
 
     def pose(self, state: int) -> Pose:
