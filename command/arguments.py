@@ -8,6 +8,7 @@ from collections import Counter
 from dataclasses import Field, fields
 from typing import Any, NoReturn, get_type_hints
 
+from .. import api
 from ..engine.errors import FlexMapsError
 from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ObjectSettings, RemeshParams, Settings, shown
@@ -15,8 +16,6 @@ from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.surface import shapes
 from . import summary
-
-SHAPE = "shape:"
 
 
 class Parser(argparse.ArgumentParser):
@@ -82,7 +81,7 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
     made.set_defaults(run=run, tell=tell)
     made.add_argument(
-        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
+        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {api.SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
     size = made.add_mutually_exclusive_group()
     size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
@@ -146,7 +145,7 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def _source(args: argparse.Namespace) -> dict[str, Any]:
     edge = args.edge
-    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
+    if edge is None and args.height is None and args.mesh.startswith(api.SHAPE):
         edge = 1e3 * RemeshParams.edge
     return {
         "edge": edge,
@@ -159,15 +158,11 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     return api.run(args.mesh, args.out, **_source(args), optimised=args.optimise, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
 
 
 def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     piece = api.load(args.mesh, **_source(args))
     if piece.made is not None:
         return api.report(piece)
@@ -175,35 +170,25 @@ def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     piece = api.load(args.mesh, **_source(args))
     return _saved(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
 
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     return _saved(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     return _saved(args, api.optimise(api.load(args.mesh, **_source(args)), progress=tell))
 
 
 def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
-    from .. import api
-
     if args.out:
         api.save(piece, args.out)
     return api.report(piece)
 
 
 def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    from .. import api
-
     piece = api.sheets(api.load(args.mesh, **_source(args)), progress=Progress(tell).part(0.0, 0.9))
     written = api.export(piece, args.out, formats=args.formats)
     described = api.report(piece)
@@ -215,7 +200,6 @@ def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     """Of an object that was simulated in Blender what it holds; of anything else, of a simulation made now."""
     import bpy
 
-    from .. import api
     from ..bridge.store import notes, objects, states
 
     piece = api.load(args.mesh, **_source(args))

@@ -74,8 +74,7 @@ class Export(ContinuedStage, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         blocks, folder, _, warnings = result
-        for name, block in blocks.items():
-            notes.write(obj.data, name, block)
+        notes.write_all(obj.data, blocks)
         text = translate("{} in {}", ", ".join(blocks["sheets"]["files"]), folder)
         if not warnings:
             return text

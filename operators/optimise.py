@@ -88,8 +88,10 @@ class Optimise(ContinuedStage, bpy.types.Operator):
         mesh.write_design(obj, panels.design)
         notes.write(obj.data, "spirals", block)
         equilibrium.write(obj, context.scene, surface, simulation, made.limits)
-        notes.write(obj.data, "optimise", report)
-        text, warning = equilibrium.sentences(simulation.report())
+        shape = simulation.report()
+        limits = {} if made.limits is None else {"reach": made.limits.report()}  # not known after a stop
+        notes.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
+        text, warning = equilibrium.sentences(shape)
         self.level = "WARNING" if warning else "INFO"
         better = report["laplacian_rmse_mm_before"], report["laplacian_rmse_mm"], report["iterations"]
         lines = [

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..bridge.store import notes
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -35,9 +36,12 @@ class Simulate(ContinuedStage, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import equilibrium
+        from ..engine.runs import report
 
         equilibrium.write(obj, context.scene, surface, result.simulation, result.limits)
-        text, warning = equilibrium.sentences(result.simulation.report())
+        blocks = report.blocks(result, ("equilibrium", "reach"))
+        notes.write_all(obj.data, blocks)
+        text, warning = equilibrium.sentences(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"
         return text
 

@@ -87,7 +87,7 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
 def write(
     obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach | None
 ) -> None:
-    """Shape keys, face attributes and notes of a simulation, and what limits its match with the target, where that is known.
+    """Shape keys and face attributes of a simulation, and what limits its match with the target, where that is known.
 
     Edit mode is left: shape keys are seen outside it.
     """
@@ -115,9 +115,6 @@ def write(
         attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
     obj.data.update()
-    notes.write(obj.data, "equilibrium", simulation.report())
-    if limits is not None:
-        notes.write(obj.data, "reach", limits.report())
 
 
 def _put_key(

@@ -96,6 +96,12 @@ def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
     _note_fresh(mesh, stage)
 
 
+def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
+    """Keep the blocks of several stages, in the order of the stages."""
+    for stage, block in blocks.items():
+        write(mesh, stage, block)
+
+
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     """Drop the block of a stage and those after it."""
     _begin(mesh)

@@ -102,8 +102,7 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
-    for name, block in report.blocks(result).items():
-        notes.write(obj.data, name, block)
+    notes.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 
 

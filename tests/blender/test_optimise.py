@@ -14,17 +14,14 @@ from flexmaps.bridge.store import equilibrium, notes
 from flexmaps.command import main as command
 from flexmaps.engine.optimisation import optimise as engine
 from flexmaps.engine.spirals.design import outside
-from support.bowl import block, bowl, design
+from support.bowl import block, design, spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    obj = add(bowl())
-    press("trace")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------

@@ -18,17 +18,14 @@ from flexmaps.engine.patches.tracing.trace import make_disks
 from flexmaps.engine.spirals.design import uniform
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
-from support.bowl import EDGE, QUADS, block, bowl
+from support.bowl import EDGE, QUADS, block, spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    obj = add(bowl())
-    press("trace")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 def test_arms_are_drawn_where_they_are() -> None:

@@ -17,17 +17,14 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.spirals.design import outside
 from flexmaps.operators import optimise as operators
-from support.bowl import block, bowl, design
+from support.bowl import block, design, spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    obj = add(bowl())
-    press("trace")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator

@@ -11,18 +11,14 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import equilibrium, mesh, notes
 from flexmaps.bridge.view import scene
-from support.arch import EDGE, LENGTH, WIDTH, arch, basis, ends, group, key_of, planar
+from support.arch import EDGE, LENGTH, WIDTH, arch, basis, ends, group, key_of, planar, spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """An arch with its spirals, ready to be simulated."""
-    obj = add(arch())
-    obj.flexmaps.material.material = "vero"
-    press("flatten")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------

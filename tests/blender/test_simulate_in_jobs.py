@@ -16,18 +16,14 @@ from flexmaps.engine.assembling import check as assembly_check
 from flexmaps.engine.assembling import sheet as assembly_sheet
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings
 from flexmaps.engine.surface import shapes
-from support.arch import arch
+from support.arch import spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """An arch with its spirals, ready to be simulated."""
-    obj = add(arch())
-    obj.flexmaps.material.material = "vero"
-    press("flatten")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 # -- settings, colours, main job ---------------------------------------------------------------------------------------

@@ -16,18 +16,14 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.simulation import simulate as engine
 from flexmaps.operators import simulate as operators
-from support.arch import LENGTH, WIDTH, arch, basis, ends, group
+from support.arch import LENGTH, WIDTH, basis, ends, group, spiralled
 from support.buttons import press
 
 
 @pytest.fixture
 def piece(add: Any) -> Any:
     """An arch with its spirals, ready to be simulated."""
-    obj = add(arch())
-    obj.flexmaps.material.material = "vero"
-    press("flatten")
-    press("spirals")
-    return obj
+    return spiralled(add)
 
 
 class Button(operators.Simulate.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator

@@ -8,6 +8,8 @@ import numpy as np
 from flexmaps.bridge.store import equilibrium
 from flexmaps.engine.surface.mesh import QuadMesh
 
+from .buttons import press
+
 LENGTH, WIDTH, EDGE = 8, 3, 0.02
 
 
@@ -19,6 +21,15 @@ def arch() -> QuadMesh:
     radius = LENGTH * EDGE / (2 * np.pi / 3)
     angle = (u.ravel() / LENGTH - 0.5) * 2 * np.pi / 3
     return QuadMesh(np.stack([radius * np.sin(angle), EDGE * v.ravel(), radius * np.cos(angle)], axis=1), quads)
+
+
+def spiralled(add: Any) -> Any:
+    """An arch with its spirals, ready to be simulated."""
+    obj = add(arch())
+    obj.flexmaps.material.material = "vero"
+    press("flatten")
+    press("spirals")
+    return obj
 
 
 def group(obj: Any, name: str, vertices: Any) -> None:

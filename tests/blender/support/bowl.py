@@ -11,6 +11,8 @@ from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 
+from .buttons import press
+
 QUADS, EDGE = 45, 0.02
 
 
@@ -27,6 +29,14 @@ def bowl() -> QuadMesh:
     every, same = np.unique(np.round(np.concatenate(points), 9), axis=0, return_inverse=True)
     ball = QuadMesh(every / np.linalg.norm(every, axis=1, keepdims=True), same.ravel()[np.concatenate(quads)])
     return ball.moved(ball.vertices * (EDGE / ball.median_edge))
+
+
+def spiralled(add: Any) -> Any:
+    """A bowl with its spirals, ready to be optimised."""
+    obj = add(bowl())
+    press("trace")
+    press("spirals")
+    return obj
 
 
 def block(obj: Any, name: str = "optimise") -> dict[str, Any]:
