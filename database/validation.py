@@ -24,6 +24,7 @@ from ..engine.mechanics.loads import Loads
 from ..engine.params import SimulateParams
 from ..engine.progress import SILENT, Progress
 from ..engine.simulation.simulate import build_model
+from ..engine.spirals.spiral import alike
 from . import chunks
 from .assembly_cases import POISSON, THICKNESS, YOUNGS, Case, Loading, cases
 from .assembly_solid import Balance, Welded
@@ -78,7 +79,7 @@ def assembly(case: Case) -> Assembly:
     width = np.array([d.width for d in case.designs])
     twist = np.radians([d.twist for d in case.designs])
     pairs, lever, axes = case.joints()
-    return Assembly(pairs, lever, axes, width[of], twist[of], THICKNESS)
+    return Assembly(pairs, case.plan.arms, lever, axes, alike(width[of]), twist[of], THICKNESS)
 
 
 def loads(case: Case, loading: Loading) -> tuple[Loads, Pose]:

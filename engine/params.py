@@ -429,6 +429,16 @@ class OptimiseParams(Params):
             ("lbfgs", "L-BFGS-B", "Many small steps, as published; kept for comparison"),
         ),
     )
+    arms: str = setting(
+        "alike",
+        "Arms",
+        "Which arms of a spiral may be of different widths",
+        choices=(
+            ("alike", "All alike", "All four arms of a spiral are as wide as each other, as published"),
+            ("pairs", "In pairs", "Opposite arms are alike: a sheet may bend more easily one way than the other"),
+            ("each", "Each its own", "Four widths a spiral: nearest to the target"),
+        ),
+    )
     laplacian: bool = setting(
         True, "Match curvature", "Compare how the surface bends rather than where it lies: keeps small features"
     )

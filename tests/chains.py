@@ -7,6 +7,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.spirals.spiral import alike
 from scipy.spatial.transform import Rotation
 
 SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015
@@ -21,7 +22,8 @@ def row(count: int, *, twist: float = 0.0, closed: bool = False, clockwise: bool
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * SPACING, -0.5 * SPACING
     axes = np.broadcast_to(np.eye(3), (len(pairs), 2, 3, 3))
     full = np.full(count, 1.0)
-    return Assembly(pairs, lever, axes, WIDTH * full, twist * full, THICKNESS, clockwise)
+    sides = np.tile([1, 3], (len(pairs), 1))
+    return Assembly(pairs, sides, lever, axes, alike(WIDTH * full), twist * full, THICKNESS, clockwise)
 
 
 def at_joints(assembly: Assembly) -> np.ndarray:

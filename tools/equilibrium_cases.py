@@ -17,6 +17,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.spiral import alike
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -59,7 +60,7 @@ def rods(assembly: Assembly) -> tuple[RodModel, int]:
         try:
             found = rod_parameters(
                 scale[inside],
-                assembly.width[inside],
+                assembly.width[inside].mean(axis=1),
                 assembly.twist[inside],
                 thickness=assembly.thickness,
                 youngs=MATERIAL.youngs,
@@ -105,7 +106,8 @@ def straight_row(count: int) -> Subject:
     lever = np.zeros((count - 1, 2, 3))
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * EDGE, -0.5 * EDGE
     axes, full = np.broadcast_to(np.eye(3), (count - 1, 2, 3, 3)), np.ones(count)
-    assembly = Assembly(pairs, lever, axes, 0.0015 * full, 0.0 * full, 0.002)
+    sides = np.tile([1, 3], (len(pairs), 1))
+    assembly = Assembly(pairs, sides, lever, axes, alike(0.0015 * full), 0.0 * full, 0.002)
     centres = np.zeros((count, 3))
     centres[:, 0] = EDGE * np.arange(count)
     return subject("row", assembly, Pose(centres, np.tile(np.eye(3), (count, 1, 1))))

@@ -33,6 +33,7 @@ from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign, fitted, outside
+from ...engine.spirals.spiral import alike
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from .objects import changed_by_modifiers, unusable
@@ -180,7 +181,7 @@ def design_of(
     if any(name not in surface.values for name in names):
         return None
     width, twist = (surface.values[name].astype(float) for name in names)
-    return SpiralDesign(flat, params, width * 1e-3, np.radians(twist))
+    return SpiralDesign(flat, params, alike(width * 1e-3), np.radians(twist))
 
 
 def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
@@ -195,7 +196,7 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     ours = made is not None and design is not None and _as_noted(design, made)
     if design is None:
         design = design_of(surface, flat, params, LAST_NAMES)
-        ours = design is not None and bool(np.isfinite(design.width + design.twist).all())
+        ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
     if design is None:
         raise FlexMapsError("There are no spirals yet; press Spirals first")
     wrong = outside(design)
@@ -242,7 +243,7 @@ def write_flat(
 def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
     """Face attributes of the spirals; a simulation of others is dropped."""
     forget(obj, LAST_NAMES)
-    attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width * 1e3)
+    attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width.mean(axis=1) * 1e3)
     attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.maximum(np.degrees(design.twist), 0.0))
 
 

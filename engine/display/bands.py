@@ -14,7 +14,7 @@ LEAST_PIECES, MOST_PIECES = 5, 18  # of an arm; 18 pieces of a full turn show no
 def bands(
     corners: Float[np.ndarray, "quads 4 3"],
     normal: Float[np.ndarray, "quads 3"],
-    width: Float[np.ndarray, " quads"],
+    width: Float[np.ndarray, "quads 4"],
     wind: Float[np.ndarray, " quads"],
     lift: float,
 ) -> tuple[Float[np.ndarray, "points 3"], Int[np.ndarray, "triangles 3"]]:
@@ -31,10 +31,7 @@ def bands(
     axes /= np.maximum(np.linalg.norm(axes, axis=-1, keepdims=True), 1e-30)
     flat = spokes @ axes.transpose(0, 2, 1)
     radius, angle = np.linalg.norm(flat, axis=2), np.arctan2(flat[..., 1], flat[..., 0])
-    joint_width = np.broadcast_to(width[:, None], radius.shape)
-    arms = Arms(
-        np.zeros((count, 2)), radius, angle, wind, width, joint_width, np.zeros_like(flat), np.ones_like(radius)
-    )
+    arms = Arms(np.zeros((count, 2)), radius, angle, wind, width, width, np.zeros_like(flat), np.ones_like(radius))
     t = np.broadcast_to(np.linspace(0.0, 1.0, pieces + 1), (*radius.shape, pieces + 1))
     edges = np.stack([edge(arms, t, side)[0] for side in (LEFT, RIGHT)], axis=3)  # (F, 4, pieces + 1, 2, 2)
     points = (edges.reshape(count, -1, 2) @ axes).reshape(*edges.shape[:-1], 3)

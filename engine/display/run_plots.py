@@ -66,7 +66,7 @@ class Measured:
                 "distortion": flat.energy,
             }
         if design is not None:
-            values |= {"width": design.width * 1e3, "twist": np.degrees(design.twist)}
+            values |= {"width": design.width.mean(axis=1) * 1e3, "twist": np.degrees(design.twist)}
         if simulation is not None:
             distance = simulation.distance * 1e3
             values |= {"shape": simulation.vertices, "distance": distance, "strain": simulation.strain}

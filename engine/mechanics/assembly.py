@@ -62,19 +62,20 @@ def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 class Assembly:
     """n spirals and m joints at rest.
 
-    pairs : (m, 2) int, the two spirals of every joint
+    pairs : (m, 2) int, the two spirals of every joint; sides : (m, 2) int, which of their arms meet there
     lever : (m, 2, 3) metres, from the centre of spiral pairs[e, k] to the joint, in the flat frame of its patch
     axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in the
         flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
-    width : (n,) metres and twist : (n,) radians of the spirals
+    width : (n, 4) metres of every spiral's arms; twist : (n,) radians
     thickness : metres, of the sheet
     clockwise : sense of rotation of the arms, from the tips inwards
     """
 
     pairs: Int[np.ndarray, "joints 2"]
+    sides: Int[np.ndarray, "joints 2"]
     lever: Float[np.ndarray, "joints 2 3"]
     axes: Float[np.ndarray, "joints 2 3 3"]
-    width: Float[np.ndarray, " spirals"]
+    width: Float[np.ndarray, "spirals 4"]
     twist: Float[np.ndarray, " spirals"]
     thickness: float
     clockwise: bool = False
@@ -83,6 +84,11 @@ class Assembly:
     def size(self) -> int:
         """Number of spirals."""
         return len(self.width)
+
+    @cached_property
+    def arm_width(self) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) metres, of both arms of every joint."""
+        return self.width[self.pairs, self.sides]
 
     @cached_property
     def radius(self) -> Float[np.ndarray, "joints 2"]:
@@ -123,6 +129,7 @@ class Assembly:
         return replace(
             self,
             pairs=number[self.pairs[joints]],
+            sides=self.sides[joints],
             lever=self.lever[joints],
             axes=self.axes[joints],
             width=self.width[hubs],
@@ -130,7 +137,7 @@ class Assembly:
         )
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """The same joints with other spirals: widths (n,) metres and twists (n,) radians."""
+        """The same joints with other spirals: widths (n, 4) metres and twists (n,) radians."""
         return replace(self, width=width, twist=twist)
 
     def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
@@ -153,7 +160,7 @@ def of_design(design: SpiralDesign) -> Assembly:
         )
     lever, axes = rest_joints(mesh, corners)
     p = design.params
-    return Assembly(pairs, lever, axes, design.width, design.twist, p.thickness, p.clockwise)
+    return Assembly(pairs, mesh.edge_sides[inner], lever, axes, design.width, design.twist, p.thickness, p.clockwise)
 
 
 def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -75,7 +75,7 @@ class ElasticModel(Protocol):
     def moved(self, state: Any, step: np.ndarray) -> Any:
         """The state moved by (n, 6) as in ``Pose.moved``."""
 
-    def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 2"]:
+    def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 5"]:
         """(m, 12, 2, 2): derivative of every joint's share of the gradient by the design, at a fixed pose.
 
         Rows as in ``Expansion.hessian``; then the side of the joint; then width (per metre) and twist (per radian) of the
@@ -96,16 +96,16 @@ def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) ->
 
 
 class JointSum:
-    """Sums joints' blocks (m, 12, 4) into a matrix (6 n, 2 n): from two numbers a spiral to six a spiral.
+    """Sums joints' blocks (m, 12, 2 K) into a matrix (6 n, K n): from K numbers a spiral to six a spiral.
 
     Where its entries are is worked out once for many sums.
     """
 
-    def __init__(self, pairs: Int[np.ndarray, "joints 2"], size: int):
-        """pairs : (m, 2) int, the spirals of every joint; size : n"""
+    def __init__(self, pairs: Int[np.ndarray, "joints 2"], size: int, each: int):
+        """pairs : (m, 2) int, the spirals of every joint; size : n; each : K"""
         row = (pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
-        column = (pairs[..., None] * 2 + np.arange(2)).reshape(-1, 1, 4)
-        self._shape = (6 * size, 2 * size)
+        column = (pairs[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
+        self._shape = (6 * size, each * size)
         entries, self._slot = np.unique((row * self._shape[1] + column).ravel(), return_inverse=True)
         self._indices = (entries % self._shape[1]).astype(np.int32)
         starts = np.arange(self._shape[0] + 1) * self._shape[1]

@@ -66,9 +66,9 @@ def between(start: Point, found: FlatPoint, share: float, progress: Progress = S
     return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
-def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, "_ 2"]:
-    """(n + P, 2) coordinates of spirals in their flat shapes as they are."""
-    return np.concatenate([start.x, np.full((len(flat.points), 2), 0.5)])
+def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
+    """Coordinates of spirals in their flat shapes as they are."""
+    return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
 def designed(point: Point, design: SpiralDesign, *, prove: bool = True, progress: Progress = SILENT) -> SpiralDesign:
@@ -84,7 +84,7 @@ def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches:
     if not isinstance(point, FlatPoint):
         return design.flat
     layout = design.flat.layout
-    points = point.problem.flat.points(point.x[point.assembly.size :])
+    points = point.problem.flat.points(point.flat_x)
     bad = overlapping(measured(layout, points))
     for patch in bad:
         of_patch = layout.flat_corners[layout.patches[patch]]

@@ -1,6 +1,6 @@
 """Inverse design in which the flat rest shape of the patches moves too, in the same terms as ``inverse``.
 
-The coordinates are stacked: a row for every spiral as in ``DesignSpace``, then a row for every flat vertex, 1/2 where it
+The coordinates are those of the spirals as in ``DesignSpace``, then x and y of every flat vertex, 1/2 where it
 was, 0 and 1 at the ends of its range. So they are a box again and every optimiser takes them.
 """
 
@@ -90,11 +90,12 @@ class FlatProblem(Problem):
         keep: Point | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """The point with stacked coordinates (n + P, 2); otherwise as ``Problem.at``."""
-        n = self.assembly.size
+        """As ``Problem.at``, with the coordinates of the flat vertices behind those of the spirals."""
+        n = self.space.each * self.assembly.size
         if keep is not None:
-            x = np.concatenate([x[:n], self.flat.within(x[n:], keep.x[n:])])
-        points = self.flat.points(x[n:])
+            inside = self.flat.within(x[n:].reshape(-1, 2), keep.x[n:].reshape(-1, 2))
+            x = np.concatenate([x[:n], inside.ravel()])
+        points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
@@ -116,35 +117,37 @@ def _within_table(assembly: Assembly, width: np.ndarray, twist: np.ndarray) -> A
     """With these spirals, unwound where their quads have become too small for them: a rare correction of the last percents."""
     shortest = np.full(assembly.size, np.inf)
     np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
-    most = 0.999 * twist_limit(np.maximum(shortest / width, SCALE_RANGE[0]))
+    most = 0.999 * twist_limit(np.maximum(shortest / width.mean(axis=1), SCALE_RANGE[0]))
     return assembly.redesigned(width, np.minimum(twist, most))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPoint(Point):
-    """``Point`` with stacked coordinates (n + P, 2); ``progress`` is asked whether to stop while the geometry is derived."""
+    """``Point`` with flat vertices; ``progress`` is asked whether to stop while the geometry is derived."""
 
     problem: FlatProblem
     assembly: Assembly
     progress: Progress = SILENT
 
     @property
-    def spirals(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.problem.space.design(self.x[: self.assembly.size])
+    def own(self) -> int:
+        """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
+        return self.problem.space.each * self.assembly.size
+
+    @property
+    def flat_x(self) -> Float[np.ndarray, "points 2"]:
+        """Coordinates of the flat vertices."""
+        return self.x[self.own :].reshape(-1, 2)
 
     @cached_property
     def cost(self) -> FlatCost:
         """What the flat shape costs, before its weight."""
-        return self.problem.flat.cost(self.x[self.assembly.size :])
+        return self.problem.flat.cost(self.flat_x)
 
     @cached_property
     def value(self) -> float:
         """The objective: that of the spirals alone, and the barriers of the flat shape by their weight."""
         return super().value + self.problem.flat.weight * self.cost.value
-
-    @cached_property
-    def _slopes(self) -> np.ndarray:
-        return self.problem.space.slopes(self.x[: self.assembly.size])[self.assembly.pairs]
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
@@ -168,38 +171,35 @@ class FlatPoint(Point):
     def _by_points(self) -> csr_array:
         """(6 m, 2 P) change of the rest geometry with the flat vertices."""
         flat = self.problem.flat
-        return geometry_by_points(flat.flat.layout, flat.points(self.x[self.assembly.size :]))
+        return geometry_by_points(flat.flat.layout, flat.points(self.flat_x))
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) how the hubs move, to first order, when the coordinates change by (n + P, 2)."""
-        n, by_geometry = self.assembly.size, self._by_geometry[:, :12] @ self._geometry(change)
-        force = (self._forces @ change[:n].ravel()).reshape(-1, 6) + summed(by_geometry, self.assembly.pairs, n)
+        """(n, 6) how the hubs move, to first order, when the coordinates change."""
+        by_geometry = self._by_geometry[:, :12] @ self._geometry(change)
+        force = (self._forces @ change[: self.own]).reshape(-1, 6)
+        force += summed(by_geometry, self.assembly.pairs, self.assembly.size)
         return -self.system.solve(force)
 
-    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, "_ 2"]:
-        """(n + P, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
+    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
         answer = self.system.solve(pull)
         at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
-        by_spirals = (self._back_forces @ answer.ravel()).reshape(-1, 2)
-        return -np.concatenate([by_spirals, self._from_geometry(at_joints @ self._by_geometry[:, :12])])
+        by_flats = self._from_geometry(at_joints @ self._by_geometry[:, :12])
+        return -np.concatenate([self._back_forces @ answer.ravel(), by_flats])
 
     def _geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 6 1"]:
-        """(m, 6, 1) change of the joints' rest geometry with the coordinates by (n + P, 2)."""
-        shift = self.problem.flat.shift(change[self.assembly.size :])
+        """(m, 6, 1) change of the joints' rest geometry with the coordinates."""
+        shift = self.problem.flat.shift(change[self.own :].reshape(-1, 2))
         return (self._by_points @ shift.ravel()).reshape(-1, 6, 1)
 
-    def _gathered(self, share: np.ndarray) -> np.ndarray:
-        index, size = self.assembly.pairs.ravel(), len(self.x)
-        return np.stack([np.bincount(index, share[..., k].ravel(), size) for k in (0, 1)], axis=1)
-
-    def _from_geometry(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
-        return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2))
+    def _from_geometry(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
+        return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2)).ravel()
 
     def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
         out = super()._back(pull, strained)
         if self._strain.found is not None:
-            out[self.assembly.size :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:])
+            out[self.own :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:])
         return out
 
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -207,15 +207,16 @@ class FlatPoint(Point):
         return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
 
     @cached_property
-    def gradient(self) -> Float[np.ndarray, "_ 2"]:
-        """(n + P, 2) of the objective by the coordinates, by one adjoint solve."""
+    def gradient(self) -> Float[np.ndarray, " coordinates"]:
+        """Of the objective by the coordinates, by one adjoint solve."""
         out, flat = super().gradient, self.problem.flat
-        out[self.assembly.size :] += flat.weight * flat.shift(self.cost.gradient)
+        out[self.own :] += flat.weight * flat.shift(self.cost.gradient).ravel()
         return out
 
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, "_ 2"]:
-        """(n + P, 2) product of the objective's Gauss-Newton matrix with (n + P, 2)."""
-        n, flat = self.assembly.size, self.problem.flat
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
+        """Product of the objective's Gauss-Newton matrix with a change of the coordinates."""
+        n, flat = self.own, self.problem.flat
         out = super().gauss_newton(change, turn_damping)
-        out[n:] += flat.weight * flat.shift(self.cost.product(flat.shift(change[n:])))
+        product = self.cost.product(flat.shift(change[n:].reshape(-1, 2)))
+        out[n:] += flat.weight * flat.shift(product).ravel()
         return out

@@ -1,8 +1,10 @@
 """Coordinates of the fabricable designs in which their coupled bounds are a box (FlexMaps section 7).
 
-Per spiral, x0 in [0, 1] is the width between its smallest and its largest; x1 in [0, 1] runs from the smallest twist to the
-largest one that still leaves a slot at that width in that quad, evenly in sqrt(1 + twist^2). That is about how long, and so
+Per spiral, first the widths of its groups of arms (all alike, in pairs or each its own; arm k is in group k modulo their
+number), each in [0, 1] between the smallest and the largest. The last number in [0, 1] runs from the smallest twist to the
+largest one that still leaves a slot at the mean width in that quad, evenly in sqrt(1 + twist^2). That is about how long, and so
 how compliant, an arm is; a straight arm would not feel a small twist, and a gradient by the twist itself would be blind there.
+The numbers of all spirals, one spiral after the other, are one vector x.
 Any x in the box is a design whose spirals can be cut; what blended joints and neighbours ask for beyond that is settled by
 ``design.fitted`` and comes back as ``cap``.
 """
@@ -13,12 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Float
+from ..arrays import Float, Int
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
+from ..spirals.spiral import alike
 
 # widths at which the largest twist is computed; in between it is interpolated. Not measured: what is cut is checked
 # again
@@ -33,7 +36,7 @@ def _share(x: np.ndarray) -> np.ndarray:
 @dataclass(frozen=True, eq=False)
 class DesignSpace:
     """low, high : (F,) metres, range of the width; bound : (KNOTS, F) radians, largest twist at evenly spaced widths;
-    cap : (F,) share of it that neighbours leave; twist_min : radians
+    cap : (F,) share of it that neighbours leave; twist_min : radians; groups : of arms with one width, 1, 2 or 4
     """
 
     low: Float[np.ndarray, " quads"]
@@ -41,50 +44,84 @@ class DesignSpace:
     bound: Float[np.ndarray, "knots quads"]
     cap: Float[np.ndarray, " quads"]
     twist_min: float
+    groups: int
 
     @classmethod
-    def of(cls, design: SpiralDesign, assembly: Assembly, progress: Progress = SILENT) -> DesignSpace:
+    def of(cls, design: SpiralDesign, assembly: Assembly, groups: int = 1, progress: Progress = SILENT) -> DesignSpace:
         """The space of all designs in the same patches with the same settings."""
         low, high = width_range(design.flat, design.params)
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
-        bound = np.stack([twist_bound(design.flat, design.params, w, progress) for w in widths])
+        bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
         # nor beyond the stiffness table, whose limit is that of the shortest arm
         shortest = np.full(len(low), np.inf)
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
-        return cls(low, high, np.minimum(bound, 0.999 * twist_limit(ratio)), np.ones(len(low)), design.params.twist_min)
+        bound = np.minimum(bound, 0.999 * twist_limit(ratio))
+        return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups)
 
-    def limited(self, width: np.ndarray, twist: np.ndarray, where: np.ndarray) -> DesignSpace:
-        """With twists (F,) radians as the largest, at widths (F,) metres, for some spirals (F,) bool."""
-        x = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
+    @property
+    def each(self) -> int:
+        """Coordinates of one spiral."""
+        return self.groups + 1
+
+    def by_spiral(self, x: np.ndarray) -> Float[np.ndarray, "quads _"]:
+        """(F, groups + 1) of the coordinates (F (groups + 1),) of all spirals; what follows them is left out."""
+        return x[: len(self.low) * self.each].reshape(-1, self.each)
+
+    def filled(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
+        """The same coordinates of width and twist for every spiral."""
+        return np.tile([width] * self.groups + [twist], len(self.low))
+
+    def limited(
+        self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
+    ) -> DesignSpace:
+        """With these twists, radians, as the largest, at these widths, metres, for some spirals (F,) bool."""
+        x = self._shares(width).mean(axis=1)
         share = self.cap * twist / np.maximum(self._largest(x)[0], 1e-12)
         return replace(self, cap=np.where(where, np.minimum(share, self.cap), self.cap))
 
-    def design(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Widths (F,) metres and twists (F,) radians of coordinates (F, 2)."""
-        least, span = self._lengths(x[:, 0])[:2]
-        twist = np.sqrt((least + _share(x[:, 1]) * span) ** 2 - 1.0)
-        return self.low + x[:, 0] * (self.high - self.low), twist
+    def design(self, x: np.ndarray) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
+        """Widths (F, 4) metres and twists (F,) radians of coordinates."""
+        x = self.by_spiral(x)
+        shares = x[:, : self.groups]
+        least, span = self._lengths(shares.mean(axis=1))[:2]
+        twist = np.sqrt((least + _share(x[:, -1]) * span) ** 2 - 1.0)
+        width = self.low[:, None] + shares[:, self._group] * (self.high - self.low)[:, None]
+        return width, twist
 
-    def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 2 2"]:
-        """(F, 2, 2): derivative of width and twist (rows) by both coordinates (columns)."""
-        least, span, least_change, change = self._lengths(x[:, 0])
-        length = least + _share(x[:, 1]) * span
+    def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
+        """(F, 5, groups + 1): derivative of the widths and the twist (rows) by the coordinates of their spiral (columns)."""
+        x = self.by_spiral(x)
+        least, span, least_change, change = self._lengths(x[:, : self.groups].mean(axis=1))
+        length = least + _share(x[:, -1]) * span
         by_length = length / np.sqrt(length**2 - 1.0)
-        out = np.zeros((len(x), 2, 2))
-        out[:, 0, 0] = self.high - self.low
-        out[:, 1, 0] = by_length * (least_change + _share(x[:, 1]) * change)
-        out[:, 1, 1] = by_length * span / (1.0 + START)
+        out = np.zeros((len(x), 5, self.each))
+        out[:, np.arange(4), self._group] = (self.high - self.low)[:, None]
+        by_width = by_length * (least_change + _share(x[:, -1]) * change) / self.groups
+        out[:, 4, : self.groups] = by_width[:, None]
+        out[:, 4, -1] = by_length * span / (1.0 + START)
         return out
 
-    def coordinates(self, width: np.ndarray, twist: np.ndarray) -> Float[np.ndarray, "quads 2"]:
-        """(F, 2) of widths and twists, brought into the box."""
-        x = np.zeros((len(width), 2))
-        x[:, 0] = np.clip((width - self.low) / np.maximum(self.high - self.low, 1e-12), 0.0, 1.0)
-        least, span = self._lengths(x[:, 0])[:2]
-        share = (np.sqrt(1.0 + twist**2) - least) / np.maximum(span, 1e-12)
-        x[:, 1] = np.clip(share * (1.0 + START) - START, 0.0, 1.0)
-        return x
+    def coordinates(
+        self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
+    ) -> Float[np.ndarray, " _"]:
+        """Of widths and twists, brought into the box; arms of one group get their mean width."""
+        shares = self._shares(width)
+        least, span = self._lengths(shares.mean(axis=1))[:2]
+        wound = (np.sqrt(1.0 + twist**2) - least) / np.maximum(span, 1e-12)
+        wound = np.clip(wound * (1.0 + START) - START, 0.0, 1.0)
+        return np.concatenate([shares, wound[:, None]], axis=1).ravel()
+
+    @property
+    def _group(self) -> Int[np.ndarray, " 4"]:
+        """The group of every arm."""
+        return np.arange(4) % self.groups
+
+    def _shares(self, width: np.ndarray) -> Float[np.ndarray, "quads _"]:
+        """(F, groups) mean widths as shares of their range."""
+        mean = width.reshape(len(width), -1, self.groups).mean(axis=1)
+        span = np.maximum(self.high - self.low, 1e-12)
+        return np.clip((mean - self.low[:, None]) / span[:, None], 0.0, 1.0)
 
     def _lengths(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """sqrt(1 + twist^2) of the smallest twist, from there to that of the largest, and the derivatives of both."""

@@ -61,8 +61,18 @@ class Problem:
     def joint_sum(self) -> JointSum:
         """For the change of the hubs' forces with the design."""
         if not self.sums:
-            self.sums.append(JointSum(self.assembly.pairs, self.assembly.size))
+            self.sums.append(JointSum(self.assembly.pairs, self.assembly.size, self.space.each))
         return self.sums[0]
+
+    @cached_property
+    def apart(self) -> csr_array:
+        """(2 m, K n) from coordinates to how the widths and the twists on both sides of every joint differ."""
+        each, assembly = self.space.each, self.assembly
+        column = np.concatenate([assembly.sides % self.space.groups, np.full_like(assembly.sides, each - 1)])
+        column += each * np.tile(assembly.pairs, (2, 1))
+        row = np.repeat(np.arange(len(column)), 2)
+        sign = np.tile([1.0, -1.0], len(column))
+        return csr_array((sign, (row, column.ravel())), shape=(len(column), each * assembly.size))
 
     def at(
         self,
@@ -73,7 +83,7 @@ class Problem:
         keep: Point | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> Point:
-        """The point with coordinates (n, 2), its equilibrium sought from a pose and a predicted step (n, 6) from there.
+        """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there.
 
         ``keep`` keeps its factor; other points have to factor again where they are asked for a derivative.
         """
@@ -136,7 +146,7 @@ class Point:
     @cached_property
     def value(self) -> float:
         """The objective: mismatch, and roughness and excess of strain by their weights."""
-        rough = 0.5 * self.problem.smoothness * float((self._steps**2).sum() / len(self._steps))
+        rough = 0.5 * float((self.x * self.rough(self.x)).sum())
         return self.mismatch.value + rough + self._strain.value
 
     @cached_property
@@ -146,23 +156,16 @@ class Point:
 
     @property
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
-        """Widths (n,) metres and twists (n,) radians."""
+        """Widths (n, 4) metres and twists (n,) radians."""
         return self.problem.space.design(self.x)
 
-    @property
-    def _steps(self) -> np.ndarray:
-        a, b = self.problem.assembly.pairs.T
-        return self.x[b] - self.x[a]
-
-    def rough(self, change: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) product of the roughness's Hessian with (n, 2)."""
-        if not self.problem.smoothness:
-            return np.zeros_like(change)
-        a, b = self.problem.assembly.pairs.T
-        step = self.problem.smoothness / len(a) * (change[b] - change[a])
-        out = np.zeros_like(change)
-        np.add.at(out, b, step)
-        np.add.at(out, a, -step)
+    def rough(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Product of the roughness's Hessian with a change of the coordinates: arms that meet should be alike, and twists."""
+        out, weight = np.zeros_like(change), self.problem.smoothness
+        if weight:
+            apart = self.problem.apart
+            own = apart.shape[1]
+            out[:own] = 2.0 * weight / apart.shape[0] * (apart.T @ (apart @ change[:own]))
         return out
 
     @cached_property
@@ -184,7 +187,7 @@ class Point:
 
     @cached_property
     def _forces(self) -> csr_array:
-        """(6 n, 2 n) change of the hubs' forces with the spirals' coordinates."""
+        """(6 n, K n) change of the hubs' forces with the spirals' coordinates."""
         arms = isinstance(self.model, ArmModel)
         by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
         blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
@@ -196,30 +199,30 @@ class Point:
         return csr_array(self._forces.T)
 
     @cached_property
-    def _slopes(self) -> Float[np.ndarray, "joints 2 2 2"]:
-        """(m, 2, 2, 2) of width and twist (rows) by coordinates (columns) of both spirals of every joint."""
+    def _slopes(self) -> Float[np.ndarray, "joints 2 5 _"]:
+        """(m, 2, 5, K) of widths and twist (rows) by coordinates (columns) of both spirals of every joint."""
         return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) how the hubs move, to first order, when the coordinates change by (n, 2) (eq. 8, forward)."""
-        return -self.system.solve((self._forces @ change.ravel()).reshape(-1, 6))
+        """(n, 6) how the hubs move, to first order, when the coordinates change (eq. 8, forward)."""
+        return -self.system.solve((self._forces @ change).reshape(-1, 6))
 
-    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
-        return -(self._back_forces @ self.system.solve(pull).ravel()).reshape(-1, 2)
+    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
+        return -(self._back_forces @ self.system.solve(pull).ravel())
 
-    def _gathered(self, share: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) sums over the spirals of what their joints (m, 2, 2), by side, contribute to both coordinates."""
-        index = self.problem.assembly.pairs.ravel()
-        return np.stack([np.bincount(index, share[..., k].ravel(), len(self.x)) for k in (0, 1)], axis=1)
+    def _gathered(self, share: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Sums over the spirals of what their joints (m, 2, K), by side, contribute to their coordinates."""
+        index = self.problem.assembly.pairs[..., None] * self.problem.space.each + np.arange(share.shape[2])
+        return np.bincount(index.ravel(), share.ravel(), len(self.x))
 
     @cached_property
-    def gradient(self) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) of the objective by the coordinates, by one adjoint solve (eq. 10)."""
+    def gradient(self) -> Float[np.ndarray, " coordinates"]:
+        """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
         return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
 
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) product of the objective's Gauss-Newton matrix with (n, 2): one tangent and one adjoint solve.
+    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
+        """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve.
 
         With ``turn_damping``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
         """
@@ -233,14 +236,15 @@ class Point:
         return self._back(pull, strain.curvature * self._grown(strain.found, moves, change)) + self.rough(change)
 
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) how the arms' strains change when the coordinates change by (n, 2) and the hubs move by (n, 6)."""
+        """(m, 2) how the arms' strains change when the coordinates change and the hubs move by (n, 6)."""
         pairs = self.problem.assembly.pairs
-        design = (self._slopes @ change[pairs][..., None])[..., 0]
+        own = self.problem.space.by_spiral(change)[pairs]
+        design = (self._slopes @ own[..., None])[..., 0]
         through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
         return through + np.einsum("eaks,eks->ea", found.by_design, design)
 
-    def _back(self, pull: np.ndarray, strained: np.ndarray) -> Float[np.ndarray, "spirals 2"]:
-        """(n, 2) change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
+    def _back(self, pull: np.ndarray, strained: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
         found = self._strain.found
         if found is None:
             return self.adjoint(pull)

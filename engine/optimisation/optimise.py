@@ -15,6 +15,7 @@ from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, carried
 from ..spirals.design import SpiralDesign, curvature_adjusted, proved
+from ..spirals.spiral import alike
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
@@ -40,11 +41,11 @@ SAME = 0.02  # share by which the mismatch of the result may differ from that of
 class Look:
     """What there is to see after a step: the target's vertices (V, 3) metres as the hubs carry them, and the spirals.
 
-    width : (F,) metres; twist : (F,) radians; rmse : metres, of the coordinates that are matched; step : number of steps
+    width : (F, 4) metres; twist : (F,) radians; rmse : metres, of the coordinates that are matched; step : number of steps
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
-    width: Float[np.ndarray, " quads"]
+    width: Float[np.ndarray, "quads 4"]
     twist: Float[np.ndarray, " quads"]
     rmse: float
     step: int
@@ -70,15 +71,15 @@ class Optimisation:
     ended: str
 
     @property
-    def at_bound(self) -> Int[np.ndarray, "quads 2"]:
-        """(F, 2) int, -1 and 1 where width and twist are at their lower or upper bound."""
-        x = self.point.x[: len(self.design.width)]
+    def at_bound(self) -> Int[np.ndarray, "quads _"]:
+        """(F, groups of arms + 1) int, -1 and 1 where widths and twist are at their lower or upper bound."""
+        x = self.point.problem.space.by_spiral(self.point.x)
         return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
 
     @property
-    def gradient(self) -> Float[np.ndarray, "quads 2"]:
-        """(F, 2) of the objective by the design's coordinates: where a bound holds the match back."""
-        return self.point.gradient[: len(self.design.width)]
+    def gradient(self) -> Float[np.ndarray, "quads _"]:
+        """(F, groups of arms + 1) of the objective by the design's coordinates: where a bound holds the match back."""
+        return self.point.problem.space.by_spiral(self.point.gradient)
 
     @property
     def finished(self) -> bool:
@@ -225,9 +226,9 @@ def _starts(
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
     if params.restart:
-        adjusted = curvature_adjusted(design.params, curvature.rms_curvature(target))
-        places["curvature"] = space.coordinates(*adjusted)
-        places["uniform"] = np.full_like(places["given"], 0.5)
+        width, twist = curvature_adjusted(design.params, curvature.rms_curvature(target))
+        places["curvature"] = space.coordinates(alike(width), twist)
+        places["uniform"] = space.filled(0.5, 0.5)
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
@@ -235,8 +236,7 @@ def _starts(
         point = problem.at(x, pose, within, keep=best)
         if point.equilibrium.converged:
             points[name] = point
-    stiff, soft = (np.broadcast_to(x, (len(design.width), 2)).copy() for x in ((1.0, 0.0), (0.5, 1.0)))
-    for name, x in {**places, "stiff": stiff, "soft": soft}.items():
+    for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
         if points:
             break
         within = progress.at(0.9, "Starting shapes, one load after the other")
@@ -251,7 +251,7 @@ def _starts(
 
 
 def _loaded(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:
-    """The point with coordinates (n, 2), its loads put on in parts."""
+    """The point with these coordinates, its loads put on in parts."""
     shares = LOADS if problem.loads.force.any() else LOADS[-1:]
     for share in shares:
         part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))

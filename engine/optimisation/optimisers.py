@@ -75,9 +75,9 @@ def gauss_newton(
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A step (n, 2) of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is predicted."""
+    """A step of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is predicted."""
 
-    step: Float[np.ndarray, "spirals 2"]
+    step: Float[np.ndarray, " coordinates"]
     moves: np.ndarray
     gain: float
 
@@ -176,8 +176,8 @@ def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> 
 
 def _box_step(
     here: Point, damping: float, turn_damping: float, params: OptimiseParams, progress: Progress
-) -> Float[np.ndarray, "spirals 2"]:
-    """(n, 2) step that nearly minimises the damped quadratic model and stays in the box.
+) -> Float[np.ndarray, " coordinates"]:
+    """Step that nearly minimises the damped quadratic model and stays in the box.
 
     damping : of the coordinates; turn_damping : of the hubs' turns, which near buckling grow beyond what the tangent tells
 
@@ -244,21 +244,20 @@ def lbfgs(
 
     best = last = start
 
-    def value(flat: np.ndarray) -> tuple[float, np.ndarray]:
+    def value(x: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal best, last
         done = min(trace.evaluations / (1.2 * params.iterations), 1.0)
         within = progress.at(done, f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
         trace.evaluations += 1
         if problem.work.over:
             raise StopIteration
-        x = flat.reshape(-1, 2)
         point = problem.at(x, last.equilibrium.pose, within, INNER_ITERATIONS)
         if not (point.equilibrium.converged and np.isfinite(point.value)):
             trace.unstable += 1
-            return 10.0 * start.value, np.zeros_like(flat)
+            return 10.0 * start.value, np.zeros_like(x)
         last = point
         point.prepare(within)
-        gradient = point.gradient.ravel().copy()
+        gradient = point.gradient.copy()
         if point.value < best.value:
             best = point
             trace.note(point)
@@ -268,7 +267,7 @@ def lbfgs(
     options = {"maxiter": params.iterations, "maxfun": 4 * params.iterations, "ftol": 0.0, "gtol": 0.0}
     bounds = [(0.0, 1.0)] * start.x.size
     try:
-        found = minimize(value, start.x.ravel(), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        found = minimize(value, start.x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         # 1 tells of too many steps; a line search that finds nothing better, 2, is how it ends with these options
         trace.ended = ITERATIONS if found.status == 1 else CONVERGED
     except StopIteration:

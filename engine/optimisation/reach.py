@@ -94,8 +94,8 @@ def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
     """
     push = -np.sign(of.gradient) * (of.at_bound != 0)
     outwards = push == of.at_bound
-    soft = (outwards[:, 0] & (of.at_bound[:, 0] < 0)) | (outwards[:, 1] & (of.at_bound[:, 1] > 0))
-    stiff = (outwards[:, 0] & (of.at_bound[:, 0] > 0)) | (outwards[:, 1] & (of.at_bound[:, 1] < 0))
+    stiffer = of.at_bound * np.append(np.ones(of.at_bound.shape[1] - 1), -1)  # 1 at the bound towards stiffness
+    soft, stiff = ((outwards & (stiffer == way)).any(axis=1) for way in (-1, 1))
     return {"softest": soft, "stiffest": stiff & ~soft}
 
 

@@ -36,6 +36,7 @@ from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, jumped,
 from .work import CURVING, FIT, SPACE, Work
 
 Stage = Callable[["Cut", Progress], "Cut"]
+GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # of arms with one width, by the setting
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 CUTTING = "Room between the arms"
 TOLERANCE = 1e-6  # of the equilibria on the way, where the settings ask for a finer one; not measured
@@ -74,7 +75,7 @@ class Task:
         loads = Loads.of(assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass)
         return Problem(
             assembly,
-            DesignSpace.of(design, assembly, progress),
+            DesignSpace.of(design, assembly, GROUPS[params.arms], progress),
             Target(assembly.pairs, self.target.centroids, params.laplacian, free=not loads.fixed.any()),
             loads,
             self.model,

@@ -48,9 +48,10 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     """
     following = np.roll(np.arange(4), -1)
     opening = (arms.angle[:, following] - arms.angle) % (2.0 * np.pi)
-    away = 0.5 * arms.width[:, None] + fillet
-    reach = away * (1.0 + np.cos(opening)) / np.maximum(np.sin(opening), 1e-3)
-    left, right = 1.0 - reach / arms.radius, 1.0 - reach / arms.radius[:, following]
+    away = 0.5 * arms.width + fillet
+    cosine, sine = np.cos(opening), np.maximum(np.sin(opening), 1e-3)
+    left = 1.0 - (away[:, following] + away * cosine) / sine / arms.radius
+    right = 1.0 - (away + away[:, following] * cosine) / sine / arms.radius[:, following]
     top = float(np.abs(arms.wind).max(initial=0.0))
     for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
         left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)

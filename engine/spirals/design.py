@@ -28,7 +28,7 @@ from .slots import (
     twist_bound,
     twist_limit,
 )
-from .spiral import LEFT, RIGHT, Arms, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
+from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
 
@@ -51,13 +51,13 @@ class SpiralDesign:
 
     flat : the flat patches that the spirals lie in
     params : fabricable range, sheet thickness, chirality
-    width : metres, width of the four arms
+    width : metres, of every arm; column k is the arm that ends at side k
     twist : radians, winding angle from the tip to the centre
     """
 
     flat: FlatPatches
     params: SpiralParams
-    width: Float[np.ndarray, " quads"]
+    width: Float[np.ndarray, "quads 4"]
     twist: Float[np.ndarray, " quads"]
     drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
@@ -103,7 +103,7 @@ class SpiralDesign:
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:
         """Quads too small for the smallest width, with thinner arms than asked for."""
-        return np.flatnonzero(self.width < self.params.width_min * (1.0 - 1e-6))
+        return np.flatnonzero((self.width < self.params.width_min * (1.0 - 1e-6)).any(axis=1))
 
     @property
     def narrowest(self) -> tuple[float, float]:
@@ -137,14 +137,6 @@ class SpiralDesign:
         least = np.minimum(least, gaps_round(self.arms, layout, every).min(axis=1))
         return np.flatnonzero(least < 0.999 * width)
 
-    @cached_property
-    def coordinates(self) -> Float[np.ndarray, "quads 2"]:
-        """Width and twist as shares of their coupled ranges, in which the fabricable designs are a box."""
-        p = self.params
-        bound = np.maximum(twist_bound(self.flat, p, self.width), 1e-9)
-        width = (self.width - p.width_min) / max(p.width_max - p.width_min, 1e-12)
-        return np.clip(np.stack([width, self.twist / bound], axis=1), 0.0, 1.0)
-
 
 def uniform(
     flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
@@ -157,7 +149,7 @@ def uniform(
     width = 0.5 * (params.width_min + params.width_max) if width is None else width
     twist = 0.5 * params.twist_max if twist is None else twist
     count = len(flat.corners)
-    return fitted(flat, params, np.full(count, float(width)), np.full(count, float(twist)))
+    return fitted(flat, params, np.full((count, 4), float(width)), np.full(count, float(twist)))
 
 
 def from_curvature(
@@ -168,7 +160,8 @@ def from_curvature(
     curvature : RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
-    return fitted(flat, params, *curvature_adjusted(params, curvature), progress=progress)
+    width, twist = curvature_adjusted(params, curvature)
+    return fitted(flat, params, alike(width), twist, progress=progress)
 
 
 def curvature_adjusted(
@@ -189,7 +182,7 @@ def curvature_adjusted(
 def fitted(
     flat: FlatPatches,
     params: SpiralParams,
-    width: Float[np.ndarray, " quads"],
+    width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
     *,
     prove: bool = True,
@@ -200,7 +193,7 @@ def fitted(
     Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    width = np.minimum(width, width_range(flat, params)[1])
+    width = np.minimum(width, width_range(flat, params)[1][:, None])
     twist = twist_bound(flat, params, width, progress.part(0.0, 0.2), twist)
     design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist, progress.part(0.2, 0.6)))
     return proved(design, progress.part(0.6, 1.0)) if prove else design
@@ -209,13 +202,12 @@ def fitted(
 def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
     low, high = width_range(design.flat, design.params)
-    known = np.isfinite(design.width) & np.isfinite(design.twist)
-    width = np.where(known, design.width, low)
-    bound = twist_bound(design.flat, design.params, np.clip(width, low, high))
+    known = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
+    width = np.where(known[:, None], design.width, low[:, None])
+    bound = twist_bound(design.flat, design.params, np.clip(width, low[:, None], high[:, None]))
     slack = 1e-3  # rounding, and limits that were found by iteration
-    fits = (width >= (1.0 - slack) * np.minimum(low, _THINNEST * design.params.width_min)) & (
-        width <= (1.0 + slack) * high
-    )
+    least, most = (1.0 - slack) * np.minimum(low, _THINNEST * design.params.width_min), (1.0 + slack) * high
+    fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (design.twist >= -slack) & (design.twist <= (1.0 + slack) * bound + slack)
     return np.flatnonzero(~(known & fits))
 
@@ -314,15 +306,17 @@ def _relieved(
         # an arm also gives way where it is its neighbour's that has no room
         beside = tight[mate].any(axis=1) & (gap < AMPLE * slot)
         unwind = (tight | beside | gives) & (twist > 0.0)
-        thin = tight & (twist == 0.0) & (width > params.width_min)
+        widest = width.max(axis=1)
+        thin = tight & (twist == 0.0) & (widest > params.width_min)
         change = unwind | thin
         if not change.any():
             break
-        share = np.clip((gap + width) / (slot + width), 0.8, 0.98)
+        share = np.clip((gap + widest) / (slot + widest), 0.8, 0.98)
         loose = np.sqrt(np.maximum((twist**2 + rest) * share**2 - rest, 0.0))
         loose = np.where(gives, np.minimum(loose, 0.85 * twist), np.maximum(loose, 0.8 * twist))
         twist = np.where(unwind, np.where(twist < 0.1, 0.0, loose), twist)
-        width = np.where(thin, np.maximum(0.85 * width, params.width_min), width)
+        thinner = np.minimum(width, np.maximum(0.85 * width, params.width_min))
+        width = np.where(thin[:, None], thinner, width)
         quads = np.flatnonzero(change | change[mate].any(axis=1))
     return width, twist
 

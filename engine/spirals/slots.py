@@ -218,7 +218,7 @@ def _in_side_frame(
 def twist_bound(
     flat: FlatPatches,
     params: SpiralParams,
-    width: Float[np.ndarray, " quads"],
+    width: Float[np.ndarray, "quads 4"],
     progress: Progress = SILENT,
     most: Float[np.ndarray, " quads"] | None = None,
 ) -> Float[np.ndarray, " quads"]:
@@ -229,22 +229,27 @@ def twist_bound(
     slot, count = slot_needed(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
+    # the middles of a quad's sides are symmetric about its centre: of arms alike, two of its slots tell of all four
+    slots = 2 if (width == width[:, :1]).all() else 4
+    tightest = 0.5 * (width + np.roll(width, -1, axis=1)).max(axis=1)
     if most is not None:
         high = np.minimum(high, most)
 
     def fits(quads: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        # the middles of a quad's sides are symmetric about its centre: two of its slots tell of all four
         part = pure.of(quads).unblended(twist)
         every = np.arange(len(quads))
         zero = np.zeros_like(every)
-        found = [_facing(part.one_by_one(every, zero + k + 1), part.one_by_one(every, zero + k), 1) for k in range(2)]
-        return np.minimum(*found)[:, 0] >= slot
+        found = [
+            _facing(part.one_by_one(every, (zero + k + 1) % 4), part.one_by_one(every, zero + k), 1)
+            for k in range(slots)
+        ]
+        return np.min(found, axis=0)[:, 0] >= slot
 
     open_ = np.arange(count)
     good = fits(open_, high)
     low[good] = high[good]
     open_ = open_[~good]
-    high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), width, slot) + 0.1)
+    high = np.minimum(high, twist_limit(2.0 * pure.radius.max(axis=1), tightest, slot) + 0.1)
     for turn in range(12):
         progress(turn / 12, "room for the twist")
         middle = 0.5 * (low[open_] + high[open_])
@@ -258,7 +263,7 @@ def _rolled(arms: Arms, step: int) -> Arms:
     """The same arms, with arm k - step in the place of arm k."""
     rolled = {
         name: np.roll(getattr(arms, name), step, axis=1)
-        for name in ("radius", "angle", "joint_width", "blend_slope", "share")
+        for name in ("radius", "angle", "width", "joint_width", "blend_slope", "share")
     }
     return replace(arms, **rolled)
 

@@ -36,7 +36,7 @@ class Arms:
     radius : metres, from the centre to the middle of side k
     angle : radians, direction from the centre to the middle of side k, ascending within a quad
     wind : radians, twist with the sign of the sense of rotation
-    width : metres, away from the joints
+    width : metres, of every arm away from its joint
     joint_width : metres, at the joint
     blend_slope : metres, what the blend adds to the derivative of the centre line at the joint
     share : share of t over which arm and joint are blended
@@ -46,7 +46,7 @@ class Arms:
     radius: Float[np.ndarray, "quads arms"]
     angle: Float[np.ndarray, "quads arms"]
     wind: Float[np.ndarray, " quads"]
-    width: Float[np.ndarray, " quads"]
+    width: Float[np.ndarray, "quads arms"]
     joint_width: Float[np.ndarray, "quads arms"]
     blend_slope: Float[np.ndarray, "quads arms 2"]
     share: Float[np.ndarray, "quads arms"]
@@ -57,7 +57,7 @@ class Arms:
             self,
             wind=wind,
             blend_slope=np.zeros_like(self.blend_slope),
-            joint_width=np.broadcast_to(self.width[:, None], self.radius.shape),
+            joint_width=self.width,
         )
 
     def of(self, quads: np.ndarray) -> Arms:
@@ -66,10 +66,9 @@ class Arms:
 
     def one_by_one(self, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]) -> Arms:
         """N single arms, as N "quads" of one arm each, so that any choice of them can be evaluated together."""
-        of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind", "width")}
-        of_arm = {
-            n: getattr(self, n)[quad, side][:, None] for n in ("radius", "angle", "joint_width", "blend_slope", "share")
-        }
+        of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind")}
+        names = ("radius", "angle", "width", "joint_width", "blend_slope", "share")
+        of_arm = {name: getattr(self, name)[quad, side][:, None] for name in names}
         return Arms(**of_quad, **of_arm)
 
 
@@ -84,8 +83,13 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
     return np.where(border, own, quad), np.where(border, np.arange(4), side)
 
 
+def alike(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
+    """The widths of four arms that are all as wide as their spiral's number says."""
+    return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
+
+
 def arms(
-    flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, " quads"], twist: Float[np.ndarray, " quads"]
+    flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:
     """The arms of the spirals with these widths in metres and twists in radians, joints blended."""
     centre, radius, angle = _spokes(flat)
@@ -93,8 +97,8 @@ def arms(
     width = np.asarray(width, dtype=float)
     quad, side = opposite_sides(flat.layout.mesh)
     # a joint is as wide as both arms in the mean, if there is room for that
-    widest = np.maximum(widest_arms(flat, params), width)
-    joint = np.minimum(0.5 * (width[:, None] + width[quad]), np.minimum(widest[:, None], widest[quad]))
+    widest = np.maximum(widest_arms(flat, params)[:, None], width)
+    joint = np.minimum(0.5 * (width + width[quad, side]), np.minimum(widest, widest[quad, side]))
     blend_slope, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
     pure = Arms(centre, radius, angle, wind, width, joint, blend_slope, share)
     return _longer_blends(replace(pure, blend_slope=_blend_slopes(pure, flat.corners, quad, side)))
@@ -214,8 +218,8 @@ def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
     rest = u * (1.0 - u)
     g1 = -30.0 * rest * rest / share
-    change = (arms.joint_width - arms.width[:, None])[..., None]
-    return arms.width[:, None, None] + change * g, change * g1
+    change = (arms.joint_width - arms.width)[..., None]
+    return arms.width[..., None] + change * g, change * g1
 
 
 def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,8 +23,16 @@ def pair(twists: tuple[float, float], *, clockwise: bool = False) -> Assembly:
     """Two spirals side by side along x."""
     lever = np.array([[[0.5 * SPACING, 0.0, 0.0], [-0.5 * SPACING, 0.0, 0.0]]])
     axes = np.broadcast_to(np.eye(3), (1, 2, 3, 3))
-    full = np.ones(2)
-    return Assembly(np.array([[0, 1]]), lever, axes, WIDTH * full, np.array(twists), THICKNESS, clockwise)
+    return Assembly(
+        np.array([[0, 1]]),
+        np.array([[1, 3]]),
+        lever,
+        axes,
+        np.full((2, 4), WIDTH),
+        np.array(twists),
+        THICKNESS,
+        clockwise,
+    )
 
 
 class Curve:

@@ -51,7 +51,7 @@ def mixed(count: int, clockwise: bool, rng: np.random.Generator) -> Assembly:
     kink = Rotation.from_rotvec(np.outer(rng.uniform(-0.4, 0.4, one.pairs.size), [0.0, 0.0, 1.0])).as_matrix()
     lever = kink.reshape(axes.shape) @ one.lever[..., None] * rng.uniform(0.9, 1.2, (*one.pairs.shape, 1, 1))
     bent = dataclasses.replace(one, axes=axes, lever=(axes @ lever)[..., 0])
-    return bent.redesigned(WIDTH * rng.uniform(0.5, 1.0, count), rng.uniform(0.5, 2.5, count))
+    return bent.redesigned(WIDTH * rng.uniform(0.5, 1.0, (count, 4)), rng.uniform(0.5, 2.5, count))
 
 
 def unrolled(chain: Assembly) -> Pose:
@@ -69,15 +69,15 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
     rng = np.random.default_rng(6)
     chain = mixed(9, clockwise, rng)
     pose = shaken(unrolled(chain), 0.01 * turn, 0.4 * turn, seed=7)
-    design = np.stack([chain.width, chain.twist], axis=1)
+    design = np.column_stack([chain.width, chain.twist])
 
     def forces(design: np.ndarray) -> np.ndarray:
-        model = ArmModel.of(chain.redesigned(*design.T), VERO, curving=False)
+        model = ArmModel.of(chain.redesigned(design[:, :4], design[:, 4]), VERO, curving=False)
         return model.expand(model.start(pose)).gradient
 
     here = ArmModel.of(chain, VERO, curving=False)
     blocks = here.gradient_by_design(here.start(pose))
-    for scale in ([1e-3, 0.0], [0.0, 1.0]):
+    for scale in ([1e-3] * 4 + [0.0], [0.0] * 4 + [1.0]):
         way, step = rng.normal(size=design.shape) * scale, 2e-4
         line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
         expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)

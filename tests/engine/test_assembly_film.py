@@ -157,7 +157,7 @@ def test_nothing_jumps(film):
 def test_a_rolled_strip_unrolls_on_circles(flat_grid):
     """A strip that is rolled round more than once: half way it has half its curvature, and its joints are closed."""
     count, size, turn = 12, 0.02, 0.7
-    made = design.SpiralDesign(flat_grid(count, 1), SpiralParams(), np.full(count, 0.001), np.full(count, 2.0))
+    made = design.SpiralDesign(flat_grid(count, 1), SpiralParams(), np.full((count, 4), 0.001), np.full(count, 2.0))
     angle = turn * np.arange(count)
     radius = 0.5 * size / np.tan(0.5 * turn)
     rotations = Rotation.from_euler("y", angle).as_matrix()

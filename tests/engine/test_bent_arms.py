@@ -43,7 +43,7 @@ def dome(request):
 
 def test_two_straight_arms_become_a_circular_arc(flat_grid):
     """A pure bending moment M = E I angle / length, the same everywhere (Euler and Bernoulli)."""
-    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full(2, 0.002), np.zeros(2))
+    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full((2, 4), 0.002), np.zeros(2))
     angle, size = 0.8, 0.02
     clamp = 0.5 * size * (1 - hub_ends(made)[0, 1])  # from a hub's centre to where its arm begins
     length = size - 2 * clamp
@@ -69,7 +69,7 @@ def test_two_straight_arms_become_a_circular_arc(flat_grid):
 
 
 def test_a_twisted_bar_turns_evenly(flat_grid):
-    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full(2, 0.002), np.zeros(2))
+    made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full((2, 4), 0.002), np.zeros(2))
     pose = flat_pose(made)
     turns = np.stack([Rotation.from_euler("x", a).as_matrix() for a in (0.0, 0.6)])
     arms = bent(made, Pose(pose.centres, turns))
@@ -227,7 +227,7 @@ def test_torn_poses_are_closed_all_the_same(dome):
 
 def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
     """As they are after a setting was changed: arms that are hub to the tip keep to it."""
-    made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full(2, 0.0015), np.full(2, 6.2))
+    made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full((2, 4), 0.0015), np.full(2, 6.2))
     assert hub_ends(made).min() == 0.0
     panels, pose = panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
     points = panels.placed(bent(made, pose), pose)

@@ -39,13 +39,13 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
-def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
+def problem(model: str = "arm", share: float = 0.0, groups: int = 1) -> tuple[FlatProblem, Pose]:
     """share : of the material's strain, 0 where it does not count"""
     design, mesh = made()
     assembly = of_design(design)
     whole = FlatProblem(
         assembly=assembly,
-        space=DesignSpace.of(design, assembly),
+        space=DesignSpace.of(design, assembly, groups),
         target=Target(assembly.pairs, mesh.centroids),
         loads=Loads.of(assembly.size),
         build=lambda a, _: build_model(a, VERO, model, quick=True),
@@ -58,8 +58,8 @@ def problem(model: str = "arm", share: float = 0.0) -> tuple[FlatProblem, Pose]:
 
 def anywhere(whole: FlatProblem, spread: float = 0.01) -> np.ndarray:
     rng = np.random.default_rng(4)
-    spirals = rng.uniform(0.2, 0.8, (whole.assembly.size, 2))
-    return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, (len(whole.flat.span), 2))])
+    spirals = rng.uniform(0.2, 0.8, whole.space.each * whole.assembly.size)
+    return np.concatenate([spirals, 0.5 + rng.uniform(-spread, spread, 2 * len(whole.flat.span))])
 
 
 def slope(value: object, h: float) -> float:
@@ -67,15 +67,15 @@ def slope(value: object, h: float) -> float:
     return float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("options", [{}, {"share": 0.3}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"share": 0.3}, {"groups": 4}], ids=str)
 def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     whole, pose = problem(**options)
     here = whole.at(anywhere(whole), pose)
-    n = whole.assembly.size
+    n, each = here.own, whole.space.each
     assert here.equilibrium.converged and here.cost.inside
     assert (here._strain.value > 0.0) == ("share" in options)
-    spirals, flat = slice(n), slice(n, None)
-    parts = {"widths": (spirals, 0), "twists": (spirals, 1), "flat x": (flat, 0), "flat y": (flat, 1)}
+    parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
+    parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
     for name, part in parts.items():
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
@@ -87,9 +87,8 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
     whole, pose = problem(share=0.3)
     here = whole.at(anywhere(whole), pose)
     rng = np.random.default_rng(6)
-    change, other, pull = (
-        rng.normal(size=(rows, k)) for rows, k in ((len(here.x), 2), (len(here.x), 2), (whole.assembly.size, 6))
-    )
+    change, other = rng.normal(size=(2, len(here.x)))
+    pull = rng.normal(size=(whole.assembly.size, 6))
     moves = here.moves(change)
     assert (moves * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
     assert (other * here.gauss_newton(change)).sum() == pytest.approx(
@@ -232,13 +231,14 @@ def test_rods_are_refused() -> None:
 def test_patches_that_overlap_keep_their_shape() -> None:
     design, mesh = made()
     whole, pose = problem()
-    x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full((len(whole.flat.span), 2), 0.5)])
+    x = np.concatenate([whole.space.coordinates(design.width, design.twist), np.full(2 * len(whole.flat.span), 0.5)])
     here = whole.at(x, pose)
     # one vertex pulled far across its patch
     folded = dataclasses.replace(whole.flat, span=40.0 * whole.flat.span)
-    x[whole.assembly.size + design.flat.layout.flat_corners[0, 0]] = 1.0
+    first = here.own + 2 * design.flat.layout.flat_corners[0, 0]
+    x[first : first + 2] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
-    assert overlapping(measured(design.flat.layout, folded.points(x[whole.assembly.size :])))
+    assert overlapping(measured(design.flat.layout, folded.points(broken.flat_x)))
     found = codesign.designed(broken, design)
     assert overlapping(found.flat) == []
     assert found.flat.corners == pytest.approx(design.flat.corners, abs=1e-9)

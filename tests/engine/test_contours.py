@@ -38,8 +38,8 @@ def _buffered(made, fillet):
 def test_panel_equals_the_union_of_its_arms(flat_grid, degrees, move, clockwise):
     params = SpiralParams(clockwise=clockwise, slot_min=0.0002, fillet=0.0001)
     flat = flat_grid(2, 2, move=move)
-    bound = design.twist_bound(flat, params, np.full(4, 0.0012)).min()
-    made = SpiralDesign(flat, params, np.full(4, 0.0012), np.full(4, min(np.radians(degrees), 0.95 * bound)))
+    bound = design.twist_bound(flat, params, np.full((4, 4), 0.0012)).min()
+    made = SpiralDesign(flat, params, np.full((4, 4), 0.0012), np.full(4, min(np.radians(degrees), 0.95 * bound)))
     (panel,) = _polygons(made, 1e-6)
     assert panel.is_valid
     assert len(panel.interiors) == 1  # one hole per inner vertex
@@ -64,7 +64,7 @@ def test_thin_and_thick_arms(flat_grid, ratio):
     made = design.uniform(flat_grid(2, 2, size), params, width=size / ratio, twist=2 * np.pi)
     (panel,) = _polygons(made)
     assert panel.is_valid
-    assert made.width[0] == pytest.approx(size / ratio)
+    assert made.width[0, 0] == pytest.approx(size / ratio)
     assert panel.area == pytest.approx(_buffered(made, params.fillet).area, rel=1e-3)
 
 
@@ -162,7 +162,9 @@ def test_outlines_stay_within_the_tolerance(flat_grid):
 
 
 def test_spirals_without_room_are_named(flat_grid):
-    made = SpiralDesign(flat_grid(2, 1, 0.01), SpiralParams(), np.array([0.0015, 0.0025]), np.array([1.0, 9.0]))
+    made = SpiralDesign(
+        flat_grid(2, 1, 0.01), SpiralParams(), spiral.alike(np.array([0.0015, 0.0025])), np.array([1.0, 9.0])
+    )
     with pytest.raises(FlexMapsError, match="do not fit") as caught:
         made.outlines()
     assert caught.value.faces == [1]

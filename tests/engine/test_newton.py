@@ -212,7 +212,8 @@ def _joint() -> tuple[Assembly, Pose]:
     rng = np.random.default_rng(3)
     lever = np.array([[[0.01, 0.001, 0.0], [-0.009, 0.002, 0.0]]])
     axes = np.broadcast_to(np.eye(3), (1, 2, 3, 3))
-    assembly = Assembly(np.array([[0, 1]]), lever, axes, np.array([0.0025, 0.002]), np.array([1.5, 2.5]), 0.0015)
+    width = np.array([[0.0025] * 4, [0.002] * 4])
+    assembly = Assembly(np.array([[0, 1]]), np.array([[1, 3]]), lever, axes, width, np.array([1.5, 2.5]), 0.0015)
     turns = Rotation.from_rotvec(0.4 * rng.normal(size=(2, 3))).as_matrix()
     return assembly, Pose(np.array([[0.0, 0.0, 0.0], [0.018, 0.002, 0.003]]), turns)
 

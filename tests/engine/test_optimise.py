@@ -26,6 +26,7 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
 from flexmaps.engine.spirals.slots import twist_bound
+from flexmaps.engine.spirals.spiral import alike
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -47,18 +48,19 @@ def problem(
     model: str = "arm",
     supports: bool = False,
     strain: float | None = None,
+    groups: int = 1,
 ) -> tuple[Problem, Point]:
     design, mesh = made()
     assembly = of_design(design)
     held = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if supports else None
     loads = Loads.of(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, laplacian, free=not supports)
-    space = DesignSpace.of(design, assembly)
+    space = DesignSpace.of(design, assembly, groups)
     bearing = None if strain is None else (VERO, strain)
     whole = Problem(
         assembly, space, aim, loads, lambda a, _: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
     )
-    x = np.random.default_rng(4).uniform(0.2, 0.8, (assembly.size, 2))
+    x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.each)
     return whole, whole.at(x, target_pose(mesh, design.flat.corners))
 
 
@@ -72,6 +74,9 @@ def problem(
         {"supports": True, "laplacian": False},
         {"model": "rod"},
         {"strain": 0.3},
+        {"groups": 2},
+        {"groups": 4, "strain": 0.3, "smoothness": 0.05},
+        {"groups": 4, "model": "rod"},
     ],
     ids=str,
 )
@@ -122,7 +127,7 @@ def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
     whole, here = problem()
     rng = np.random.default_rng(6)
-    change, pull = rng.normal(size=here.x.shape), rng.normal(size=(len(here.x), 6))
+    change, pull = rng.normal(size=here.x.shape), rng.normal(size=(whole.assembly.size, 6))
     moves = here.moves(change)
     assert (moves * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
     assert (change * here.gauss_newton(change)).sum() > 0.0
@@ -133,24 +138,27 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
     assert found == pytest.approx(moves[:, :3], abs=1e-5 * np.abs(moves[:, :3]).max())
 
 
-def test_every_point_of_the_box_can_be_cut() -> None:
+@pytest.mark.parametrize("groups", [1, 2, 4])
+def test_every_point_of_the_box_can_be_cut(groups: int) -> None:
     design, _ = made()
-    space = DesignSpace.of(design, of_design(design))
+    space = DesignSpace.of(design, of_design(design), groups)
     rng = np.random.default_rng(7)
     for _ in range(3):
-        x = rng.uniform(0.0, 1.0, (len(design.width), 2))
-        x[::3, 1] = 1.0
+        x = rng.uniform(0.0, 1.0, len(design.width) * space.each)
+        x.reshape(-1, space.each)[::3, -1] = 1.0
         width, twist = space.design(x)
-        assert (width >= space.low - 1e-12).all() and (width <= space.high + 1e-12).all()
-        # between two knots the interpolated bound is off by a few degrees, which fitting takes back
-        assert (twist <= twist_bound(design.flat, design.params, width) + 0.1).all()
+        assert (space.low - 1e-12 <= width.T).all() and (space.high + 1e-12 >= width.T).all()
+        if groups == 1:
+            # between two knots the interpolated bound is off by a few degrees, which fitting takes back
+            assert (twist <= twist_bound(design.flat, design.params, width) + 0.1).all()
         assert space.coordinates(width, twist) == pytest.approx(x, abs=1e-9)
-        h = 1e-6
-        for k in (0, 1):
-            step = h * np.eye(2)[k]
-            found = np.stack([(b - a) / (2 * h) for a, b in zip(space.design(x - step), space.design(x + step))], 1)
-            inner = (x[:, k] > 2 * h) & (x[:, k] < 1.0 - 2 * h)
-            assert found[inner] == pytest.approx(space.slopes(x)[inner, :, k], rel=1e-4, abs=1e-7)
+        h, cells = 1e-6, space.by_spiral(x)
+        for k in range(space.each):
+            step = np.tile(h * np.eye(space.each)[k], len(cells))
+            ahead, behind = (np.column_stack(space.design(x + sign * step)) for sign in (1.0, -1.0))
+            inner = (cells[:, k] > 2 * h) & (cells[:, k] < 1.0 - 2 * h)
+            slopes = space.slopes(x)[inner, :, k]
+            assert (ahead - behind)[inner] / (2 * h) == pytest.approx(slopes, rel=1e-4, abs=1e-7)
 
 
 @pytest.mark.parametrize("method", [gauss_newton, lbfgs])
@@ -158,11 +166,11 @@ def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
     """The target is the equilibrium of a random smooth design: both optimisers must come near to it from a uniform start."""
     design, mesh = made()
     slope = np.clip((mesh.centroids[:, 0] - mesh.centroids[:, 0].min()) / np.ptp(mesh.centroids[:, 0]), 0.0, 1.0)
-    secret = fitted(design.flat, design.params, 0.0012 + 0.0006 * slope, 4.0 - 3.0 * slope)
+    secret = fitted(design.flat, design.params, alike(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
     whole, here = problem()
     wanted = whole.at(whole.space.coordinates(secret.width, secret.twist), here.equilibrium.pose).equilibrium.pose
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
-    start = whole.at(np.full((len(mesh.quads), 2), 0.5), wanted)
+    start = whole.at(whole.space.filled(0.5, 0.5), wanted)
     trace = Trace()
     best = method(whole, start, OptimiseParams(iterations=25, stop=0.0), trace, lambda point: None)
     assert best.value < 0.02 * start.value
@@ -254,7 +262,7 @@ def test_work_is_counted_not_timed() -> None:
 def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
     """Where no start finds rest within a few iterations under the whole load, it does in parts."""
     whole, here = problem(supports=True)
-    pull = np.zeros((len(here.x), 3))
+    pull = np.zeros((whole.assembly.size, 3))
     pull[:, 2] = -0.02
     loaded = dataclasses.replace(
         whole,

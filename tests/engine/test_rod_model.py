@@ -29,7 +29,9 @@ def _chain(spirals: int, rng: np.random.Generator) -> Assembly:
     reach, angle = rng.uniform(0.006, 0.012, pairs.shape) * [1, -1], rng.uniform(-0.3, 0.3, pairs.shape)
     lever = np.stack([reach * np.cos(angle), reach * np.sin(angle), 0 * angle], axis=-1)
     lever = np.einsum("mkij,mkj->mki", axes, lever)
-    return Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), 0.002)
+    return Assembly(
+        pairs, np.tile([1, 3], (len(pairs), 1)), lever, axes, np.full((spirals, 4), 0.0015), np.ones(spirals), 0.002
+    )
 
 
 def _row(spirals: int, spacing: float) -> tuple[Assembly, Pose]:
@@ -38,7 +40,9 @@ def _row(spirals: int, spacing: float) -> tuple[Assembly, Pose]:
     lever = np.zeros((spirals - 1, 2, 3))
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * spacing, -0.5 * spacing
     axes = np.broadcast_to(np.eye(3), (spirals - 1, 2, 3, 3))
-    row = Assembly(pairs, lever, axes, np.full(spirals, 0.0015), np.ones(spirals), 0.002)
+    row = Assembly(
+        pairs, np.tile([1, 3], (len(pairs), 1)), lever, axes, np.full((spirals, 4), 0.0015), np.ones(spirals), 0.002
+    )
     return row, Pose(np.outer(np.arange(spirals), [spacing, 0, 0]), np.tile(np.eye(3), (spirals, 1, 1)))
 
 
@@ -116,10 +120,10 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
     rng = np.random.default_rng(4)
     one, pose = net
     one, pose = replace(one, clockwise=clockwise), _shaken(pose, amount, rng)
-    design = np.stack([rng.uniform(0.0012, 0.0018, one.size), rng.uniform(0.5, 1.5, one.size)], axis=1)
+    design = np.column_stack([rng.uniform(0.0012, 0.0018, (one.size, 4)), rng.uniform(0.5, 1.5, one.size)])
 
     def model(design: np.ndarray) -> RodModel:
-        return RodModel.of(one.redesigned(*design.T), material("vero"))
+        return RodModel.of(one.redesigned(design[:, :4], design[:, 4]), material("vero"))
 
     def forces(design: np.ndarray) -> np.ndarray:
         varied = model(design)
@@ -127,8 +131,8 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
 
     here = model(design)
     blocks = here.gradient_by_design(here.start(pose))
-    for scale in ([1e-3, 0.0], [0.0, 1.0]):
-        way, step = rng.normal(size=(one.size, 2)) * scale, 1e-3
+    for scale in ([1e-3] * 4 + [0.0], [0.0] * 4 + [1.0]):
+        way, step = rng.normal(size=(one.size, 5)) * scale, 1e-3
         line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
         expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
         found = summed(np.einsum("miks,mks->mi", blocks, way[one.pairs]), one.pairs, one.size)

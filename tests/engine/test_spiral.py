@@ -17,14 +17,14 @@ def shaken(flat_grid):
     """Arms of many different spirals in distorted quads, two patches with a seam between them."""
     flat = flat_grid(4, 3, move=_shaken, cut=lambda x, y: x == 2)
     rng = np.random.default_rng(5)
-    return flat, spiral.arms(flat, SpiralParams(), rng.uniform(0.001, 0.002, 12), rng.uniform(0, 5, 12))
+    return flat, spiral.arms(flat, SpiralParams(), rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(0, 5, 12))
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_centre_lines_of_equal_spirals_in_squares_are_archimedean(flat_grid, clockwise):
     flat = flat_grid(3, 3)
     params = SpiralParams(clockwise=clockwise)
-    lines = spiral.centre_lines(SpiralDesign(flat, params, np.full(9, 0.001), np.full(9, 4.0)).arms, 33)
+    lines = spiral.centre_lines(SpiralDesign(flat, params, np.full((9, 4), 0.001), np.full(9, 4.0)).arms, 33)
     t, sign = np.linspace(0, 1, 33), -1 if clockwise else 1
     for k, start in enumerate((-90, 0, 90, 180)):  # side 0 is the lower one
         angle = np.radians(start) + sign * 4.0 * t
@@ -79,13 +79,13 @@ def test_arms_keep_their_own_width_beyond_the_blend(shaken):
     t = np.broadcast_to(np.linspace(0.71, 0.95, 20), (*arms.radius.shape, 20))
     across = spiral.edge(arms, t, spiral.LEFT)[0] - spiral.edge(arms, t, spiral.RIGHT)[0]
     np.testing.assert_allclose(
-        np.linalg.norm(across, axis=-1), np.broadcast_to(arms.width[:, None, None], t.shape), rtol=1e-12
+        np.linalg.norm(across, axis=-1), np.broadcast_to(arms.width[..., None], t.shape), rtol=1e-12
     )
 
 
 def test_sharp_turns_get_longer_blends_and_never_fold(flat_grid):
     flat = flat_grid(2, 1)
-    arms = spiral.arms(flat, SpiralParams(), np.array([0.002, 0.001]), np.array([0.0, 6.0]))
+    arms = spiral.arms(flat, SpiralParams(), spiral.alike(np.array([0.002, 0.001])), np.array([0.0, 6.0]))
     assert arms.share[0, 1] > 0.2  # the straight, thick arm at the joint with the wound one
     assert arms.share[0, 3] == pytest.approx(0.15)
     assert spiral.inner_radius(arms).min() > 0.25

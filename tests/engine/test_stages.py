@@ -83,7 +83,7 @@ def test_every_one_rests(dome):
         number[stage.hubs] = np.arange(len(stage.hubs))
         joints = stage.closed
         part = Assembly(
-            number[whole.pairs[joints]], whole.lever[joints], whole.axes[joints], whole.width[stage.hubs],
+            number[whole.pairs[joints]], whole.sides[joints], whole.lever[joints], whole.axes[joints], whole.width[stage.hubs],
             whole.twist[stage.hubs], whole.thickness, whole.clockwise,
         )  # fmt: skip
         if model == "rod":  # a spiral's springs are those of all its arms, also where some are open
@@ -148,7 +148,7 @@ def ring():
     points[layout.flat_corners] = EDGE * np.stack([along, np.broadcast_to([0, 0, 1, 1], along.shape)], axis=2)
     flat = FlatPatches(layout, points, np.zeros(COUNT), np.zeros(COUNT))
     # arms that are wider than thick: they bend out of the sheet, and the ring does not roll over
-    made = design.SpiralDesign(flat, SpiralParams(thickness=0.001), np.full(COUNT, 0.002), np.full(COUNT, 2.0))
+    made = design.SpiralDesign(flat, SpiralParams(thickness=0.001), np.full((COUNT, 4), 0.002), np.full(COUNT, 2.0))
     assembly = of_design(made)
     model = build_model(assembly, POM, "arm")
     rest = solve(model, target_pose(mesh, flat.corners), Loads.of(COUNT), SimulateParams())

@@ -77,7 +77,7 @@ class Arms:
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
         to_joint[:, :3, 3:] = -skew(middle)
-        width, twist = assembly.width[assembly.pairs], assembly.twist[assembly.pairs]
+        width, twist = assembly.arm_width, assembly.twist[assembly.pairs]
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever

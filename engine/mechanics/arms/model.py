@@ -172,7 +172,7 @@ class ArmModel:
         known = self.assembly
         spiral = known.pairs.ravel()
         return stiffness.beyond(
-            2.0 * known.radius.ravel(), known.width[spiral], known.twist[spiral], known.thickness, spiral
+            2.0 * known.radius.ravel(), known.arm_width.ravel(), known.twist[spiral], known.thickness, spiral
         )
 
     def torsion(self, state: ArmState) -> np.ndarray:
@@ -272,7 +272,7 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
     try:
         found = tip_compliance(
             2.0 * assembly.radius.ravel(),
-            assembly.width[spiral],
+            assembly.arm_width.ravel(),
             assembly.twist[spiral],
             thickness=assembly.thickness,
             youngs=material.youngs,

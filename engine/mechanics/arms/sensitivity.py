@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Float
+from ...arrays import Float, Int
 from ...materials import Material
 from ..assembly import Assembly
 from ..vectors import skew, times
@@ -26,13 +26,14 @@ from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain
 from .stiffness import ArmCompliance
 
-WIDTH, TWIST = 0, 1  # places of both parameters of a spiral
+WIDTH, TWIST = 0, 1  # places of an arm's two parameters
 
 
 @dataclass(frozen=True, eq=False)
 class JointChanges:
     """How m joints answer to the pose and to the design, in the axes of their half-way frames.
 
+    sides : (m, 2) int, the arms that meet
     wrench : (m, 6) N, N m at the joint
     by_pose : (m, 6, 12) of the joint's motion y by the increments of both hubs
     wrench_by_design : (m, 2, 2, 6) at a fixed pose; side of the joint, then width (per metre) and twist (per radian)
@@ -40,6 +41,7 @@ class JointChanges:
     turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
     """
 
+    sides: Int[np.ndarray, "joints 2"]
     wrench: Float[np.ndarray, "joints 6"]
     by_pose: Float[np.ndarray, "joints 6 12"]
     wrench_by_design: Float[np.ndarray, "joints 2 2 6"]
@@ -81,18 +83,18 @@ class JointChanges:
             moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
             changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
             turned[:, side] = -found
-        return cls(wrench, by_pose, changes, tangent @ by_pose, turned)
+        return cls(assembly.sides, wrench, by_pose, changes, tangent @ by_pose, turned)
 
     @property
-    def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 2"]:
-        """(m, 12, 2, 2): derivative of every joint's gradient by the widths and twists of both spirals.
+    def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
+        """(m, 12, 2, 5): derivative of every joint's gradient by the four widths and the twist of both spirals.
 
-        Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist.
+        Rows as in ``Expansion.hessian``; then the side of the joint; then the widths, the twist.
         """
         m = len(self.wrench)
         out = (self.wrench_by_design.reshape(m, 4, 6) @ self.by_pose).reshape(m, 2, 2, 12)
         out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
-        return out.transpose(0, 3, 1, 2)
+        return of_spirals(out, self.sides).transpose(0, 3, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +102,12 @@ class StrainChanges:
     """Peak strains of both arms of m joints, a safe estimate (see ``peak_strain``), with derivatives.
 
     values : (m, 2); by_pose : (m, 2, 12) by the increments of both hubs
-    by_design : (m, 2, 2, 2) of an arm (first) by width and twist (last) of the spirals on both sides (second)
+    by_design : (m, 2, 2, 5) of an arm (first) by the widths and the twist (last) of the spirals on both sides (second)
     """
 
     values: Float[np.ndarray, "joints 2"]
     by_pose: Float[np.ndarray, "joints 2 12"]
-    by_design: Float[np.ndarray, "joints 2 2 2"]
+    by_design: Float[np.ndarray, "joints 2 2 5"]
 
     @classmethod
     def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
@@ -119,13 +121,22 @@ class StrainChanges:
         for side in (0, 1):
             by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
             by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
+        by_design = np.stack([of_spirals(by_design[:, side], assembly.sides) for side in (0, 1)], axis=1)
         return cls(found.values.reshape(m, 2), by_wrench @ changes.wrench_by_pose, by_design)
+
+
+def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
+    """(m, 2, 5, ...) by the widths and the twist of both spirals, from changes (m, 2, 2, ...) by those of the arms that meet."""
+    out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
+    out[np.arange(len(sides))[:, None], [0, 1], sides] = changes[:, :, WIDTH]
+    out[:, :, 4] = changes[:, :, TWIST]
+    return out
 
 
 def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> PeakStrain:
     """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint."""
     own = (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
-    width, twist = (v[assembly.pairs].ravel() for v in (assembly.width, assembly.twist))
+    width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
     return peak_strain(
         own.reshape(-1, 6),
         2.0 * assembly.radius.ravel(),

@@ -33,7 +33,7 @@ class RodModel:
     stretch : (m,) J: k_s times the half length, both ends together
     rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
     length : (m,) metres, at rest
-    by_design : (n, 4, 2) k_s, k_b0, k_b1, k_t of every spiral by its width (per metre) and its twist (per radian)
+    by_design : (n, 4, 2) k_s, k_b0, k_b1, k_t of every spiral by its arms' mean width (per metre) and its twist (per radian)
     """
 
     assembly: Assembly
@@ -49,7 +49,7 @@ class RodModel:
         """The model of an assembly of one material."""
         found = stiffness.rod_parameters(
             _scale(assembly),
-            assembly.width,
+            assembly.width.mean(axis=1),
             assembly.twist,
             thickness=assembly.thickness,
             youngs=material.youngs,
@@ -97,7 +97,7 @@ class RodModel:
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly
-        return stiffness.beyond(_scale(known), known.width, known.twist, known.thickness)
+        return stiffness.beyond(_scale(known), known.width.mean(axis=1), known.twist, known.thickness)
 
     def torsion(self, state: RodState) -> np.ndarray:
         return state.torsion

@@ -18,17 +18,18 @@ from .motion import FLIP, SPLIT, RodState, first_order, roll_row
 
 def gradient_by_design(
     assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
-) -> Float[np.ndarray, "joints 12 2 2"]:
-    """(m, 12, 2, 2): derivative of every joint's gradient by the width (per metre) and twist (per radian) of both spirals.
+) -> Float[np.ndarray, "joints 12 2 5"]:
+    """(m, 12, 2, 5): derivative of every joint's gradient by the widths (per metre) and twist (per radian) of both spirals.
 
-    Rows as in ``Expansion.hessian``; then the side of the joint; then width, twist. Arguments as in ``RodModel``.
+    Rows as in ``Expansion.hessian``; then the side of the joint; then the four widths, of which the mean counts, and the
+    twist. Arguments as in ``RodModel``.
     """
     half = assembly.radius
     change = by_design[assembly.pairs]
     jacobian = first_order(state).jacobian
     ends = strains.expand(springs, state.bend, state.angles).hessian * np.outer(FLIP, FLIP)
     row, stiffness = roll_row(ends, jacobian), ends[..., 2, 2].sum(axis=1)
-    out = np.empty((len(half), 12, 2, 2))
+    out = np.empty((len(half), 12, 2, 5))
     tension = (state.length / length - 1.0) / length
     for side in (0, 1):
         for k in (0, 1):
@@ -36,5 +37,9 @@ def gradient_by_design(
             slope = strains.slope(bends, state.bend[:, side], state.angles[:, side]) * FLIP
             gradient = np.einsum("mi,mij->mj", slope, jacobian[:, side])
             gradient[:, :3] += (ks * tension)[:, None] * state.tangent
-            out[:, :, side, k] = gradient @ SPLIT[side] - row * (slope[:, 2] / stiffness)[:, None]
+            found = gradient @ SPLIT[side] - row * (slope[:, 2] / stiffness)[:, None]
+            if k == 0:
+                out[:, :, side, :4] = 0.25 * found[..., None]
+            else:
+                out[:, :, side, 4] = found
     return out
