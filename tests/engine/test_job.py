@@ -76,7 +76,7 @@ def test_slender_and_stout_spirals_are_simulated(edge: float) -> None:
     codes = {f.code for f in made.simulation.findings}
     assert "beyond-model" not in codes
     if edge > 0.05:
-        assert made.design is not None and (made.design.scale / made.design.width).max() > 55.0
+        assert made.design is not None and (made.design.scale[:, None] / made.design.width).max() > 55.0
 
 
 @pytest.mark.parametrize("model", ["arm", "rod"])
