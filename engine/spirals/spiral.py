@@ -16,14 +16,9 @@ from ..arrays import Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
+from .blends import blends, leans
 
 LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
-
-# the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
-_CROSSING_MIN = 0.1
-# what must be left of the radius of curvature of an arm's inner edge, as a share of that of its centre line
-_INNER_RADIUS_MIN = 0.6
-_BLEND_MAX = 0.7  # largest share of an arm over which it is blended: the rest stays a spiral
 
 Floats = float | np.ndarray
 
@@ -92,21 +87,19 @@ def arms(
     flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:
     """The arms of the spirals with these widths in metres and twists in radians, joints blended."""
-    centre, radius, angle = _spokes(flat)
+    centre, radius, angle = spokes(flat.corners)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
-    width = np.asarray(width, dtype=float)
+    width, lean = np.asarray(width, dtype=float), leans(flat.corners, angle)
     quad, side = opposite_sides(flat.layout.mesh)
-    # a joint is as wide as both arms in the mean, if there is room for that
-    widest = np.maximum(widest_arms(flat, params)[:, None], width)
-    joint = np.minimum(0.5 * (width + width[quad, side]), np.minimum(widest, widest[quad, side]))
-    blend_slope, share = np.zeros((*radius.shape, 2)), np.full(radius.shape, params.blend)
-    pure = Arms(centre, radius, angle, wind, width, joint, blend_slope, share)
-    return _longer_blends(replace(pure, blend_slope=_blend_slopes(pure, flat.corners, quad, side)))
+    every = np.broadcast_to(wind[:, None], width.shape)
+    widths, winds, both = (np.stack([own, own[quad, side]], axis=-1) for own in (width, every, lean))
+    end = blends(widths, winds, both, radius, angle, params.blend)
+    return Arms(centre, radius, angle, wind, width, end.width, _pairs(end.slope), end.share)
 
 
 def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " quads"]:
     """Metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
-    _, radius, angle = _spokes(flat)
+    _, radius, angle = spokes(flat.corners)
     opening = np.diff(angle, axis=1)
     # edges at the distance a from straight centre lines meet at a (1 + cos) / sin from the centre
     reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
@@ -115,58 +108,21 @@ def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " 
 
 def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[np.ndarray, " quads"]:
     """Metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
-    _, radius, angle = _spokes(flat)
+    _, radius, angle = spokes(flat.corners)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
     return (1.0 - depth) * radius.min(axis=1) * least - slot
 
 
-def _spokes(
-    flat: FlatPatches,
+def spokes(
+    corners: Float[np.ndarray, "quads 4 2"],
 ) -> tuple[Float[np.ndarray, "quads 2"], Float[np.ndarray, "quads 4"], Float[np.ndarray, "quads 4"]]:
     """Centre, and distance and direction of the middles of the sides from it, directions ascending."""
-    corners = flat.corners
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
     # the middles of the sides go round the centre once, counter-clockwise
     angle[:, 1:] = angle[:, :1] + np.cumsum(np.diff(angle, axis=1) % (2.0 * np.pi), axis=1)
     return centre, np.linalg.norm(spokes, axis=2), angle
-
-
-def _blend_slopes(pure: Arms, corners: np.ndarray, quad: np.ndarray, side: np.ndarray) -> np.ndarray:
-    """What turns both arms of every joint to their common direction, (F, 4, 2) metres.
-
-    The common direction is the mean of both arms' outward tangents per unit of radius, each measured against its own
-    copy of the shared edge. So the mean of the twists counts, and the strongly wound arm is hardly bent.
-    """
-    along = np.roll(corners, -1, axis=1) - corners
-    along /= np.linalg.norm(along, axis=2, keepdims=True)
-    out = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-    _, inward, _ = centre_line(pure, np.zeros((*pure.radius.shape, 1)))
-    inward = inward[:, :, 0]
-    tangent = -inward / pure.radius[..., None]
-    local = np.stack([(tangent * along).sum(-1), (tangent * out).sum(-1)], axis=-1)
-    common = local + local[quad, side]
-    common[..., 1] = np.maximum(common[..., 1], _CROSSING_MIN * np.abs(common[..., 0]))
-    common /= np.linalg.norm(common, axis=-1, keepdims=True)
-    turned = common[..., :1] * along + common[..., 1:] * out
-    return -turned * np.linalg.norm(inward, axis=-1, keepdims=True) - inward
-
-
-def _longer_blends(blended: Arms) -> Arms:
-    """Lengthen the blends that turn so sharply that an arm's inner edge would come near to folding."""
-    share = blended.share.copy()
-    quad, side = np.nonzero(inner_radius(blended) < _INNER_RADIUS_MIN)
-    for _ in range(8):
-        share[quad, side] = np.minimum(1.3 * share[quad, side], _BLEND_MAX)
-        longer = replace(blended, share=share)
-        tight = (inner_radius(longer.one_by_one(quad, side))[:, 0] < _INNER_RADIUS_MIN) & (
-            share[quad, side] < _BLEND_MAX
-        )
-        quad, side = quad[tight], side[tight]
-        if not len(quad):
-            break
-    return replace(blended, share=share)
 
 
 def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
