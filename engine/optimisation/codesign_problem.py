@@ -22,6 +22,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
+from .costs import Cost
 from .inverse import Point, Problem
 from .work import GEOMETRY
 
@@ -75,11 +76,46 @@ class FlatRange:
         return inner
 
 
+@dataclass(frozen=True, eq=False)
+class FlatBarriers:
+    """The barriers of the flat shapes as a cost of all coordinates, of which the last are those of the flat vertices.
+
+    own : how many come before them
+    """
+
+    range: FlatRange
+    cost: FlatCost
+    own: int
+
+    @property
+    def value(self) -> float:
+        return self.range.weight * self.cost.value
+
+    @cached_property
+    def gradient(self) -> Float[np.ndarray, " coordinates"]:
+        return self._behind(self.cost.gradient)
+
+    def product(self, change: np.ndarray) -> np.ndarray:
+        return self._behind(self.cost.product(self.range.shift(change[self.own :].reshape(-1, 2))))
+
+    def _behind(self, by_points: np.ndarray) -> np.ndarray:
+        return np.concatenate([np.zeros(self.own), self.range.weight * self.range.shift(by_points).ravel()])
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatProblem(Problem):
     """``Problem`` with the flat vertices as further unknowns, within ``flat``."""
 
     flat: FlatRange
+
+    @property
+    def own(self) -> int:
+        """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
+        return self.space.each * self.assembly.size
+
+    def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
+        cost = self.flat.cost(x[self.own :].reshape(-1, 2))
+        return (*super().costs(x), FlatBarriers(self.flat, cost, self.own))
 
     def at(
         self,
@@ -91,7 +127,7 @@ class FlatProblem(Problem):
         step: np.ndarray | None = None,
     ) -> FlatPoint:
         """As ``Problem.at``, with the coordinates of the flat vertices behind those of the spirals."""
-        n = self.space.each * self.assembly.size
+        n = self.own
         if keep is not None:
             inside = self.flat.within(x[n:].reshape(-1, 2), keep.x[n:].reshape(-1, 2))
             x = np.concatenate([x[:n], inside.ravel()])
@@ -132,22 +168,12 @@ class FlatPoint(Point):
     @property
     def own(self) -> int:
         """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
-        return self.problem.space.each * self.assembly.size
+        return self.problem.own
 
     @property
     def flat_x(self) -> Float[np.ndarray, "points 2"]:
         """Coordinates of the flat vertices."""
         return self.x[self.own :].reshape(-1, 2)
-
-    @cached_property
-    def cost(self) -> FlatCost:
-        """What the flat shape costs, before its weight."""
-        return self.problem.flat.cost(self.flat_x)
-
-    @cached_property
-    def value(self) -> float:
-        """The objective: that of the spirals alone, and the barriers of the flat shape by their weight."""
-        return super().value + self.problem.flat.weight * self.cost.value
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
@@ -205,18 +231,3 @@ class FlatPoint(Point):
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
         geometry = self._geometry(change)
         return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
-
-    @cached_property
-    def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        """Of the objective by the coordinates, by one adjoint solve."""
-        out, flat = super().gradient, self.problem.flat
-        out[self.own :] += flat.weight * flat.shift(self.cost.gradient).ravel()
-        return out
-
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
-        """Product of the objective's Gauss-Newton matrix with a change of the coordinates."""
-        n, flat = self.own, self.problem.flat
-        out = super().gauss_newton(change, turn_damping)
-        product = self.cost.product(flat.shift(change[n:].reshape(-1, 2)))
-        out[n:] += flat.weight * flat.shift(product).ravel()
-        return out

@@ -21,6 +21,7 @@ from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
+from .costs import Cost, Roughness, differences
 from .design_space import DesignSpace
 from .objective import Mismatch, Target
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
@@ -64,15 +65,11 @@ class Problem:
             self.sums.append(JointSum(self.assembly.pairs, self.assembly.size, self.space.each))
         return self.sums[0]
 
-    @cached_property
-    def apart(self) -> csr_array:
-        """(2 m, K n) from coordinates to how the widths and the twists on both sides of every joint differ."""
-        each, assembly = self.space.each, self.assembly
-        column = np.concatenate([assembly.sides % self.space.groups, np.full_like(assembly.sides, each - 1)])
-        column += each * np.tile(assembly.pairs, (2, 1))
-        row = np.repeat(np.arange(len(column)), 2)
-        sign = np.tile([1.0, -1.0], len(column))
-        return csr_array((sign, (row, column.ravel())), shape=(len(column), each * assembly.size))
+    def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
+        """What the design with these coordinates costs beside its mismatch."""
+        if not self.smoothness:
+            return ()
+        return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x),)
 
     def at(
         self,
@@ -145,9 +142,8 @@ class Point:
 
     @cached_property
     def value(self) -> float:
-        """The objective: mismatch, and roughness and excess of strain by their weights."""
-        rough = 0.5 * float((self.x * self.rough(self.x)).sum())
-        return self.mismatch.value + rough + self._strain.value
+        """The objective: mismatch, excess of strain and what the design costs by itself."""
+        return self.mismatch.value + self._strain.value + sum(cost.value for cost in self.costs)
 
     @cached_property
     def distance(self) -> float:
@@ -159,14 +155,10 @@ class Point:
         """Widths (n, 4) metres and twists (n,) radians."""
         return self.problem.space.design(self.x)
 
-    def rough(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Product of the roughness's Hessian with a change of the coordinates: arms that meet should be alike, and twists."""
-        out, weight = np.zeros_like(change), self.problem.smoothness
-        if weight:
-            apart = self.problem.apart
-            own = apart.shape[1]
-            out[:own] = 2.0 * weight / apart.shape[0] * (apart.T @ (apart @ change[:own]))
-        return out
+    @cached_property
+    def costs(self) -> tuple[Cost, ...]:
+        """What the design costs beside its mismatch."""
+        return self.problem.costs(self.x)
 
     @cached_property
     def _state(self) -> Any:
@@ -219,7 +211,8 @@ class Point:
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
-        return self._back(_shifts(self.mismatch.gradient), self._strain.slope) + self.rough(self.x)
+        back = self._back(_shifts(self.mismatch.gradient), self._strain.slope)
+        return sum((cost.gradient for cost in self.costs), back)
 
     def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
         """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve.
@@ -230,10 +223,10 @@ class Point:
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
         pull[:, 3:] = turn_damping * moves[:, 3:]
-        strain = self._strain
-        if strain.found is None:
-            return self.adjoint(pull) + self.rough(change)
-        return self._back(pull, strain.curvature * self._grown(strain.found, moves, change)) + self.rough(change)
+        strain, strained = self._strain, np.zeros(0)
+        if strain.found is not None:
+            strained = strain.curvature * self._grown(strain.found, moves, change)
+        return sum((cost.product(change) for cost in self.costs), self._back(pull, strained))
 
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) how the arms' strains change when the coordinates change and the hubs move by (n, 6)."""

@@ -72,7 +72,7 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     whole, pose = problem(**options)
     here = whole.at(anywhere(whole), pose)
     n, each = here.own, whole.space.each
-    assert here.equilibrium.converged and here.cost.inside
+    assert here.equilibrium.converged and here.costs[-1].cost.inside
     assert (here._strain.value > 0.0) == ("share" in options)
     parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
     parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
@@ -213,7 +213,7 @@ def test_the_published_method_keeps_the_limits_too() -> None:
     trace, params = Trace(), OptimiseParams(iterations=6, method="lbfgs")
     with np.errstate(all="raise"):
         found = codesign.refine(alone, start, design, params, lbfgs, trace, lambda point: None)
-    assert found.cost.inside and found.value < start.value + whole.flat.weight * found.cost.value
+    assert found.costs[-1].cost.inside and found.value < start.value + found.costs[-1].value
     assert trace.ended in ("iterations", "converged")
     outside = FlatCost.of(whole.flat.limits, 1.5 * design.flat.points)
     assert not outside.inside and outside.value == np.inf
