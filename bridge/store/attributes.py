@@ -48,6 +48,7 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "distance": ("FACE", "FLOAT", 0, LARGEST),
     "strain_energy": ("FACE", "FLOAT", -LARGEST, LARGEST),
     "strain": ("FACE", "FLOAT", 0, LARGEST),
+    "slot": ("FACE", "FLOAT", -LARGEST, LARGEST),
     "reach": ("FACE", "INT", 0, 6),
     "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),

@@ -7,6 +7,7 @@ What is written:
     flexmaps_distance        face        how far the hub is from the target, millimetres
     flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
+    flexmaps_slot            face        narrowest slot beside its arms in that shape, millimetres; negative where arms overlap
     flexmaps_reach           face        what limits the match with the target, a number into ``engine/optimisation/reach.py``'s kinds
     flexmaps_hub             face        where the hubs are, see ``pose``
 """
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from .surface import Surface
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
-NAMES, REACH = ("distance", "strain_energy", "strain"), "reach"
+NAMES, REACH = ("distance", "strain_energy", "strain", "slot"), "reach"
 
 
 # -- the shape key -----------------------------------------------------------------------------------------------------
@@ -104,7 +105,9 @@ def write(
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
-    values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain
+    slots = simulation.slots()
+    room = None if slots is None else 1e3 * slots.of_quads
+    values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain, room
     for name, values in zip(NAMES, values_of, strict=True):
         if values is None:
             attributes.remove(obj, attributes.PREFIX + name)

@@ -21,7 +21,10 @@ from .drawing import Drawing, hexes, rgb
 from .plots import Colouring
 
 NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",
-         "limits")  # fmt: skip
+         "slots", "limits")  # fmt: skip
+
+# mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
+LEAST_SLOT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,7 @@ class Measured:
     mesh : the target; corners : metres, the flat patches beside each other; sides : their outlines
     distortion : ARAP energy; width, twist : mm and degrees
     shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
+    slot : mm, the narrowest slot beside the arms in that shape
     kind : what limits the match, into ``reach.NAMES``
     """
 
@@ -44,6 +48,7 @@ class Measured:
     shape: Float[np.ndarray, "vertices 3"] | None = None
     distance: Float[np.ndarray, " quads"] | None = None
     strain: Float[np.ndarray, " quads"] | None = None
+    slot: Float[np.ndarray, " quads"] | None = None
     kind: Int[np.ndarray, " quads"] | None = None
 
     @classmethod
@@ -70,6 +75,8 @@ class Measured:
         if simulation is not None:
             distance = simulation.distance * 1e3
             values |= {"shape": simulation.vertices, "distance": distance, "strain": simulation.strain}
+            slots = simulation.slots()
+            values["slot"] = None if slots is None else 1e3 * slots.of_quads
         if limits is not None:
             values["kind"] = limits.kind
         return cls(mesh, **values)
@@ -149,6 +156,10 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
         high = max(100.0, float(share.max()))
         loaded = Colouring.of("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
         found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
+    if m.slot is not None:
+        low, high = min(0.0, float(m.slot.min())), max(LEAST_SLOT, float(np.median(m.slot)))
+        room = Colouring.of("Slots in the simulated shape", m.slot, "mm", colours.BAD[::-1], low, high)
+        found["slots"] = plots.flat_map(m.corners, m.sides, room)
     if m.kind is not None:
         looks = [colours.LIMITS[name] for name in reach.NAMES]
         counts = np.bincount(m.kind, minlength=len(looks)).tolist()

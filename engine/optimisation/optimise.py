@@ -92,7 +92,7 @@ class Optimisation:
 
     def report(self) -> dict[str, Any]:
         """The ``optimise`` block of report.json."""
-        before, after = self.before.report(), self.after.report()
+        before, after = self.before.match, self.after.match
         flat = (self.before.design.flat, self.after.design.flat)
         moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
         return {

@@ -92,7 +92,7 @@ _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "layout": ("flat", lambda result, progress: layout_report(result.flat)),
     "spirals": ("design", lambda result, progress: design_report(result.design, progress)),
     "optimise": _own("optimisation"),
-    "equilibrium": _own("simulation"),
+    "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),
     "reach": _own("limits"),
     "sheets": ("sheets", _sheets),
     "assembly": _own("assembly"),

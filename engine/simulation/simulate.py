@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,7 +10,9 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..materials import Material
+from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
@@ -43,6 +45,7 @@ class Simulation:
     loads: Loads
     equilibrium: Equilibrium
     others: list[Equilibrium]
+    seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
@@ -75,6 +78,14 @@ class Simulation:
         worst = np.zeros(self.assembly.size)
         np.maximum.at(worst, self.assembly.pairs, found[:, None])
         return worst
+
+    def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
+        """The slots between the arms in this shape, measured at the first call; None where it is no equilibrium."""
+        if not self.seen and self.equilibrium.converged:
+            pose, poisson = self.equilibrium.pose, self.material.poisson
+            arms = bent(self.design, pose, poisson=poisson, progress=progress.part(0.0, 0.5))
+            self.seen.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
+        return self.seen[0] if self.seen else None
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
@@ -114,6 +125,15 @@ class Simulation:
                 "neighbours in it, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
+        slots = self.slots()
+        if slots is not None and len(slots.closed):
+            beside = np.unique(slots.arms[slots.closed] // 4)
+            text = (
+                f"{len(slots.closed)} slots close in this shape: arms of {len(beside)} spirals would run through each other by up "
+                f"to {-1e3 * slots.width.min():.2g} mm, which the model allows and the piece does not; wind these spirals less, "
+                "make their arms narrower, or optimise again"
+            )
+            found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
         return found
 
     @property
@@ -121,10 +141,22 @@ class Simulation:
         """Metres, the diagonal of the target's bounding box: what percentages refer to."""
         return float(np.linalg.norm(np.ptp(self.target.vertices, axis=0)))
 
-    def report(self) -> dict[str, Any]:
+    @cached_property
+    def match(self) -> dict[str, float]:
+        """How near the shape is to the target, by the keys of the ``equilibrium`` block of report.json."""
+        rms, far = float(np.sqrt((self.distance**2).mean())), float(self.distance.max())
+        bends = laplacian_rmse(self.assembly.pairs, self.equilibrium.pose.centres, self.target.centroids)
+        return {
+            "rms_mm": 1e3 * rms,
+            "rms_percent": 100.0 * rms / self.size,
+            "max_mm": 1e3 * far,
+            "max_percent": 100.0 * far / self.size,
+            "laplacian_rmse_mm": 1e3 * bends,
+        }
+
+    def report(self, progress: Progress = SILENT) -> dict[str, Any]:
         """The ``equilibrium`` block of report.json."""
-        e, size = self.equilibrium, self.size
-        rms = float(np.sqrt((self.distance**2).mean()))
+        e, slots = self.equilibrium, self.slots(progress)
         block = {
             "model": self.model.name,
             "material": self.material.name,
@@ -136,12 +168,10 @@ class Simulation:
             "negative_eigenvalues": e.negative_eigenvalues,
             "twist_max": e.torsion_max,
             "energy": e.energy,
-            "rms_mm": rms * 1e3,
-            "rms_percent": 100.0 * rms / size,
-            "max_mm": 1e3 * float(self.distance.max()),
-            "max_percent": 100.0 * float(self.distance.max()) / size,
-            "laplacian_rmse_mm": 1e3 * laplacian_rmse(self.assembly.pairs, e.pose.centres, self.target.centroids),
+            **self.match,
         }
+        if slots is not None:
+            block |= {"slot_min_mm": 1e3 * float(slots.width.min()), "slots_closed": len(slots.closed)}
         if self.strain is not None:
             block["strain_share_max"] = float(self.strain.max())
         if self.findings:

@@ -1,0 +1,217 @@
+"""How wide the slots between the arms are in the assembled piece, where they may close.
+
+Every arm is a bent strip of rectangular sections, as wide as its flat arm and as thick as the sheet, that stand at right
+angles to it (``BentArms``): a point P of the flat arm's true edge lies at x(t) + D(t) (P - c(t)). The width of a slot is the
+smallest distance of the sections of its two arms: of each section of the one to that section of the other in whose plane
+its middle lies. Arms that part in height by more than the sheet's thickness do not touch. A negative width says by how
+much arms would run through each other, which no arm and no maker can do: the elastic models do not know of contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...arrays import Float, Int
+from ...progress import SILENT, Progress
+from ...spirals.design import SpiralDesign
+from ...spirals.slots import clockwise, slot_widths
+from ...spirals.spiral import Arms, centre_line, width_at
+from .bent import BentArms
+
+# places along every slot within a spiral, from its mouth inwards, and places about the narrowest of them at which it is
+# looked at once more: 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than 1 mm, in 1,238
+# optimised spirals of 20 mm, and no other slots closed
+ALONG = 14
+CLOSER = 7
+# share of the way to its root up to which a slot within a spiral is looked at: further in it is as wide as its fillet, and
+# the beam that bends as soon as it has left the hub closes slots that the root's width keeps open
+DEEPEST = 0.9
+# of the search for the facing section (Newton): within 1e-8 mm of 12 where slots are narrower than 1 mm, in the same spirals
+ROUNDS = 4
+REACH = (
+    0.5  # slots between arms of different spirals are looked at where they may be narrower than this, in widths of arms
+)
+# places along an arm, round the one that is nearest to another spiral's arm: 41 find widths smaller by up to 0.02 mm
+ROUND_ABOUT = 9
+TOGETHER = 4000  # slots at a time, so that the user sees progress
+MEASURING = "Measuring the slots in space"  # what the progress says
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceSlots:
+    """The slots between n pairs of arms in space.
+
+    arms : (n, 2) int, arm 4 f + k is arm k of quad f. First come the 4 F slots within the spirals, slot 4 f + k between the
+        arms k and k + 1; then those between arms of different spirals that lie near each other
+    width : (n,) metres, of the narrowest place; negative where arms run through each other
+    """
+
+    arms: Int[np.ndarray, "slots 2"]
+    width: Float[np.ndarray, " slots"]
+
+    @cached_property
+    def closed(self) -> Int[np.ndarray, " closed"]:
+        """The slots whose arms run through each other."""
+        return np.flatnonzero(self.width < 0.0)
+
+    @cached_property
+    def of_quads(self) -> Float[np.ndarray, " quads"]:
+        """Metres: the narrowest slot beside the arms of every spiral."""
+        least = np.full(int(self.arms.max()) // 4 + 1, np.inf)
+        for which in (0, 1):
+            np.minimum.at(least, self.arms[:, which] // 4, self.width)
+        return least
+
+
+@dataclass(frozen=True, eq=False)
+class _Sections:
+    """Sections of n arms at M places: their middles in metres, unit vectors along, across the arm and off the sheet; half of
+    their width in metres, and metres of the centre line per unit of t."""
+
+    middle: Float[np.ndarray, "arms places 3"]
+    along: Float[np.ndarray, "arms places 3"]
+    across: Float[np.ndarray, "arms places 3"]
+    off: Float[np.ndarray, "arms places 3"]
+    half: Float[np.ndarray, "arms places"]
+    curvature: Float[np.ndarray, "arms places"]
+    pace: Float[np.ndarray, "arms places"]
+
+
+def slots_in_space(design: SpiralDesign, bent: BentArms, progress: Progress = SILENT) -> SpaceSlots:
+    """The slots of a design whose arms are bent."""
+    progress(0.0, MEASURING)
+    one, two, t, s = _within(design)
+    width = _narrowest(design, bent, one, two, t, s, progress.part(0.1, 0.6))
+    progress(0.6, MEASURING)
+    near, far, u, v = _between(design, bent)
+    others = _narrowest(design, bent, near, far, u, v, progress.part(0.7, 1.0))
+    arms = np.concatenate([np.stack([one, two], axis=1), np.stack([near, far], axis=1)])
+    return SpaceSlots(arms, np.concatenate([width, others]))
+
+
+def _within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The outer and the inner arm (4 F,) of every slot within a spiral, and facing places t and s (4 F, M) on them."""
+    share = np.linspace(0.0, DEEPEST, ALONG)
+    t, s = slot_widths(design.arms, design.roots.left, design.roots.right, share)[2:]
+    first = np.arange(t.shape[0] * 4)
+    second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
+    outer, inner = (first, second) if clockwise(design.arms) else (second, first)
+    return outer, inner, t.reshape(len(first), -1), s.reshape(len(first), -1)
+
+
+def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Arms (n,) of different spirals that come near each other, and places t and s (n, M) about the nearest ones.
+
+    Arms that meet at a joint are no such pair.
+    """
+    count, stations = bent.place.shape[:2]
+    widest = float(max(design.arms.width.max(), design.arms.joint_width.max()))
+    piece = float(np.linalg.norm(np.diff(bent.place, axis=1), axis=2).max())
+    tree = cKDTree(bent.place.reshape(-1, 3))
+    pair = tree.query_pairs((1.0 + REACH) * widest + 0.5 * piece, output_type="ndarray")
+    arm = pair // stations
+    mate = np.arange(count)
+    mesh = design.flat.layout.mesh
+    joint = (4 * mesh.edge_quads + mesh.edge_sides)[~mesh.border]
+    mate[joint] = joint[:, ::-1]
+    keep = (arm[:, 0] // 4 != arm[:, 1] // 4) & (mate[arm[:, 0]] != arm[:, 1])
+    pair, arm = pair[keep], arm[keep]
+    apart = np.linalg.norm(np.diff(bent.place.reshape(-1, 3)[pair], axis=1)[:, 0], axis=1)
+    order = np.lexsort((apart, arm[:, 1], arm[:, 0]))
+    pair, arm = pair[order], arm[order]
+    first = np.ones(len(arm), dtype=bool)
+    first[1:] = (arm[1:] != arm[:-1]).any(axis=1)
+    pair, arm = pair[first], arm[first]
+    # stations go from the hub to the tip in even steps of t
+    t = bent.hub[arm] * (1.0 - (pair % stations) / (stations - 1))
+    step = 1.5 * bent.hub[arm[:, 0]] / (stations - 1)
+    about = t[:, :1] + step[:, None] * np.linspace(-1.0, 1.0, ROUND_ABOUT)
+    within = np.clip(about, 0.0, bent.hub[arm[:, :1]])
+    return arm[:, 0], arm[:, 1], within, np.broadcast_to(t[:, 1:], within.shape)
+
+
+def _narrowest(
+    design: SpiralDesign,
+    bent: BentArms,
+    one: Int[np.ndarray, " slots"],
+    two: Int[np.ndarray, " slots"],
+    t: Float[np.ndarray, "slots places"],
+    s: Float[np.ndarray, "slots places"],
+    progress: Progress,
+) -> Float[np.ndarray, " slots"]:
+    """Metres: least distance of the arms ``one`` at t from the arms ``two``, near s."""
+    width = np.empty(len(one))
+    for some in progress.batches(len(one), TOGETHER, MEASURING):
+        pair, rows = (one[some], two[some]), np.arange(len(one[some]))
+        apart, facing = _facing(design, bent, pair, t[some], s[some])
+        least = apart.argmin(axis=1)
+        # once more between the neighbours of the narrowest place
+        step = np.diff(t[some], axis=1).max(axis=1)[:, None]
+        closer = t[some][rows, least, None] + step * np.linspace(-1.0, 1.0, CLOSER)
+        closer = np.clip(closer, t[some].min(axis=1)[:, None], t[some].max(axis=1)[:, None])
+        again = _facing(design, bent, pair, closer, np.broadcast_to(facing[rows, least, None], closer.shape))[0]
+        width[some] = np.minimum(apart.min(axis=1), again.min(axis=1))
+    return width
+
+
+def _facing(
+    design: SpiralDesign,
+    bent: BentArms,
+    pair: tuple[Int[np.ndarray, " slots"], Int[np.ndarray, " slots"]],
+    t: Float[np.ndarray, "slots places"],
+    s: Float[np.ndarray, "slots places"],
+) -> tuple[Float[np.ndarray, "slots places"], Float[np.ndarray, "slots places"]]:
+    """Metres from the first arms' sections at t to those of the second ones that face them, and where these are, near s."""
+    mine, other = (design.arms.one_by_one(*np.divmod(arm, 4)) for arm in pair)
+    here, end = _sections(bent, mine, pair[0], t), bent.hub[pair[1], None]
+    for _ in range(ROUNDS):
+        there = _sections(bent, other, pair[1], s)
+        way = here.middle - there.middle
+        bend = np.maximum(1.0 + there.curvature * _dot(way, there.across), 0.25)
+        move = _dot(way, there.along) / (bend * there.pace)
+        s = np.clip(s + np.clip(move, -0.1, 0.1), 0.0, end)
+    return _apart(here, _sections(bent, other, pair[1], s), 0.5 * design.params.thickness), s
+
+
+def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray, "arms places"]) -> _Sections:
+    """Of single arms with these numbers (n,) at t."""
+    point, speed, change = (x[:, 0] for x in centre_line(shape, t[:, None]))
+    flat = np.zeros((*t.shape, 3))
+    flat[..., :2] = point - shape.centre[:, None]
+    pace = np.hypot(speed[..., 0], speed[..., 1])
+    curvature = (speed[..., 0] * change[..., 1] - speed[..., 1] * change[..., 0]) / pace**3
+    place, turn = bent.at(np.repeat(arm, t.shape[1]), t.ravel(), flat.reshape(-1, 3))
+    turn, (x, y) = turn.reshape(*t.shape, 3, 3), np.moveaxis(speed / pace[..., None], -1, 0)[..., None]
+    along, across = x * turn[..., 0] + y * turn[..., 1], y * turn[..., 0] - x * turn[..., 1]
+    half = 0.5 * width_at(shape, t[:, None])[0][:, 0]
+    return _Sections(place.reshape(*t.shape, 3), along, across, turn[..., 2], half, curvature, pace)
+
+
+def _apart(a: _Sections, b: _Sections, height: float) -> Float[np.ndarray, "arms places"]:
+    """Metres between rectangles of these half widths and half of this height; negative by how much they overlap.
+
+    By the axis that parts them best (separating axes); where they are apart both ways, from corner to corner. Where the
+    other arm ends before it comes by, the way beyond its end counts too.
+    """
+    way = a.middle - b.middle
+    level, tilt, tilted, upright = (np.abs(_dot(x, y)) for x in (a.across, a.off) for y in (b.across, b.off))
+    side = np.maximum(
+        np.abs(_dot(way, a.across)) - a.half - b.half * level - height * tilt,
+        np.abs(_dot(way, b.across)) - b.half - a.half * level - height * tilted,
+    )
+    above = np.maximum(
+        np.abs(_dot(way, a.off)) - height - b.half * tilted - height * upright,
+        np.abs(_dot(way, b.off)) - height - a.half * tilt - height * upright,
+    )
+    apart = np.where((side > 0.0) & (above > 0.0), np.hypot(side, above), np.maximum(side, above))
+    lean, rise = (np.abs(_dot(x, b.along)) for x in (a.across, a.off))
+    beyond = np.abs(_dot(way, b.along)) - a.half * lean - height * rise - 1e-3 * b.half
+    return np.where(beyond > 0.0, np.hypot(np.maximum(apart, 0.0), beyond), apart)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", a, b)
