@@ -26,7 +26,7 @@ from .bent import BentArms
 # looked at once more: 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than 1 mm, in 1,238
 # optimised spirals of 20 mm, and no other slots closed
 ALONG = 14
-CLOSER = 7
+CLOSER = 7  # as ALONG
 # share of the way to its root up to which a slot within a spiral is looked at: further in it is as wide as its fillet, and
 # the beam that bends as soon as it has left the hub closes slots that the root's width keeps open
 DEEPEST = 0.9
