@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from pathlib import Path
 
@@ -51,8 +52,10 @@ def parser() -> argparse.ArgumentParser:
     text = "Solve whole assemblies as solids where results are missing, and compare the coarse models with them."
     p = commands.add_parser("validate", help=text, description=text)
     p.add_argument("--dir", type=Path, default=ROOT / "database" / "validation", help="folder of the results")
-    p.add_argument("--only", default=None, metavar="TEXT", help="solve only cases with this text in their name")
+    p.add_argument("--only", default=None, metavar="TEXT", help="only cases with this text in their name")
     p.add_argument("--compare", action="store_true", help="solve nothing, only compare")
+    p.add_argument("--models", default="arm,quick,rod", metavar="NAMES", help="what to compare: arm, quick, rod")
+    p.add_argument("--json", type=Path, default=ROOT / "out" / "database" / "validation.json", help="the same as JSON")
     return top
 
 
@@ -145,9 +148,22 @@ def run_validate(options: argparse.Namespace) -> int:
     from . import validation
 
     if not options.compare:
-        validation.run(options.dir, options.only, Progress(lambda f, text: say(f"{100 * f:5.1f} %  {text}")))
-    for row in validation.compare(folder=options.dir):
+        told: set[str] = set()
+
+        def tell(fraction: float, text: str) -> None:
+            if text not in told:
+                say(f"{100 * fraction:5.1f} %  {text}")
+            told.add(text)
+
+        validation.run(options.dir, options.only, Progress(tell))
+    chosen = tuple(options.models.split(","))
+    if not set(chosen) <= set(validation.MODELS):
+        raise FlexMapsError(f"--models is '{options.models}'; the models are {', '.join(validation.MODELS)}")
+    rows = validation.compare(chosen, options.dir, options.only)
+    for row in rows:
         say(validation.line(row))
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     return 0
 
 

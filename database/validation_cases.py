@@ -1,0 +1,262 @@
+"""The designs on which the coarse models are compared with full solids: spirals, supports, loads.
+
+All are cut from 2 mm of a material with E = 2.6 GPa and a Poisson's ratio of 0.3, with the program's usual blends and fillets.
+Widths are millimetres here, twists degrees, forces newtons.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..engine.arrays import Float, Int
+from ..engine.materials import Material
+from ..engine.params import LayoutParams, SpiralParams
+from ..engine.patches.flattening.flatten import flatten, measured
+from ..engine.patches.layout import PatchLayout
+from ..engine.spirals.design import SpiralDesign
+from ..engine.surface.mesh import QuadMesh
+from ..engine.surface.shapes import welded
+from .design_mesh import Resolution
+
+SIDE = 0.020  # metres, of most quads
+# its strain limit plays no part
+MATERIAL = Material("Reference", 2.6e9, 0.3, 1185.0, 0.02, True, "FlexMaps section 6.2")
+Values = float | np.ndarray  # one for all quads, or one for each; of widths also one for every arm
+
+# a range that holds every design here; blends and fillets are the program's usual ones
+PARAMS = SpiralParams(width_min=0.0005, width_max=0.003, twist_max=math.radians(450.0))
+USUAL = Resolution()
+# takes ten times as long; small cases end within 0.01 % of it, see ``design_mesh``
+FINE = Resolution(length=2.0, turn=0.5, root=0.4, blend=3, across=2)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A hub that is held: shift (m) and turn (rotation vector, rad) from its place at rest.
+
+    ``shift`` None leaves it free to shift, ``turn`` None free to turn.
+    """
+
+    spiral: int
+    turn: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
+    shift: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Loading:
+    """One state of a case: held hubs (none for a free body), dead forces (N) on hubs, and whether the sheet has weight."""
+
+    name: str
+    held: tuple[Held, ...] = ()
+    forces: tuple[tuple[int, tuple[float, float, float]], ...] = ()
+    weight: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A design with the states in which it is solved.
+
+    name : of its file; make : the design, whose mesh is the pose at rest that everything starts from
+    """
+
+    name: str
+    make: Callable[[], SpiralDesign]
+    loadings: tuple[Loading, ...]
+    resolution: Resolution = USUAL
+
+    @cached_property
+    def design(self) -> SpiralDesign:
+        return self.make()
+
+    @property
+    def mesh(self) -> QuadMesh:
+        return self.design.flat.layout.mesh
+
+    def identity(self) -> dict:
+        """What the results depend on besides the shape of the design, for their file's header."""
+        return {
+            "loadings": [asdict(one) for one in self.loadings],
+            "resolution": asdict(self.resolution),
+            "material": asdict(MATERIAL),
+            "thickness": PARAMS.thickness,
+            "fillet": PARAMS.fillet,
+        }
+
+
+# -- designs -----------------------------------------------------------------------------------------------------------
+
+
+def cells(columns: int, rows: int) -> Int[np.ndarray, "quads 2"]:
+    """Column and row of every quad of a grid, row after row."""
+    return np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
+
+
+def grid_mesh(columns: int, rows: int, *, closed: bool = False) -> tuple[Float[np.ndarray, "vertices 2"], np.ndarray]:
+    """Column and row of every vertex of a grid, and its quads; ``closed`` leaves out the last column's vertices."""
+    wide = columns if closed else columns + 1
+    points = cells(wide, rows + 1).astype(float)
+    c, r = cells(columns, rows).T
+    right = (c + 1) % wide
+    return points, np.stack([r * wide + c, r * wide + right, (r + 1) * wide + right, (r + 1) * wide + c], axis=1)
+
+
+def sheet(
+    columns: int,
+    rows: int,
+    width: Values,
+    twist: Values,
+    *,
+    sides: tuple[float, float] = (SIDE, SIDE),
+    angle: float = 90.0,
+) -> SpiralDesign:
+    """One flat patch of parallelograms with these sides in metres and this angle between them in degrees."""
+    points, quads = grid_mesh(columns, rows)
+    lean = np.array([math.cos(math.radians(angle)), math.sin(math.radians(angle))])
+    flat = points[:, :1] * [sides[0], 0.0] + points[:, 1:] * sides[1] * lean
+    mesh = QuadMesh(np.column_stack([flat, np.zeros(len(flat))]), quads)
+    layout = PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool))
+    placed = np.zeros((int(layout.flat_corners.max()) + 1, 2))
+    placed[layout.flat_corners] = flat[quads]
+    return SpiralDesign(measured(layout, placed), PARAMS, *_per_quad(len(quads), width, twist))
+
+
+def shell(mesh: QuadMesh, cut: np.ndarray, width: Values, twist: Values) -> SpiralDesign:
+    """A surface cut at these edges (bool), its patches flattened."""
+    flat = flatten(PatchLayout(mesh, cut & ~mesh.border), LayoutParams())
+    return SpiralDesign(flat, PARAMS, *_per_quad(len(mesh.quads), width, twist))
+
+
+def _per_quad(count: int, width: Values, twist: Values) -> tuple[np.ndarray, np.ndarray]:
+    """Widths in metres, one an arm, and twists in radians, one a quad, of millimetres and degrees."""
+    given = np.asarray(width, dtype=float)
+    wide = given[:, None] if given.shape == (count,) else given
+    return 1e-3 * np.broadcast_to(wide, (count, 4)), np.radians(np.broadcast_to(np.asarray(twist, dtype=float), count))
+
+
+def _along(mesh: QuadMesh, inside: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Edges whose both vertices are ``inside``, a function of the vertices (V, 3) in quad sides."""
+    chosen = inside(mesh.vertices / SIDE)
+    return chosen[mesh.edges].all(axis=1)
+
+
+def _height(n: int, height: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> QuadMesh:
+    """A square sheet of n x n quads of one side over the plane, its middle at the origin; heights in quad sides."""
+    points, quads = grid_mesh(n, n)
+    x, y = (points - 0.5 * n).T
+    return QuadMesh(SIDE * np.column_stack([x, y, height(x, y)]), quads)
+
+
+def _cross(mesh: QuadMesh) -> np.ndarray:
+    """The edges along both middle lines."""
+    return _along(mesh, lambda p: np.abs(p[:, 0]) < 1e-6) | _along(mesh, lambda p: np.abs(p[:, 1]) < 1e-6)
+
+
+def saddle() -> SpiralDesign:
+    """Four panels that spring up by themselves."""
+    mesh = _height(6, lambda x, y: 0.09 * (x * x - y * y))
+    return shell(mesh, _cross(mesh), 1.5, 200.0)
+
+
+def dome() -> SpiralDesign:
+    mesh = _height(6, lambda x, y: 0.12 * (18.0 - x * x - y * y))
+    return shell(mesh, _cross(mesh), 1.5, 150.0)
+
+
+def ring(around: int, across: int, width: Values, twist: Values, bulge: float = 0.0, seams: int = 1) -> SpiralDesign:
+    """A closed ring cut across at some places; its radius grows by ``bulge`` of itself towards the middle."""
+    points, quads = grid_mesh(around, across, closed=True)
+    circle = 0.5 * SIDE / math.sin(math.pi / around)
+    angle, high = 2.0 * math.pi * points[:, 0] / around, points[:, 1] / across - 0.5
+    radius = circle * (1.0 + bulge * (1.0 - 4.0 * high**2))
+    place = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), SIDE * across * high])
+    mesh = QuadMesh(place, quads)
+    column = points[:, 0].astype(int)
+    at = [k * around // seams for k in range(seams)]
+    a, b = mesh.edges.T
+    return shell(mesh, (column[a] == column[b]) & np.isin(column[a], at), width, twist)
+
+
+def box(n: int, faces: int, twist: float, width: float = 1.5) -> SpiralDesign:
+    """Three faces of a cube round a corner, or five, cut at the cube's edges."""
+    points, quads = grid_mesh(n, n)
+    x, y, z = np.eye(3)
+    # to the right, up and outwards, as seen from outside
+    frames = (
+        [(x, y, z), (y, z, x), (z, x, y)] if faces == 3 else [(x, y, z), (y, z, x), (-x, z, y), (-y, z, -x), (x, z, -y)]
+    )
+    middle = points - 0.5 * n
+    out = [middle[:, :1] * right + middle[:, 1:] * up + 0.5 * n * outward for right, up, outward in frames]
+    whole = SIDE * np.concatenate(out)
+    mesh = welded(whole, np.concatenate([quads + k * len(points) for k in range(len(out))]))
+    inner = ~mesh.border
+    p = mesh.vertices[mesh.quads]
+    normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    cut = np.zeros(len(mesh.edges), dtype=bool)
+    a, b = mesh.edge_quads[inner].T
+    cut[inner] = (normal[a] * normal[b]).sum(axis=1) < 0.5
+    return shell(mesh, cut, width, twist)
+
+
+# -- cases -------------------------------------------------------------------------------------------------------------
+
+
+def _side(columns: int, rows: int, column: int) -> list[int]:
+    return [row * columns + column for row in range(rows)]
+
+
+def _clamped(columns: int, rows: int) -> tuple[Held, ...]:
+    return tuple(Held(one) for one in _side(columns, rows, 0))
+
+
+def _cantilever(name: str, columns: int, rows: int, *force: float) -> Loading:
+    """The first column clamped, a force (N) on every hub of the last one."""
+    pull = (force[0], force[1], force[2])
+    return Loading(name, _clamped(columns, rows), tuple((one, pull) for one in _side(columns, rows, columns - 1)))
+
+
+def unlike() -> list[Case]:
+    """Sheets of 4 x 4 spirals whose neighbours differ strongly, clamped at one side and pulled at the other."""
+    c, r = cells(4, 4).T
+    chess, row = (c + r) % 2, c % 2
+
+    def case(name: str, width: Values, twist: Values, *force: float) -> Case:
+        return Case(name, lambda: sheet(4, 4, width, twist), (_cantilever("bent", 4, 4, *force),))
+
+    return [
+        case("unlike-width", 1.0 + chess, 180.0, 0.0, 0.0, 0.2),
+        case("unlike-twist", 1.5, 330.0 * chess, 0.0, 0.0, 0.25),
+        case("unlike-both", 2.0 - chess, 330.0 * chess, 0.0, 0.0, 0.2),
+        case("unlike-rows", 2.0 - row, 330.0 * row, 0.0, 0.0, 0.2),
+        case("unlike-plane", 2.0 - chess, 330.0 * chess, 0.0, 1.2, 0.0),
+    ]
+
+
+def shells() -> list[Case]:
+    """Surfaces whose seams bend them, free or on their feet, and sheets of uncommon quads."""
+    around, across = cells(8, 3).T
+    beside = (around + across) % 2
+    feet, top = (0, 5, 30, 35), 14
+    pinned = tuple(Held(foot, turn=None) for foot in feet)
+    free, pushed = Loading("free"), Loading("pushed", pinned, ((top, (0.5, 0.0, -1.5)),), weight=True)
+    oblong = Loading("bent", _clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
+    slender = Loading("bent", _clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
+    return [
+        Case("saddle", saddle, (free,)),
+        Case("barrel", lambda: ring(10, 3, 1.5, 180.0, bulge=0.12, seams=2), (free,)),
+        Case("dome", dome, (pushed,)),
+        Case("oblong", lambda: sheet(6, 3, 1.5, 150.0, sides=(0.024, 0.016), angle=75.0), (oblong,)),
+        Case("ring", lambda: ring(8, 3, 1.5, 250.0), (free,)),
+        Case("ring-unlike", lambda: ring(8, 3, 1.0 + beside, 250.0 - 200.0 * beside), (free,)),
+        Case("slender", lambda: sheet(4, 4, 1.0, 400.0, sides=(0.030, 0.030)), (slender,)),
+    ]
+
+
+def cases() -> list[Case]:
+    """All cases, the quick ones first."""
+    return unlike() + shells()
