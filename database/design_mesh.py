@@ -258,20 +258,20 @@ def _sums(values: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _hub(rails: _Rails, share: Float[np.ndarray, " nodes"]) -> Complex[np.ndarray, "spirals 4 nodes nodes"]:
-    """Nodes of the hubs' quarters: Coons patches between the centre, the corner on the right of arm k, the left end of its
-    first section and the corner on its left.
+    """Nodes of the hubs' quarters: Coons patches between the middle of the hub's corners, the corner on the right of arm k, the
+    left end of its first section and the corner on its left.
     """
-    left_corner, right_corner = rails.corner, np.roll(rails.corner, 1, axis=1)
+    middle = rails.corner.mean(axis=1)[:, None]
     begin = rails.ends[0] - rails.arc[0]
-    top = rails.left(_past_fillet(begin, rails.left_start - begin, rails.arc[0], share))[..., None]
-    spoke = _spokes(rails, share)
-    left = rails.left(rails.left_start[..., None])[..., None]
-    right_corner, left_corner = right_corner[..., None, None], left_corner[..., None, None]
+    top = rails.left(_past_fillet(begin, rails.left_start - begin, rails.arc[0], share)) - middle[..., None]
+    spoke = _spokes(rails.corner - middle, rails.middle - middle, share)
+    right = np.roll(spoke, 1, axis=1)
+    left_corner, right_corner, left = spoke[..., -1:, None], right[..., -1:, None], top[..., -1:, None]
     across, along = share[None, :], share[:, None]
     outer = right_corner * (1.0 - across) + left * across
     bilinear = (1.0 - across) * right_corner * along + across * (left_corner * (1.0 - along) + left * along)
-    sides = (1.0 - across) * np.roll(spoke, 1, axis=1)[..., None] + across * top
-    return sides + (1.0 - along) * spoke[..., None, :] + along * outer - bilinear
+    sides = (1.0 - across) * right[..., None] + across * top[..., None]
+    return middle[..., None, None] + sides + (1.0 - along) * spoke[..., None, :] + along * outer - bilinear
 
 
 def _past_fillet(begin: np.ndarray, reach: np.ndarray, arc: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -281,11 +281,11 @@ def _past_fillet(begin: np.ndarray, reach: np.ndarray, arc: np.ndarray, share: n
     return begin[..., None] + reach[..., None] * (share + square * share * (share - 1.0))
 
 
-def _spokes(rails: _Rails, t: np.ndarray) -> Complex[np.ndarray, "spirals 4 nodes"]:
-    """Lines from the centre to the hub's corners, which they meet half way between straight and square to the fillet."""
-    corner = rails.corner[..., None]
-    inwards = (rails.middle - rails.corner)[..., None]
+def _spokes(corner: np.ndarray, fillet: np.ndarray, t: np.ndarray) -> Complex[np.ndarray, "spirals 4 nodes"]:
+    """Lines from the middle, 0, to the hub's corners, which they meet half way between straight and square to the fillet."""
+    inwards = fillet - corner
     arrival = np.abs(corner) * 0.5 * (inwards / np.abs(inwards) + corner / np.abs(corner))
+    corner, arrival = corner[..., None], arrival[..., None]
     return corner * (3 * t**2 - 2 * t**3) + corner * (t - 2 * t**2 + t**3) + arrival * (t**3 - t**2)
 
 

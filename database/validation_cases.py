@@ -31,8 +31,8 @@ Values = float | np.ndarray  # one for all quads, or one for each; of widths als
 # a range that holds every design here; blends and fillets are the program's usual ones
 PARAMS = SpiralParams(width_min=0.0005, width_max=0.003, twist_max=math.radians(450.0))
 USUAL = Resolution()
-# takes ten times as long; small cases end within 0.01 % of it, see ``design_mesh``
-FINE = Resolution(length=2.0, turn=0.5, root=0.4, blend=3, across=2)
+# where one neighbour's width puts a root far out and the other's does not, a hub is too bent for one element a quarter
+WIDE = Resolution(across=2)
 
 
 @dataclass(frozen=True)
@@ -245,18 +245,44 @@ def shells() -> list[Case]:
     pinned = tuple(Held(foot, turn=None) for foot in feet)
     free, pushed = Loading("free"), Loading("pushed", pinned, ((top, (0.5, 0.0, -1.5)),), weight=True)
     oblong = Loading("bent", _clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
+    short = Loading("bent", _clamped(6, 5), tuple((one, (0.0, 0.0, 0.8)) for one in _side(6, 5, 5)))
     slender = Loading("bent", _clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
     return [
         Case("saddle", saddle, (free,)),
         Case("barrel", lambda: ring(10, 3, 1.5, 180.0, bulge=0.12, seams=2), (free,)),
         Case("dome", dome, (pushed,)),
-        Case("oblong", lambda: sheet(6, 3, 1.5, 150.0, sides=(0.024, 0.016), angle=75.0), (oblong,)),
+        Case("oblong", lambda: sheet(6, 3, 1.2, 110.0, sides=(0.024, 0.016), angle=75.0), (oblong,)),
         Case("ring", lambda: ring(8, 3, 1.5, 250.0), (free,)),
         Case("ring-unlike", lambda: ring(8, 3, 1.0 + beside, 250.0 - 200.0 * beside), (free,)),
+        Case("short", lambda: sheet(6, 5, 2.0, 130.0, sides=(0.010, 0.010)), (short,)),
         Case("slender", lambda: sheet(4, 4, 1.0, 400.0, sides=(0.030, 0.030)), (slender,)),
     ]
 
 
+def four_widths() -> list[Case]:
+    """Sheets of 4 x 4 spirals with arms of unlike widths, from the side in the south counter-clockwise."""
+    c, r = cells(4, 4).T
+    turned = (np.arange(4) + c[:, None] + 2 * r[:, None]) % 4
+
+    def case(
+        name: str, width: list[float] | np.ndarray, twist: float, force: float, resolution: Resolution = USUAL
+    ) -> Case:
+        wide, loading = (
+            np.broadcast_to(np.asarray(width, dtype=float), (16, 4)),
+            _cantilever("bent", 4, 4, 0.0, 0.0, force),
+        )
+        return Case(f"four-{name}", lambda: sheet(4, 4, wide, twist), (loading,), resolution)
+
+    return [
+        case("1212", [1.0, 2.0, 1.0, 2.0], 200.0, 0.35),
+        case("2211", [2.0, 2.0, 1.0, 1.0], 200.0, 0.2),
+        case("1234", [1.0, 1.3, 1.7, 2.0], 200.0, 0.2),
+        case("turned", np.array([1.0, 1.3, 1.7, 2.0])[turned], 200.0, 0.2),
+        case("1212-more", [1.0, 2.0, 1.0, 2.0], 300.0, 0.2, WIDE),
+        case("2211-more", [2.0, 2.0, 1.0, 1.0], 250.0, 0.2, WIDE),
+    ]
+
+
 def cases() -> list[Case]:
-    """All cases, the quick ones first."""
-    return unlike() + shells()
+    """All cases."""
+    return unlike() + four_widths() + shells()
