@@ -139,24 +139,31 @@ def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
 
 def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2) metres."""
-    radius, wind = arms.radius[..., None], arms.wind[:, None, None]
-    # in the complex plane: c + r e^(i angle), and its derivatives
-    turn = np.exp(1j * (arms.angle[..., None] + wind * t))
-    r = radius * (1.0 - t)
-    rw = r * wind
-    p = r * turn
+    slope = _complex(arms.blend_slope)[..., None]
+    numbers = arms.radius[..., None], arms.angle[..., None], arms.wind[:, None, None], slope, arms.share[..., None]
+    p, d1, d2 = curve(*numbers, t)
     p += _complex(arms.centre)[:, None, None]
+    return _pairs(p), _pairs(d1), _pairs(d2)
+
+
+def curve(
+    radius: np.ndarray, angle: np.ndarray, wind: np.ndarray, slope: np.ndarray, share: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centre lines at t, seen from their quads' centres, and their derivatives, as complex numbers; all arguments broadcast."""
+    # in the complex plane: r e^(i angle), and its derivatives
+    turn = np.exp(1j * (angle + wind * t))
+    rw = radius * (1.0 - t) * wind
+    p = radius * (1.0 - t) * turn
     d1 = (1j * rw - radius) * turn
     d2 = (-wind * rw - 2j * (wind * radius)) * turn
-    if arms.blend_slope.any():
-        share, blend_slope = arms.share[..., None], _complex(arms.blend_slope)[..., None]
+    if slope.any():
         u = np.minimum(t / share, 1.0)
         uu = u * u
         # quintic with value 0 and slope 1 at the joint, and no curvature there; value, slope and curvature 0 at u = 1
-        p += blend_slope * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
-        d1 += blend_slope * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
-        d2 += blend_slope * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
-    return _pairs(p), _pairs(d1), _pairs(d2)
+        p += slope * (share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
+        d1 += slope * (1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)))
+        d2 += slope * (u * (-36.0 + u * (96.0 - 60.0 * u)) / share)
+    return p, d1, d2
 
 
 def _complex(pairs: np.ndarray) -> np.ndarray:
@@ -169,13 +176,21 @@ def _pairs(numbers: np.ndarray) -> np.ndarray:
 
 def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Width of the arms at t in metres, and its derivative, each (F, 4, N)."""
-    share = arms.share[..., None]
+    return widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
+
+
+def widths(
+    width: np.ndarray, joint: np.ndarray, share: np.ndarray, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Widths at t and their first and second derivatives by t, in metres; all arguments broadcast."""
     u = np.minimum(t / share, 1.0)
+    change, rest = joint - width, u * (1.0 - u)
     g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
-    rest = u * (1.0 - u)
-    g1 = -30.0 * rest * rest / share
-    change = (arms.joint_width - arms.width)[..., None]
-    return arms.width[..., None] + change * g, change * g1
+    return (
+        width + change * g,
+        change * (-30.0 * rest * rest / share),
+        change * (-60.0 * rest * (1.0 - 2.0 * u) / share**2),
+    )
 
 
 def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

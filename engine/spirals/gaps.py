@@ -1,0 +1,219 @@
+"""Narrow gaps between arms and sharp inner edges of their blends, with derivatives by the arms' numbers.
+
+A gap lies between a point of one arm and the nearest point of another, less half of both widths. The points stand at fixed
+parameters of the one arm, the nearest ones are found by Newton's method: there the distance is least, so its derivative is that at
+fixed parameters (envelope theorem).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Float, Int
+from .blends import ANGLE, OWN_WIND, RADIUS
+from .lines import Lines
+from .pairs import BESIDE, DEPTHS, Pairs
+from .spiral import widths
+
+# Where gaps are measured: at so many t on the first arm of a pair
+_PLACES = 13
+_COARSE = 25  # points of the second arm among which the nearest is looked for where nothing tells where it is
+# Newton's steps to the nearest points: to find out which gaps are narrow, and to know those to the last digit, mostly in 4
+_FIRST, _LAST = 2, 40
+_CLOSE = 1e-10  # t that the last step is shorter than
+_FARTHEST = 0.15  # t that one such step goes at most
+# u of the blended end, t = share u, where its inner edge is looked at: round its sharpest turn, and at both ends
+_TURNS = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
+
+
+@dataclass(frozen=True, eq=False)
+class Narrow:
+    """Gaps of pairs of arms.
+
+    pair : their numbers; t, s : places on the first and on the second arm
+    side : -1 where the first arm lies on the wrong side of the second, else 1
+    gap : metres, negative where arms run through each other
+    """
+
+    pair: Int[np.ndarray, " k"]
+    t: Float[np.ndarray, " k"]
+    s: Float[np.ndarray, " k"]
+    side: Float[np.ndarray, " k"]
+    gap: Float[np.ndarray, " k"]
+
+    def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """The arms of the pairs and the places on them."""
+        return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
+
+
+def narrow(lines: Lines, pairs: Pairs, below: float, clockwise: bool) -> Narrow:
+    """The gaps less than ``below`` metres."""
+    beside = np.flatnonzero(pairs.kind == BESIDE)
+    which, t, s = _beside(lines, pairs, beside, clockwise)
+    others = np.flatnonzero(pairs.kind != BESIDE)
+    both = zip((which, t, s), _near(lines, pairs, others, below), strict=True)
+    which, t, s = (np.concatenate(x) for x in both)
+    s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
+    some = np.flatnonzero(gap - 2.0 * less < below)
+    which, t = which[some], t[some]
+    s, gap, _ = _nearest(lines, pairs, which, t, s[some], _LAST)
+    side = np.where(_through(lines, pairs, which, t, clockwise), -1.0, 1.0)
+    some = np.flatnonzero((gap < below) | (side < 0.0))
+    found = Narrow(which[some], t[some], s[some], side[some], gap[some])
+    if not (found.side < 0.0).any():
+        return found
+    # on the wrong side of the other arm, the distance of the centre lines counts against it
+    half = [0.5 * widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in found.both(pairs)]
+    return replace(found, gap=found.side * (found.gap + half[0] + half[1]) - half[0] - half[1])
+
+
+def _opening(lines: Lines, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
+    """Radians from the second arm to the first, against the sense in which they wind."""
+    return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
+
+
+def _beside(lines: Lines, pairs: Pairs, some: np.ndarray, clockwise: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All places of pairs in one quad, and about where the facing arm is nearest: where it passes at the same angle."""
+    one, two = pairs.one[some], pairs.two[some]
+    opening = _opening(lines, one, two, clockwise)
+    t = np.linspace(0.0, DEPTHS[BESIDE, 0], _PLACES)
+    level = t + (opening / np.maximum(np.abs(lines.wind[one]), 1e-9))[:, None]
+    # of straight arms the foot of the perpendicular
+    foot = (lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0))[:, None]
+    s = np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
+    return np.repeat(some, _PLACES), np.tile(t, len(some)), s.ravel()
+
+
+def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+    """Where the facing arm of a quad passes outside of the arm that it faces."""
+    one, two = pairs.one[which], pairs.two[which]
+    level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
+    beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
+    return (pairs.kind[which] == BESIDE) & (level < 1.0) & beyond
+
+
+def _near(lines: Lines, pairs: Pairs, some: np.ndarray, below: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of other pairs that may be near, and about where the second arm is nearest."""
+    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for kind in np.unique(pairs.kind[some]):
+        here = some[pairs.kind[some] == kind]
+        t, s = np.linspace(0.0, DEPTHS[kind, 0], _PLACES), np.linspace(0.0, DEPTHS[kind, 1], _COARSE)
+        p, q = (_drawn(lines, arms, x) for arms, x in ((pairs.one[here], t), (pairs.two[here], s)))
+        q = pairs.turn[here, None] * q + pairs.shift[here, None]
+        half = [np.maximum(lines.width[a], lines.end.width[a]) for a in (pairs.one[here], pairs.two[here])]
+        enough = below + 0.5 * (half[0] + half[1])
+        # between two points that are a step apart an arm may be nearer by what half of the step takes off
+        step = np.abs(np.diff(q, axis=1)).max(axis=1)
+        enough = enough**2 + 0.3 * step**2
+        for first in range(0, len(here), _TOGETHER):
+            part = slice(first, first + _TOGETHER)
+            apart = p[part, :, None] - q[part, None, :]
+            apart = apart.real**2 + apart.imag**2
+            nearest = apart.argmin(axis=2)
+            least = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
+            row, place = np.nonzero(least < enough[part, None])
+            found.append((here[part][row], t[place], s[nearest[row, place]]))
+    if not found:
+        return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
+    return tuple(np.concatenate(x) for x in zip(*found, strict=True))  # type: ignore[return-value]
+
+
+_TOGETHER = 300  # pairs whose points are compared at once, so that they stay in the processor's cache
+
+
+def _drawn(lines: Lines, arms: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Points of arms (N,) at the same t (M,), (N, M); every arm is drawn once."""
+    which, back = np.unique(arms, return_inverse=True)
+    i = np.broadcast_to(which[:, None], (len(which), len(t)))
+    return lines.points(i, np.broadcast_to(t, i.shape))[back]
+
+
+def _nearest(
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where on the second arm the gap to the places t of the first is least, the gap in metres, and about how much less the next
+    step would make it."""
+    one, two, kind = pairs.one[which], pairs.two[which], pairs.kind[which]
+    p, _, _, half = lines.at(one, t)[:4]
+    # seen from the second arm
+    p, last = (p - pairs.shift[which]) * np.conj(pairs.turn[which]), DEPTHS[kind, 1]
+    gap = less = before = np.zeros(len(s))
+    farthest = np.full(len(s), _FARTHEST)
+    for step in range(steps + 1):
+        q, d1, d2, h, h1, h2 = lines.at(two, s)
+        off = q - p
+        apart = np.maximum(np.abs(off), 1e-12)
+        gap = apart - h - half
+        slope = (off.real * d1.real + off.imag * d1.imag) / apart
+        bend = (d1.real**2 + d1.imag**2 + off.real * d2.real + off.imag * d2.imag - slope**2) / apart - h2
+        slope -= h1
+        bend = np.maximum(bend, 0.25 * (d1.real**2 + d1.imag**2) / apart)
+        wanted = -slope / bend
+        # a step back is at most half as long as the one before it
+        farthest = np.where(wanted * before < 0.0, 0.5 * np.abs(before), farthest)
+        move = before = np.clip(s + np.clip(wanted, -farthest, farthest), 0.0, last) - s
+        less = np.abs(slope * move)
+        if step == steps or (np.abs(move) < _CLOSE).all():
+            break
+        s = s + move
+    return s, gap, less
+
+
+def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Derivatives of gaps by the numbers of the first and of the second arm, (K, lines.COUNT) each, and by the nearest point of
+    the second, and where that lies (both complex, in the first arm's frame)."""
+    (one, t), (two, s) = gaps.both(pairs)
+    turn = pairs.turn[gaps.pair]
+    place = turn * lines.points(two, s) + pairs.shift[gaps.pair]
+    off = place - lines.points(one, t)
+    way = gaps.side * off / np.maximum(np.abs(off), 1e-12)
+    point, half = lines.pull(one, t, way)
+    there, width = lines.pull(two, s, way * np.conj(turn))
+    return -point - half, there - width, way, place
+
+
+def sharp(
+    lines: Lines, arms: Int[np.ndarray, " n"], below: float
+) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Where in their blends arms keep less than ``below`` of the radius of curvature on their inner edge: the arm, u, the share."""
+    end = lines.end
+    i = np.broadcast_to(arms[:, None], (len(arms), len(_TURNS)))
+    u = np.broadcast_to(_TURNS, i.shape)
+    _, d1, d2, half = lines.at(i, end.share[i] * u)[:4]
+    left = 1.0 - half * np.abs((np.conj(d1) * d2).imag) / np.abs(d1) ** 3
+    some = left < below
+    return i[some], u[some], left[some]
+
+
+def sharp_slopes(lines: Lines, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k numbers"]:
+    """Derivatives of the share of ``sharp`` by the numbers of the arms' ends."""
+    end, uu = lines.end, u * u
+    share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
+    t = share * u
+    _, d1, d2, half = lines.at(i, t)[:4]
+    turn = np.exp(1j * (lines.angle[i] + wind * t))
+    r = lines.radius[i] * (1.0 - t)
+    q1, q2 = 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u)), u * (-36.0 + u * (96.0 - 60.0 * u))
+    first, second = slope * q1, slope * q2 / share
+    pure = d1 - first, d2 - second
+    third = (3.0 * wind**2 * lines.radius[i] - 1j * wind**3 * r) * turn
+    moves = [q1[:, None] * end.slope_by[i], (q2 / share)[:, None] * end.slope_by[i]]
+    # with the share, t moves at the same u
+    moves[0] += (pure[1] * u)[:, None] * end.share_by[i]
+    moves[1] += (third * u - second / share)[:, None] * end.share_by[i]
+    for k in range(2):
+        moves[k][:, RADIUS] += pure[k] / lines.radius[i]
+        moves[k][:, ANGLE] += 1j * pure[k]
+    moves[0][:, OWN_WIND] += 1j * t * pure[0] + 1j * r * turn
+    moves[1][:, OWN_WIND] += 1j * t * pure[1] + (-2.0 * wind * r - 2j * lines.radius[i]) * turn
+    size = np.abs(d1)
+    bent = (np.conj(d1) * d2).imag
+    change = (np.conj(moves[0]) * d2[:, None] + np.conj(d1)[:, None] * moves[1]).imag / (size**3)[:, None]
+    change -= (3.0 * bent / size**5)[:, None] * (np.conj(d1)[:, None] * moves[0]).real
+    joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
+    # the width at the same u does not hang on the share
+    wide = 0.5 * joint[:, None] * end.width_by[i]
+    wide[:, 0] += 0.5 * (1.0 - joint)
+    return -np.sign(bent)[:, None] * (half[:, None] * change + wide * (bent / size**3)[:, None])

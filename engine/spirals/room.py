@@ -1,0 +1,192 @@
+"""Room for the cutter as smooth functions of the design: how far every gap is open, with exact derivatives.
+
+Gaps are those between neighbouring arms of a quad over their outer part, between an arm and those beside its joint in the next
+quad, and between arms of quads that meet at no more than a vertex. To them comes the inner edge of every blended end, which must not
+fold. All are counted as rooms: 0 where there is just as much as needed, 1 where there is twice as much.
+
+    room = Room.of(flat, params)                      # once per flat patches; ``moved`` where their points move
+    terms = room.terms(width, twist)                  # rooms below SUPPORT with their Jacobian by widths and twists
+    value, by_width, by_twist, hessian = room.barrier(width, twist)
+    room.closed(trial_width, trial_twist, quads)      # whose steps must be shorter
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..arrays import Bool, Float, Int
+from ..params import SpiralParams
+from ..patches.flattening.flatten import FlatPatches
+from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND
+from .gaps import gap_slopes, narrow, sharp, sharp_slopes
+from .lines import Lines
+from .pairs import Pairs, pairs_of
+from .shapes import Shapes
+from .slots import slot_needed
+
+# Rooms from which on the barrier is felt, unless said otherwise
+SUPPORT = 0.5
+# How many times the smallest slot is asked for, since gaps are measured at some points of the arms only
+_MORE = 1.005
+_SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """The rooms of a design that are less than was asked for.
+
+    value : (K,) rooms
+    by_design : (K, 5 F) derivatives by the widths (metres, four a quad in a row) and then by the twists (radians)
+    by_flat : (K, 2 V) derivatives by the flat points (metres, x and y of each in turn), if asked for
+    arms : (K, 4) the arms on whose widths and twists a room hangs: both, and their mates
+    """
+
+    value: Float[np.ndarray, " k"]
+    by_design: csr_array
+    by_flat: csr_array | None
+    arms: Int[np.ndarray, "k 4"]
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """What the rooms of a design weigh: sum of -(v - D)^2 ln(v / D) over all rooms v < D (incremental potential contact).
+
+    value : infinite where a room is closed
+    by_design : (5 F,) its gradient, ordered as in ``Terms``; by_flat : (2 V,) likewise
+    root : (K, 5 F) with root^T root the Gauss-Newton part of its Hessian; root_by_flat : (K, 2 V) likewise
+    """
+
+    value: float
+    by_design: Float[np.ndarray, " designs"]
+    by_flat: Float[np.ndarray, " coordinates"] | None
+    root: csr_array
+    root_by_flat: csr_array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """The gaps of all designs in the same flat patches with the same settings.
+
+    pairs : arms that some design brings near each other
+    """
+
+    params: SpiralParams
+    pairs: Pairs
+    shapes: Shapes
+
+    @classmethod
+    def of(cls, flat: FlatPatches, params: SpiralParams) -> Room:
+        """Looks once which arms could come near each other, whatever the design."""
+        near = (1.0 + SUPPORT) * _MORE * slot_needed(params)
+        return cls(params, pairs_of(flat, params, near), Shapes.of(flat))
+
+    def moved(self, flat: FlatPatches) -> Room:
+        """The same where the flat points have moved a little; which arms could come near is not looked for again."""
+        return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat))
+
+    @property
+    def slot(self) -> float:
+        """Metres that a room of 1 is wider than one of 0: the smallest slot, or a tenth of the thinnest arm if there is none."""
+        return max(slot_needed(self.params), 0.1 * self.params.width_min)
+
+    def terms(
+        self,
+        width: Float[np.ndarray, "quads 4"],
+        twist: Float[np.ndarray, " quads"],
+        *,
+        below: float = SUPPORT,
+        flat: bool = False,
+    ) -> Terms:
+        """All rooms less than ``below`` at widths in metres and twists in radians; by the flat points too if asked for."""
+        lines = self._lines(width, twist)
+        pairs, arms = self.pairs, np.arange(len(lines.radius))
+        gaps = narrow(lines, pairs, self._gap(below), self.params.clockwise)
+        i, u, left = sharp(lines, arms, _SHARPEST * (1.0 + below))
+        first, second, way, place = gap_slopes(lines, pairs, gaps)
+        ends = np.zeros((len(i), first.shape[1]))
+        slopes = sharp_slopes(lines, i, u)
+        ends[:, : slopes.shape[1]] = slopes / _SHARPEST
+        value = np.concatenate([self._of_gap(gaps.gap), left / _SHARPEST - 1.0])
+        one, two = (np.concatenate([a, i]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
+        by_one = np.concatenate([first / self.slot, ends])
+        by_two = np.concatenate([second / self.slot, np.zeros_like(ends)])
+        by_flat = None
+        if flat:
+            by_flat = self.shapes.by_points(one, by_one) + self.shapes.by_points(two, by_two)
+            laid = np.flatnonzero(pairs.laid[gaps.pair])
+            own = one[laid]
+            rows = self.shapes.by_sides(laid, len(value), own, self.shapes.mate[own], way[laid], place[laid])
+            by_flat = by_flat + rows / self.slot
+        mate = self.shapes.mate
+        hang = np.stack([one, mate[one], two, mate[two]], axis=1)
+        return Terms(value, self._by_design(hang, by_one, by_two), by_flat, hang)
+
+    def barrier(
+        self,
+        width: Float[np.ndarray, "quads 4"],
+        twist: Float[np.ndarray, " quads"],
+        *,
+        support: float = SUPPORT,
+        flat: bool = False,
+    ) -> Barrier:
+        """What the rooms weigh, smooth to the second derivative; nothing where all are at least ``support``."""
+        terms = self.terms(width, twist, below=support, flat=flat)
+        v = np.maximum(terms.value, 1e-12) / support
+        log, rest = np.log(v), v - 1.0
+        slope = -(2.0 * rest * log + rest**2 / v) / support
+        # convex below the support
+        bend = (-2.0 * log - 4.0 * rest / v + (rest / v) ** 2) / support**2
+        value = float("inf") if (terms.value <= 0.0).any() else float(-(rest**2 * log).sum())
+        scale = np.sqrt(np.maximum(bend, 0.0))[:, None]
+        return Barrier(
+            value,
+            slope @ terms.by_design,
+            None if terms.by_flat is None else slope @ terms.by_flat,
+            csr_array(terms.by_design.multiply(scale)),
+            None if terms.by_flat is None else csr_array(terms.by_flat.multiply(scale)),
+        )
+
+    def closed(
+        self,
+        width: Float[np.ndarray, "quads 4"],
+        twist: Float[np.ndarray, " quads"],
+        quads: Bool[np.ndarray, " quads"] | None = None,
+    ) -> Bool[np.ndarray, " quads"]:
+        """The quads that have a part in a room that is closed; of rooms in which some of ``quads`` have a part, if given."""
+        lines, mate = self._lines(width, twist), self.shapes.mate
+        pairs, arms = self.pairs, np.arange(len(mate))
+        if quads is not None:
+            some = quads[arms // 4] | quads[mate // 4]
+            pairs, arms = pairs.of(some[pairs.one] | some[pairs.two]), arms[some]
+        which = narrow(lines, pairs, self._gap(0.0), self.params.clockwise).pair
+        i = sharp(lines, arms, _SHARPEST)[0]
+        out = np.zeros(len(twist), dtype=bool)
+        for a in (pairs.one[which], pairs.two[which], i):
+            out[a // 4] = out[mate[a] // 4] = True
+        return out
+
+    def _gap(self, room: float) -> float:
+        return _MORE * slot_needed(self.params) + room * self.slot
+
+    def _of_gap(self, gap: np.ndarray) -> np.ndarray:
+        return (gap - _MORE * slot_needed(self.params)) / self.slot
+
+    def _lines(self, width: np.ndarray, twist: np.ndarray) -> Lines:
+        wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
+        width, wind, lean = (np.stack([x, x[s.mate]], axis=1) for x in (width.ravel(), wind, s.lean))
+        return Lines.of(s.centre, s.radius, s.angle, (width, wind, lean), self.params.blend)
+
+    def _by_design(self, hang: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
+        """(K, 5 F) of derivatives by the numbers of both arms."""
+        sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.shapes.mate)
+        columns = np.concatenate([hang, arms + hang // 4], axis=1)
+        widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]
+        twists = [sign * by[:, k] for by in (one, two) for k in (OWN_WIND, MATE_WIND)]
+        data = np.stack(widths + twists, axis=1)
+        start = np.arange(0, data.size + 1, data.shape[1])
+        out = csr_array((data.ravel(), columns.ravel(), start), shape=(len(data), arms + arms // 4))
+        out.sum_duplicates()
+        return out

@@ -1,0 +1,91 @@
+"""What the flat quads give to their arms, one by one, with derivatives by the flat points. Arm 4 f + k is arm k of quad f."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..arrays import Complex, Float, Int
+from ..patches.flattening.flatten import FlatPatches
+from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, leans
+from .lines import CENTRE_X, CENTRE_Y
+from .spiral import opposite_sides, spokes
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """A arms: centres of their quads (metres), spokes (metres, radians), leans (radians), and the arms across their joints.
+
+    corner : (A, 4) the flat points of their quads, from the first end of their own sides on
+    corners : (A, 4) metres, where these are
+    """
+
+    centre: Complex[np.ndarray, " arms"]
+    radius: Float[np.ndarray, " arms"]
+    angle: Float[np.ndarray, " arms"]
+    lean: Float[np.ndarray, " arms"]
+    mate: Int[np.ndarray, " arms"]
+    corner: Int[np.ndarray, "arms 4"]
+    corners: Complex[np.ndarray, "arms 4"]
+    points: int
+
+    @classmethod
+    def of(cls, flat: FlatPatches) -> Shapes:
+        centre, radius, angle = spokes(flat.corners)
+        mate, side = opposite_sides(flat.layout.mesh)
+        turned = (np.arange(4)[:, None] + np.arange(4)) % 4
+        corner = flat.layout.flat_corners[:, turned].reshape(-1, 4)
+        return cls(
+            np.repeat(centre @ np.array([1.0, 1j]), 4),
+            radius.ravel(),
+            angle.ravel(),
+            leans(flat.corners, angle).ravel(),
+            (4 * mate + side).ravel(),
+            corner,
+            flat.points[corner] @ np.array([1.0, 1j]),
+            len(flat.points),
+        )
+
+    def by_points(self, arm: Int[np.ndarray, " k"], by: Float[np.ndarray, "k numbers"]) -> csr_array:
+        """(K, 2 V) derivatives by the flat points of what has the derivatives ``by`` the numbers of arms (``lines``)."""
+        # a change dz of the corners changes a number by the real part of conj(g) dz
+        spoke = np.exp(1j * self.angle[arm])
+        weights = np.array([0.25, 0.25, -0.25, -0.25])
+        radial, across = spoke[:, None] * weights, (1j * spoke / self.radius[arm])[:, None] * weights
+        g = by[:, RADIUS, None] * radial + (by[:, ANGLE] + by[:, OWN_LEAN])[:, None] * across
+        g = g + 0.25 * (by[:, CENTRE_X] + 1j * by[:, CENTRE_Y])[:, None]
+        g[:, :2] -= by[:, OWN_LEAN, None] * self._side(arm)
+        there, lean = self.mate[arm], by[:, MATE_LEAN, None]
+        h = lean * (1j * np.exp(1j * self.angle[there]) / self.radius[there])[:, None] * weights
+        h[:, :2] -= lean * self._side(there)
+        return self._rows(
+            np.arange(len(arm)), len(arm), np.hstack([self.corner[arm], self.corner[there]]), np.hstack([g, h])
+        )
+
+    def by_sides(
+        self, row: np.ndarray, count: int, own: np.ndarray, there: np.ndarray, way: np.ndarray, place: np.ndarray
+    ) -> csr_array:
+        """(K, 2 V) derivatives of what has the derivatives ``way`` by places, which are laid with the sides ``there`` upon ``own``."""
+        middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
+        # place = middle + turn (q - middle there), and turn follows both sides' directions
+        about = (np.conj(way) * 1j * (place - middle)).real[:, None]
+        g = about * self._side(own) + 0.5 * way[:, None]
+        along = (self.corners[own, 1] - self.corners[own, 0]) / (self.corners[there, 1] - self.corners[there, 0])
+        turn = -along / np.abs(along)
+        h = -about * self._side(there) - 0.5 * (np.conj(turn) * way)[:, None]
+        points = np.hstack([self.corner[own, :2], self.corner[there, :2]])
+        return self._rows(row, count, points, np.hstack([g, h]))
+
+    def _side(self, arm: np.ndarray) -> np.ndarray:
+        """How the direction of an arm's side follows its two corners, (K, 2) complex."""
+        side = self.corners[arm, 1] - self.corners[arm, 0]
+        across = 1j * side / np.abs(side) ** 2
+        return np.stack([-across, across], axis=1)
+
+    def _rows(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
+        columns = np.stack([2 * points, 2 * points + 1], axis=-1)
+        data = np.stack([g.real, g.imag], axis=-1)
+        rows = np.broadcast_to(row[:, None, None], columns.shape)
+        return csr_array((data.ravel(), (rows.ravel(), columns.ravel())), shape=(count, 2 * self.points))

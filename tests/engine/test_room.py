@@ -1,0 +1,103 @@
+"""Room for the cutter: derivatives of every kind of gap by every kind of parameter."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from flexmaps.engine.params import SpiralParams
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.spirals import pairs
+from flexmaps.engine.spirals.room import Room
+
+WIDE = 6.0  # rooms: all that is near in any way
+
+
+def _moved(flat, change):
+    return FlatPatches(flat.layout, flat.points + change.reshape(-1, 2), flat.energy, flat.square)
+
+
+def _sheared(points, way):
+    shaken = np.random.default_rng(4).uniform(-0.0025, 0.0025, points.shape)
+    return points + way * points[:, 1:] * [1.0, 0.0] + shaken
+
+
+@pytest.fixture(params=[False, True], ids=["counterclockwise", "clockwise"])
+def case(flat_grid, request):
+    """A room, and a design whose arms are near and through each other in all ways: across joints, cuts, and corners."""
+    flat = flat_grid(
+        4, 3, move=lambda p: _sheared(p, -1.0 if request.param else 1.0), cut=lambda x, y: x == 2 and y < 2
+    )
+    params = replace(SpiralParams(), clockwise=request.param)
+    rng = np.random.default_rng(5)
+    return Room.of(flat, params), flat, rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(2.0, 5.0, 12)
+
+
+def _kinds(room, terms):
+    """The kind of every term: of its pair of arms, or 3 for the inner edge of one."""
+    known = {(int(a), int(b)): int(k) for a, b, k in zip(room.pairs.one, room.pairs.two, room.pairs.kind, strict=True)}
+    return np.array([3 if a == b else known[a, b] for a, b in terms.arms[:, [0, 2]].tolist()])
+
+
+def _difference(rooms, step, at, way):
+    """Slope of rooms along a way."""
+    after, before = (rooms(*(x + s * w for x, w in zip(at, way, strict=True))) for s in (step, -step))
+    assert after.arms.tolist() == before.arms.tolist()
+    return (after.value - before.value) / (2 * step)
+
+
+@pytest.mark.parametrize("kind", range(4), ids=["beside", "across", "round", "sharp"])
+@pytest.mark.parametrize("by", ["widths", "twists", "points"])
+def test_derivatives_agree_with_differences(case, kind, by):
+    room, flat, width, twist = case
+    rng = np.random.default_rng(6)
+    terms = room.terms(width, twist, below=WIDE, flat=True)
+    # where centre lines cross, their distance has a kink
+    some = (_kinds(room, terms) == kind) & (terms.value > -3.0)
+    assert some.sum() > (0 if kind == pairs.ROUND else 20)
+    for _ in range(6):
+        w, t, p = rng.normal(size=width.shape), rng.normal(size=12), rng.normal(size=flat.points.size)
+        if by == "widths":
+            found = _difference(partial(room.terms, below=WIDE), 1e-7, (width, twist), (w, 0.0))
+            exact = terms.by_design[:, :48] @ w.ravel()
+        elif by == "twists":
+            found = _difference(partial(room.terms, below=WIDE), 1e-6, (width, twist), (0.0, t))
+            exact = terms.by_design[:, 48:] @ t
+        else:
+            found = _difference(
+                lambda x: room.moved(_moved(flat, x)).terms(width, twist, below=WIDE), 1e-8, (0.0,), (p,)
+            )
+            exact = terms.by_flat @ p
+        np.testing.assert_allclose(found[some], exact[some], atol=1e-6 * np.abs(exact[some]).max())
+
+
+def test_the_barrier_is_smooth_and_infinite_where_a_room_is_closed(flat_grid):
+    flat = flat_grid(3, 3, move=lambda p: _sheared(p, 0.3))
+    room, rng = Room.of(flat, SpiralParams()), np.random.default_rng(7)
+    width, twist = rng.uniform(0.001, 0.002, (9, 4)), rng.uniform(4.0, 7.0, 9)
+    while room.closed(width, twist).any():
+        twist = np.where(room.closed(width, twist), 0.95 * twist, twist)
+    here = room.barrier(width, twist, support=1.0, flat=True)
+    assert 0.0 < here.value < np.inf
+    w, t, p = rng.normal(size=(9, 4)), rng.normal(size=9), rng.normal(size=flat.points.size)
+
+    def value(s):
+        moved = room.moved(_moved(flat, s * 1e-3 * p))
+        return moved.barrier(width + s * 1e-3 * w, twist + s * t, support=1.0).value
+
+    step = 1e-6
+    exact = here.by_design @ np.concatenate([1e-3 * w.ravel(), t]) + here.by_flat @ (1e-3 * p)
+    assert (value(step) - value(-step)) / (2 * step) == pytest.approx(exact, rel=1e-6)
+    assert room.barrier(width, twist + 3.0).value == np.inf
+
+
+def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
+    room, _, width, twist = case
+    every = room.closed(width, twist)
+    terms = room.terms(width, twist, below=0.0)
+    part = np.unique(terms.arms[terms.value < 0.0] // 4)
+    assert np.flatnonzero(every).tolist() == part.tolist()
+    for quad in range(12):
+        one = room.closed(width, twist, np.arange(12) == quad)
+        assert one[quad] == every[quad]
+        assert not (one & ~every).any()
