@@ -117,26 +117,27 @@ class FlatProblem(Problem):
         cost = self.flat.cost(x[self.own :].reshape(-1, 2))
         return (*super().costs(x), FlatBarriers(self.flat, cost, self.own))
 
+    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
+        n = self.own
+        inside = self.flat.within(x[n:].reshape(-1, 2), inner.x[n:].reshape(-1, 2))
+        return np.concatenate([x[:n], inside.ravel()])
+
     def at(
         self,
         x: np.ndarray,
         start: Pose,
         progress: Progress = SILENT,
         iterations: int | None = None,
-        keep: Point | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
         """As ``Problem.at``, with the coordinates of the flat vertices behind those of the spirals."""
         n = self.own
-        if keep is not None:
-            inside = self.flat.within(x[n:].reshape(-1, 2), keep.x[n:].reshape(-1, 2))
-            x = np.concatenate([x[:n], inside.ravel()])
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
-        model, factors = self.build(assembly, progress), self.factors(start, keep)
-        found = self.rest(model, start, factors, progress, iterations, step)
+        model = self.build(assembly, progress)
+        found, factors = self.rest(model, start, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,

@@ -23,6 +23,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .costs import Cost, Roughness, differences
 from .design_space import DesignSpace
+from .factors import Factors
 from .objective import Mismatch, Target
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
 
@@ -45,18 +46,17 @@ class Problem:
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
     work: Work = field(default_factory=Work)
-    systems: list[Factors] = field(default_factory=list)
+    shared: list[Factors] = field(default_factory=list)
     sums: list[JointSum] = field(default_factory=list)
 
-    def factors(self, start: Pose, keep: Point | None) -> Factors:
-        """The linear system for one more equilibrium; not the one that ``keep`` uses, which would have to factor again."""
-        number = 1 if self.systems and keep is not None and keep.factors is self.systems[0] else 0
-        if number == len(self.systems):
-            pairs = self.assembly.pairs
-            # both hold the same, so that equilibria of either lie in the same place
-            held = self.systems[0].system.held if self.systems else self.loads.held(pairs, start.centres)
-            self.systems.append(Factors(NewtonSystem(pairs, held)))
-        return self.systems[number]
+    def factors(self, start: Pose) -> Factors:
+        """For all points with the same supports, which are held alike so that their equilibria lie in the same place."""
+        fixed, pairs = self.loads.fixed, self.assembly.pairs
+        for known in self.shared:
+            if np.array_equal(known.fixed, fixed):
+                return known
+        self.shared.append(Factors(pairs, fixed, self.loads.held(pairs, start.centres)))
+        return self.shared[-1]
 
     @property
     def joint_sum(self) -> JointSum:
@@ -71,46 +71,38 @@ class Problem:
             return ()
         return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x),)
 
+    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
+        """Coordinates near to x that keep the limits, as those of ``inner`` do."""
+        return x
+
     def at(
         self,
         x: np.ndarray,
         start: Pose,
         progress: Progress = SILENT,
         iterations: int | None = None,
-        keep: Point | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> Point:
-        """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there.
-
-        ``keep`` keeps its factor; other points have to factor again where they are asked for a derivative.
-        """
+        """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there."""
         model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
-        factors = self.factors(start, keep)
-        found = self.rest(model, start, factors, progress, iterations, step)
+        found, factors = self.rest(model, start, progress, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
 
     def rest(
         self,
         model: ElasticModel,
         start: Pose,
-        factors: Factors,
         progress: Progress,
         iterations: int | None,
         step: np.ndarray | None,
-    ) -> Equilibrium:
-        """The equilibrium of a model, sought as in ``at``."""
-        found = solve(model, start, self.loads, self.simulate, progress, factors.system, iterations, step)
-        factors.of = found if found.converged else None
+    ) -> tuple[Equilibrium, Factors]:
+        """The equilibrium of a model, sought as in ``at``, and where its factor is kept."""
+        factors = self.factors(start)
+        factor = factors.free()
+        found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step)
+        factor.owner = found if found.converged else None
         self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
-        return found
-
-
-@dataclass(eq=False)
-class Factors:
-    """A linear system that points use one after the other, and the equilibrium whose factor it holds."""
-
-    system: NewtonSystem
-    of: Equilibrium | None = None
+        return found, factors
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +118,8 @@ class Point:
 
     @property
     def system(self) -> NewtonSystem:
-        """The linear system with the factor of this point: made again where another point has used it since."""
-        system = self.factors.system
-        if self.factors.of is not self.equilibrium:
-            if not system.factor(system.values(self.model.expand(self._state).hessian)):
-                raise ValueError("derivatives belong to converged equilibria")
-            self.factors.of = self.equilibrium
-        return system
+        """The linear system with the factor of this point."""
+        return self.factors.of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def prepare(self, progress: Progress) -> None:
         """Derive, with progress, what the derivatives need: on thousands of spirals it takes a while."""

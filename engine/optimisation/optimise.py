@@ -232,8 +232,7 @@ def _starts(
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
-        best = min(points.values(), key=lambda p: p.value, default=None)
-        point = problem.at(x, pose, within, keep=best)
+        point = problem.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():

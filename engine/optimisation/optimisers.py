@@ -146,8 +146,8 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
         trace.unstable += 1
         return None
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
-    x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
-    trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, here, moves)
+    x, pose = here.problem.within(np.clip(here.x + step, 0.0, 1.0), here), here.equilibrium.pose
+    trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
     if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None

@@ -79,7 +79,7 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     for name, part in parts.items():
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
-        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose, keep=here).value, 2e-5)
+        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose).value, 2e-5)
         assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6), name
 
 
@@ -96,7 +96,7 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
     )
     assert (change * here.gauss_newton(change)).sum() > 0.0
     h = 1e-5
-    ahead, behind = (whole.at(here.x + s * change, here.equilibrium.pose, keep=here).equilibrium.pose for s in (h, -h))
+    ahead, behind = (whole.at(here.x + s * change, here.equilibrium.pose).equilibrium.pose for s in (h, -h))
     assert (ahead.centres - behind.centres) / (2 * h) == pytest.approx(
         moves[:, :3], abs=1e-5 * np.abs(moves[:, :3]).max()
     )

@@ -85,7 +85,7 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     direction = np.random.default_rng(5).normal(size=here.x.shape)
 
     def value(t: float) -> float:
-        return whole.at(here.x + t * direction, here.equilibrium.pose, keep=here).value
+        return whole.at(here.x + t * direction, here.equilibrium.pose).value
 
     if "strain" in options:  # what is tested is there at all
         assert here.value > 1.1 * here.mismatch.value
@@ -110,18 +110,44 @@ def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
     assert abs(without.value / true.value - 1.0) > 1e-3
     here = kept.at(x, true.equilibrium.pose)
     direction, h = np.random.default_rng(5).normal(size=x.shape), 1e-5
-    ahead, behind = (kept.at(x + s * direction, here.equilibrium.pose, keep=here).value for s in (h, -h))
+    ahead, behind = (kept.at(x + s * direction, here.equilibrium.pose).value for s in (h, -h))
     assert (ahead - behind) / (2 * h) == pytest.approx(float((here.gradient * direction).sum()), rel=1e-5)
 
 
 def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
+    """Each against differences right after others were made: more of them than there are factors, some that find no rest."""
+    whole, first = problem(strain=0.3)
+    rng, start, h = np.random.default_rng(8), first.equilibrium.pose, 1e-4
+    points = [first, *(whole.at(rng.uniform(0.2, 0.8, len(first.x)), start) for _ in range(3))]
+    assert not whole.at(1.0 - first.x, start, iterations=1).equilibrium.converged
+
+    def value(point: Point, t: float) -> float:
+        return whole.at(point.x + t * direction, point.equilibrium.pose).value
+
+    for point in points:
+        direction = rng.normal(size=point.x.shape)
+        move = point.moves(direction)  # its own factor, whatever the others did
+        slope = (8 * (value(point, h) - value(point, -h)) - value(point, 2 * h) + value(point, -2 * h)) / (12 * h)
+        assert float(point.gradient @ direction) == pytest.approx(slope, rel=1e-6)
+        assert point.moves(direction) == pytest.approx(move, rel=1e-9, abs=1e-12 * np.abs(move).max())
+
+
+def test_a_factor_that_was_being_made_when_it_was_stopped_is_nobodys() -> None:
     whole, here = problem()
-    alone = here.gradient.copy()
-    whole, here = problem()
-    start = here.equilibrium.pose
-    later = [whole.at(np.clip(here.x + shift, 0.0, 1.0), start) for shift in (0.1, -0.1, 0.15)]
-    assert all(point.equilibrium.converged for point in later)
-    assert here.gradient == pytest.approx(alone, rel=1e-6, abs=1e-12)
+    alone, seen = here.gradient.copy(), []
+
+    def stopped() -> bool:
+        seen.append(0)
+        return len(seen) > 4
+
+    other = whole.at(np.full_like(here.x, 0.4), here.equilibrium.pose)
+    for _ in range(2):
+        seen.clear()
+        with pytest.raises(Cancelled):
+            whole.at(np.full_like(here.x, 0.7), here.equilibrium.pose, Progress(stopped=stopped))
+    assert other.equilibrium.converged
+    again = dataclasses.replace(here)  # nothing of it is known yet
+    assert again.gradient == pytest.approx(alone, rel=1e-9, abs=1e-14)
 
 
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
@@ -132,8 +158,8 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
     assert (moves * pull).sum() == pytest.approx((here.adjoint(pull) * change).sum(), rel=1e-8)
     assert (change * here.gauss_newton(change)).sum() > 0.0
     h = 1e-4
-    ahead = whole.at(here.x + h * change, here.equilibrium.pose, keep=here).equilibrium.pose
-    behind = whole.at(here.x - h * change, here.equilibrium.pose, keep=here).equilibrium.pose
+    ahead = whole.at(here.x + h * change, here.equilibrium.pose).equilibrium.pose
+    behind = whole.at(here.x - h * change, here.equilibrium.pose).equilibrium.pose
     found = (ahead.centres - behind.centres) / (2 * h)
     assert found == pytest.approx(moves[:, :3], abs=1e-5 * np.abs(moves[:, :3]).max())
 
