@@ -21,6 +21,10 @@ from .arcs import Curve, Fitted, fit
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
 
+# The largest t at which a slot may end. A wide arm between thin ones is left by its edges only beyond the centre: in 1 of 100
+# spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.
+_BEYOND = 1.2
+
 
 @dataclass(frozen=True, eq=False)
 class Hubs:
@@ -108,8 +112,8 @@ def _newton(
         # a + da x = b + db y
         x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
         y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
-        left = np.clip(left + np.clip(x, -step, step), 0.0, 0.9999)
-        right = np.clip(right + np.clip(y, -step, step), 0.0, 0.9999)
+        left = np.clip(left + np.clip(x, -step, step), 0.0, _BEYOND)
+        right = np.clip(right + np.clip(y, -step, step), 0.0, _BEYOND)
     return left, right, miss
 
 

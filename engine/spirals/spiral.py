@@ -150,10 +150,12 @@ def curve(
     radius: np.ndarray, angle: np.ndarray, wind: np.ndarray, slope: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centre lines at t, seen from their quads' centres, and their derivatives, as complex numbers; all arguments broadcast."""
-    # in the complex plane: r e^(i angle), and its derivatives
-    turn = np.exp(1j * (angle + wind * t))
-    rw = radius * (1.0 - t) * wind
+    # in the complex plane: r e^(i angle), and its derivatives; straight on beyond the centre
+    beyond = (t > 1.0).any()
+    turn = np.exp(1j * (angle + wind * (np.minimum(t, 1.0) if beyond else t)))
     p = radius * (1.0 - t) * turn
+    wind = np.where(t > 1.0, 0.0, wind) if beyond else wind
+    rw = radius * (1.0 - t) * wind
     d1 = (1j * rw - radius) * turn
     d2 = (-wind * rw - 2j * (wind * radius)) * turn
     if slope.any():
