@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..arrays import Float, Int
 from ..errors import FlexMapsError
@@ -15,11 +16,11 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .contours import Hubs, Outline, Tips, edges, hubs, outlines, touching
+from .room import Room
 from .slots import (
     CLEAR,
-    DEPTH,
     PARALLEL,
-    gaps,
+    THINNEST,
     gaps_across,
     gaps_round,
     narrowest,
@@ -27,13 +28,12 @@ from .slots import (
     slot_widths,
     twist_bound,
     twist_limit,
+    width_range,
 )
-from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, inner_radius, opposite_sides, widest_arms, widest_beside_slots
+from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
 
-__all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform"]
+__all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 
-# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
-_THINNEST = 0.5
 _SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
 
 
@@ -195,7 +195,9 @@ def fitted(
     """
     width = np.minimum(width, width_range(flat, params)[1][:, None])
     twist = twist_bound(flat, params, width, progress.part(0.0, 0.2), twist)
-    design = SpiralDesign(flat, params, *_relieved(flat, params, width, twist, progress.part(0.2, 0.6)))
+    room = Room.of(flat, params)
+    opened = _opened(room, width_range(flat, params)[0], width, twist, progress.part(0.2, 0.6))
+    design = SpiralDesign(flat, params, *opened)
     return proved(design, progress.part(0.6, 1.0)) if prove else design
 
 
@@ -206,38 +208,10 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     width = np.where(known[:, None], design.width, low[:, None])
     bound = twist_bound(design.flat, design.params, np.clip(width, low[:, None], high[:, None]))
     slack = 1e-3  # rounding, and limits that were found by iteration
-    least, most = (1.0 - slack) * np.minimum(low, _THINNEST * design.params.width_min), (1.0 + slack) * high
+    least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (design.twist >= -slack) & (design.twist <= (1.0 + slack) * bound + slack)
     return np.flatnonzero(~(known & fits))
-
-
-def width_range(
-    flat: FlatPatches, params: SpiralParams
-) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
-    """Metres: the smallest and the largest width in every quad.
-
-    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
-    """
-    widest = widest_arms(flat, params)
-    small = np.flatnonzero(widest < _THINNEST * params.width_min)
-    if len(small):
-        need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
-        remedy = (
-            f"the object {need:.3g} times larger, or the smallest width {least:.2g} mm"
-            if least > 0.0
-            else "those quads larger"
-        )
-        raise FlexMapsError(
-            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
-            faces=small,
-        )
-    # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
-    wide = np.minimum(
-        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
-    )
-    high = np.minimum(wide, widest)
-    return np.minimum(params.width_min, high), high
 
 
 def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) -> SpiralDesign:
@@ -246,7 +220,7 @@ def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) 
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]
-    thinnest = _THINNEST * design.params.width_min
+    thinnest = THINNEST * design.params.width_min
     culprits = np.empty(0, dtype=np.int64)
     for turn in range(rounds):
         part = progress.part(turn / rounds, (turn + 1) / rounds)
@@ -282,57 +256,50 @@ def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int
     return np.unique(np.concatenate(found))
 
 
-def _relieved(
-    flat: FlatPatches, params: SpiralParams, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
+def _opened(
+    room: Room, low: np.ndarray, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths and twists, reduced where the blended joints or the neighbours leave too little room."""
-    # a little more: the gap is judged at some points of every slot only
-    slot, mesh = 1.005 * slot_needed(params), flat.layout.mesh
-    mate, side = opposite_sides(mesh)
-    rest = 1.0 / (1.0 - DEPTH) ** 2
-    gap, sharp = np.zeros(len(twist)), np.zeros((len(twist), 4), dtype=bool)
-    quads = np.arange(len(twist))
-    for turn in range(60):
-        part = progress.part(turn / 60, (turn + 1) / 60)
-        part(0.0, "room between the arms")
-        shape = arms(flat, params, width, twist)
-        for batch in part.batches(len(quads), TOGETHER, "room between the arms"):
-            some = quads[batch]
-            gap[some] = _gap(shape, flat, some, AMPLE * slot)
-        # where a wound spiral forces a sharp bend upon an arm of its neighbour, the more wound of the two gives way
-        sharp[quads] = inner_radius(shape.of(quads)) < _SHARPEST
-        gives = ((sharp | sharp[mate, side]) & (twist[:, None] >= twist[mate])).any(axis=1)
-        tight = gap < slot
-        # an arm also gives way where it is its neighbour's that has no room
-        beside = tight[mate].any(axis=1) & (gap < AMPLE * slot)
-        unwind = (tight | beside | gives) & (twist > 0.0)
-        widest = width.max(axis=1)
-        thin = tight & (twist == 0.0) & (widest > params.width_min)
-        change = unwind | thin
-        if not change.any():
-            break
-        share = np.clip((gap + widest) / (slot + widest), 0.8, 0.98)
-        loose = np.sqrt(np.maximum((twist**2 + rest) * share**2 - rest, 0.0))
-        loose = np.where(gives, np.minimum(loose, 0.85 * twist), np.maximum(loose, 0.8 * twist))
-        twist = np.where(unwind, np.where(twist < 0.1, 0.0, loose), twist)
-        thinner = np.minimum(width, np.maximum(0.85 * width, params.width_min))
-        width = np.where(thin[:, None], thinner, width)
-        quads = np.flatnonzero(change | change[mate].any(axis=1))
+    """Widths and twists near those given whose rooms are all open.
+
+    Every room that is not open asks for the smallest change that would open it, and every width and twist does what is asked
+    most of it. What that has not opened in some rounds is unwound, and then made thinner, until it is.
+    """
+    least = np.repeat(low[:, None], 4, axis=1)
+    scale = np.concatenate([np.full(width.size, room.params.width_max), np.full(twist.size, _RADIANS)])
+    quads = np.ones(len(twist), dtype=bool)
+    for turn in range(_ROUNDS):
+        progress(turn / _ROUNDS, "room between the arms")
+        if turn < _ASKED:
+            terms = room.terms(width, twist, below=_SPARE_ROOM, quads=quads)
+            if not len(terms.value):
+                return width, twist
+            # what is at its end cannot give way any further
+            held = np.concatenate([(width <= least).ravel(), twist <= 0.0])
+            slopes = csr_array(terms.by_design.multiply(np.where(held, 0.25 * scale, scale)))
+            size = slopes.power(2).sum(axis=1)
+            asked = csr_array(slopes.multiply(((_SPARE_ROOM - terms.value) / np.maximum(size, 1e-12))[:, None]))
+            most = asked.max(axis=0).toarray().ravel() + asked.min(axis=0).toarray().ravel()
+            change = scale * np.clip(most, -_FARTHEST, _FARTHEST)
+            width = np.maximum(width + np.minimum(change[: width.size], 0.0).reshape(-1, 4), np.minimum(width, least))
+            twist = np.clip(twist + change[width.size :], 0.0, np.maximum(twist, 0.0))
+            quads = np.zeros(len(twist), dtype=bool)
+            quads[terms.arms // 4] = True
+        else:
+            quads = room.closed(width, twist, quads)
+            if not quads.any():
+                return width, twist
+            thin = quads & (twist == 0.0)
+            width = np.where(thin[:, None], np.minimum(width, np.maximum(0.9 * width, least)), width)
+            twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
     return width, twist
 
 
 TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
-AMPLE = 1.5  # slots, a gap that need not give way to its neighbours'
-
-
-def _gap(shape: Arms, flat: FlatPatches, quads: Int[np.ndarray, " n"], enough: float) -> Float[np.ndarray, " n"]:
-    """Metres: narrowest gap beside the arms of some quads, in their own quad and across their joints.
-
-    Measured closely only where it may be less than ``enough`` metres.
-    """
-    across = gaps_across(shape, flat.layout.mesh, flat.corners, quads, enough)
-    gap = np.minimum(gaps(shape.of(quads)), across)
-    return np.minimum(gap, gaps_round(shape, flat.layout, quads, enough)).min(axis=1)
+# Rounds in which rooms ask for changes, and all with those in which spirals are unwound and made thinner
+_ASKED, _ROUNDS = 25, 90
+_SPARE_ROOM = 0.02  # rooms that are asked for, so that none is left closed by rounding
+_RADIANS = 3.0  # of twist that count as much as the largest width
+_FARTHEST = 0.15  # of either that a round may change at most
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:

@@ -22,6 +22,8 @@ _PLACES = 13
 _COARSE = 25  # points of the second arm among which the nearest is looked for where nothing tells where it is
 # Newton's steps to the nearest points: to find out which gaps are narrow, and to know those to the last digit, mostly in 4
 _FIRST, _LAST = 2, 40
+# Gaps may be narrower between two such places than at either, by so much of the widths of both arms: at most 0.01 was seen
+_BETWEEN = 0.05
 _CLOSE = 1e-10  # t that the last step is shorter than
 _FARTHEST = 0.15  # t that one such step goes at most
 # u of the blended end, t = share u, where its inner edge is looked at: round its sharpest turn, and at both ends
@@ -48,19 +50,26 @@ class Narrow:
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
 
 
-def narrow(lines: Lines, pairs: Pairs, below: float, clockwise: bool) -> Narrow:
-    """The gaps less than ``below`` metres."""
+def narrow(lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool) -> Narrow:
+    """The gaps less than ``below`` metres, (n,) for every pair."""
     beside = np.flatnonzero(pairs.kind == BESIDE)
     which, t, s = _beside(lines, pairs, beside, clockwise)
     others = np.flatnonzero(pairs.kind != BESIDE)
     both = zip((which, t, s), _near(lines, pairs, others, below), strict=True)
     which, t, s = (np.concatenate(x) for x in both)
     s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
-    some = np.flatnonzero(gap - 2.0 * less < below)
+    between = _BETWEEN * (lines.width[pairs.one[which]] + lines.width[pairs.two[which]])
+    some = np.flatnonzero(gap - 2.0 * less < below[which] + between)
     which, t = which[some], t[some]
     s, gap, _ = _nearest(lines, pairs, which, t, s[some], _LAST)
+    # and at the very narrowest place of every pair
+    order = np.lexsort((gap, which))
+    least = order[np.flatnonzero(np.diff(which[order], prepend=-1))]
+    narrowest = _narrowest(lines, pairs, which[least], t[least], s[least])
+    both = zip((which, t, s, gap), (which[least], *narrowest), strict=True)
+    which, t, s, gap = (np.concatenate(x) for x in both)
     side = np.where(_through(lines, pairs, which, t, clockwise), -1.0, 1.0)
-    some = np.flatnonzero((gap < below) | (side < 0.0))
+    some = np.flatnonzero((gap < below[which]) | (side < 0.0))
     found = Narrow(which[some], t[some], s[some], side[some], gap[some])
     if not (found.side < 0.0).any():
         return found
@@ -94,7 +103,7 @@ def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clock
     return (pairs.kind[which] == BESIDE) & (level < 1.0) & beyond
 
 
-def _near(lines: Lines, pairs: Pairs, some: np.ndarray, below: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _near(lines: Lines, pairs: Pairs, some: np.ndarray, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places of other pairs that may be near, and about where the second arm is nearest."""
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for kind in np.unique(pairs.kind[some]):
@@ -103,7 +112,7 @@ def _near(lines: Lines, pairs: Pairs, some: np.ndarray, below: float) -> tuple[n
         p, q = (_drawn(lines, arms, x) for arms, x in ((pairs.one[here], t), (pairs.two[here], s)))
         q = pairs.turn[here, None] * q + pairs.shift[here, None]
         half = [np.maximum(lines.width[a], lines.end.width[a]) for a in (pairs.one[here], pairs.two[here])]
-        enough = below + 0.5 * (half[0] + half[1])
+        enough = below[here] + 0.5 * (half[0] + half[1])
         # between two points that are a step apart an arm may be nearer by what half of the step takes off
         step = np.abs(np.diff(q, axis=1)).max(axis=1)
         enough = enough**2 + 0.3 * step**2
@@ -161,6 +170,50 @@ def _nearest(
     return s, gap, less
 
 
+def _narrowest(
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where between the places beside t gaps are least, on either arm, and how wide they are there: by Newton's method along the
+    first arm, within the bracket that the slope leaves."""
+    depth = DEPTHS[pairs.kind[which], 0]
+    step = depth / (_PLACES - 1)
+    low, high = np.maximum(t - step, 0.0), np.minimum(t + step, depth)
+    t, gap, moving = t.copy(), np.zeros(len(t)), np.arange(len(t))
+    s = s.copy()
+    for _ in range(_LAST):
+        now = which[moving], t[moving]
+        s[moving], gap[moving], _ = _nearest(lines, pairs, *now, s[moving], _LAST)
+        slope, bend = _along(lines, pairs, *now, s[moving])
+        low[moving] = np.where(slope < 0.0, now[1], low[moving])
+        high[moving] = np.where(slope > 0.0, now[1], high[moving])
+        to = now[1] - slope / np.where(bend > 0.0, bend, 1e-300)
+        within = (to > low[moving]) & (to < high[moving]) | (slope == 0.0)
+        t[moving] = np.where(within, to, 0.5 * (low[moving] + high[moving]))
+        moving = moving[np.abs(t[moving] - now[1]) > _CLOSE]
+        if not len(moving):
+            break
+    return t, s, gap
+
+
+def _along(
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and second derivative of gaps by t on the first arm, while the nearest points on the second follow."""
+    turn = pairs.turn[which]
+    p, p1, p2, _, half1, half2 = lines.at(pairs.one[which], t)
+    q, q1, q2, _, _, h2 = lines.at(pairs.two[which], s)
+    off, q1, q2 = turn * q + pairs.shift[which] - p, turn * q1, turn * q2
+    apart = np.maximum(np.abs(off), 1e-12)
+    off /= apart
+    along, there = (off * np.conj(p1)).real, (off * np.conj(q1)).real
+    own = ((p1 * np.conj(p1)).real - along**2) / apart - (off * np.conj(p2)).real - half2
+    other = ((q1 * np.conj(q1)).real - there**2) / apart + (off * np.conj(q2)).real - h2
+    cross = -((p1 * np.conj(q1)).real - along * there) / apart
+    # an end of the second arm stays where it is
+    free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
+    return -along - half1, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
+
+
 def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Derivatives of gaps by the numbers of the first and of the second arm, (K, lines.COUNT) each, and by the nearest point of
     the second, and where that lies (both complex, in the first arm's frame)."""
@@ -175,15 +228,15 @@ def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np
 
 
 def sharp(
-    lines: Lines, arms: Int[np.ndarray, " n"], below: float
+    lines: Lines, arms: Int[np.ndarray, " n"], below: Float[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Where in their blends arms keep less than ``below`` of the radius of curvature on their inner edge: the arm, u, the share."""
+    """Where in their blends arms keep less than ``below``, (n,), of the radius of curvature on their inner edge: the arm, u, the share."""
     end = lines.end
     i = np.broadcast_to(arms[:, None], (len(arms), len(_TURNS)))
     u = np.broadcast_to(_TURNS, i.shape)
     _, d1, d2, half = lines.at(i, end.share[i] * u)[:4]
     left = 1.0 - half * np.abs((np.conj(d1) * d2).imag) / np.abs(d1) ** 3
-    some = left < below
+    some = left < below[:, None]
     return i[some], u[some], left[some]
 
 

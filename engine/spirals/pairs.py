@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
-from ..arrays import Bool, Complex, Int
+from ..arrays import Bool, Complex, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import leans
 from .lines import Lines
 from .spiral import opposite_sides, spokes
 
-# Kinds of pairs: of one quad; across a joint; of quads that share no more than a vertex
+# Kinds of pairs: of one quad; an arm and those beside it across its joint; others of quads that share an edge or a vertex
 BESIDE, ACROSS, ROUND = range(3)
 # The largest t that counts on the first and on the second arm of each kind: the slot beside an arm needs to be open over the
 # outer third, see ``slots.DEPTH``; further in than 0.4, 0.9 and 0.6, arms of other quads were never nearest.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.4, 0.9], [0.6, 0.6]])
-# at which twists, as shares of the largest, arms are drawn to see how far they reach, on their own and on their mates' side
-_OWN, _MATES = np.linspace(0.0, 1.0, 9), np.array([0.0, 1.0])
-_REACHED = np.linspace(0.0, 0.9, 13)  # at which t
-_SPARE = 0.1  # of an arm's radius, between what was drawn and what may be reached between it
+# At which twists, as shares of the largest, arms are drawn to see how far they reach, on their own and on their mates' side. Those
+# of smaller twists lie within what the most wound ones go round, but for their blends.
+_OWN, _MATES = (0.0, 0.5, 1.0), (0.0, 1.0)
+_REACHED = np.linspace(0.0, 0.9, 25)  # at which t
+_WAYS = 32  # in how many directions
+# radians from the way between two quads' centres at which lines between their arms are looked for
+_TURNED = np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
+_SPARE = 0.1  # of an arm's radius, between what was drawn and what may be reached between it, or when flat points move
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,57 +101,63 @@ def _laid(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.nda
 
 
 def _round(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """The two arms at every corner of every quad with the two at that vertex of the quads opposite, once each."""
+    """All arms of every quad with all of the quads that share an edge or a vertex with it, as far as nothing is cut, once each."""
     layout = flat.layout
     mate, side = opposite_sides(layout.mesh)
     joined, count = ~layout.outline_sides, len(mate)
     quad, corner = np.repeat(np.arange(count), 4), np.tile(np.arange(4), count)
     whole, at, to = np.ones(len(quad), dtype=bool), quad, corner
     found: list[np.ndarray] = []
-    for step in range(1, 4):  # round the vertex, as far as nothing is cut
+    for _ in range(3):  # round the vertex
         whole = whole & joined[at, to]
         at, to = np.where(whole, mate[at, to], at), np.where(whole, (side[at, to] + 1) % 4, to)
-        # the next quad is no concern of this, nor is the last one before the circle closes
-        far = np.flatnonzero(whole & (step > 1) & (mate[at, to] != quad) & (at != quad))
-        for k in (-1, 0):
-            for j in (-1, 0):
-                one, two = 4 * quad[far] + (corner[far] + k) % 4, 4 * at[far] + (to[far] + j) % 4
-                found.append(np.stack([np.minimum(one, two), np.maximum(one, two)], axis=1))
-    both = np.unique(np.concatenate(found), axis=0)
-    return both[:, 0], both[:, 1]
+        far = whole & (at != quad)
+        found.append(np.stack([np.minimum(quad[far], at[far]), np.maximum(quad[far], at[far])], axis=1))
+    quads = np.unique(np.concatenate(found), axis=0)
+    k = np.stack(np.divmod(np.arange(16), 4), axis=1)
+    both = (4 * quads[:, None] + k).reshape(-1, 2)
+    # the two arms of a joint run into each other, and those beside it are pairs across a joint
+    known = np.zeros(len(both), dtype=bool)
+    for one, two in (both.T, both[:, ::-1].T):
+        there = 4 * mate[one // 4, one % 4] + side[one // 4, one % 4]
+        known |= (there // 4 == two // 4) & ((two - there) % 4 != 2)
+    return both[~known, 0], both[~known, 1]
 
 
 def _reach(flat: FlatPatches, params: SpiralParams, pairs: Pairs, near: float) -> Bool[np.ndarray, " n"]:
-    """Whether two arms of a pair may come near: no line at right angles to that between their quads lies between all that they
-    may be."""
-    centre, radius, angle = spokes(flat.corners)
+    """Whether two arms of a pair may come near: no line across the way between their quads lies between all that they may be."""
+    centre, radius, _ = spokes(flat.corners)
+    extents, c = _extents(flat, params), np.repeat(centre @ np.array([1.0, 1j]), 4)
+    between = pairs.turn * c[pairs.two] + pairs.shift - c[pairs.one]
+    spare = _SPARE * (radius.ravel()[pairs.one] + radius.ravel()[pairs.two]) + near + params.width_max
+    out = np.ones(len(between), dtype=bool)
+    for turned in np.exp(1j * _TURNED):
+        way = turned * between / np.maximum(np.abs(between), 1e-12)
+        far = (between * np.conj(way)).real
+        for arm, there in ((pairs.one, way), (pairs.two, -way * np.conj(pairs.turn))):
+            place = np.angle(there) / (2.0 * np.pi / _WAYS)
+            before, after = (np.asarray(np.floor(place) + k, dtype=np.int64) % _WAYS for k in (0, 1))
+            far -= np.maximum(extents[arm, before], extents[arm, after]) / np.cos(np.pi / _WAYS)
+        out &= far < spare
+    return out
+
+
+def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms ways"]:
+    """Metres: how far the centre lines of an arm reach from its quad's centre, whatever the design, along evenly spaced ways."""
+    _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
     lean = leans(flat.corners, angle)
-    sign = -1.0 if params.clockwise else 1.0
     width = np.full((radius.size, 2), params.width_max)
     both = np.stack([lean, lean[mate, side]], axis=-1).reshape(-1, 2)
-    c = np.repeat(centre @ [1.0, 1j], 4)
-    i = np.broadcast_to(np.arange(radius.size)[:, None], (radius.size, len(_REACHED)))
-    t = np.broadcast_to(_REACHED, i.shape)
-    turn = np.stack([np.ones(len(pairs.one)), pairs.turn])
-    place = np.stack([c[pairs.one], pairs.turn * c[pairs.two] + pairs.shift])
-    # for arms round a joint the way across its edge tells more than that between the centres
-    way = place[1] - place[0]
-    way /= np.maximum(np.abs(way), 1e-12)
-    across = np.exp(1j * (angle - lean)).ravel()[pairs.one]
-    ways = np.stack([way, np.where(pairs.kind == ACROSS, across, way)])
-    reach = np.full((2, 2, len(way)), -np.inf)
-    within = [t[0] <= DEPTHS[pairs.kind, k][:, None] + 1e-9 for k in range(2)]
-    for own in _OWN:
-        for other in _MATES:
-            twist = sign * params.twist_max * np.broadcast_to([own, other], width.shape)
-            lines = Lines.of(c, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
-            points = lines.at(i, t)[0]
-            for k, arm in enumerate((pairs.one, pairs.two)):
-                seen = turn[k][:, None] * (points[arm] - c[arm][:, None]) + place[k][:, None]
-                for w in range(2):
-                    far = (seen * np.conj((1 - 2 * k) * ways[w])[:, None]).real
-                    reach[w, k] = np.maximum(reach[w, k], np.where(within[k], far, -np.inf).max(axis=1))
-    spare = _SPARE * (radius.ravel()[pairs.one] + radius.ravel()[pairs.two]) + near + params.width_max
-    # what lies between the farthest that either arm reaches towards the other
-    return (-reach.sum(axis=1) < spare).all(axis=0)
+    t = np.broadcast_to(_REACHED, (radius.size, len(_REACHED)))
+    i = np.broadcast_to(np.arange(radius.size)[:, None], t.shape)
+    ways = np.exp(2j * np.pi / _WAYS * np.arange(_WAYS))
+    out = np.full((radius.size, _WAYS), -np.inf)
+    zero, sign = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
+    for own, other in product(_OWN, _MATES):
+        twist = sign * params.twist_max * np.broadcast_to([own, other], width.shape)
+        lines = Lines.of(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
+        points = lines.points(i, t)
+        for k, way in enumerate(ways):
+            out[:, k] = np.maximum(out[:, k], (points.real * way.real + points.imag * way.imag).max(axis=1))
+    return out

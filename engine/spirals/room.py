@@ -25,12 +25,14 @@ from .gaps import gap_slopes, narrow, sharp, sharp_slopes
 from .lines import Lines
 from .pairs import Pairs, pairs_of
 from .shapes import Shapes
-from .slots import slot_needed
+from .slots import slot_needed, width_range
+from .spiral import alike
 
 # Rooms from which on the barrier is felt, unless said otherwise
 SUPPORT = 0.5
 # How many times the smallest slot is asked for, since gaps are measured at some points of the arms only
-_MORE = 1.005
+_MORE = 1.015
+_THIN = 0.95  # share of the room of the thinnest straight arms that is needed where it is less than it should be
 _SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
 
 
@@ -71,17 +73,35 @@ class Room:
     """The gaps of all designs in the same flat patches with the same settings.
 
     pairs : arms that some design brings near each other
+    need : metres, the least gap of each pair
+    sharpest : of every arm, the least share of its radius of curvature that its inner edge keeps in its blend
     """
 
     params: SpiralParams
     pairs: Pairs
     shapes: Shapes
+    need: Float[np.ndarray, " pairs"]
+    sharpest: Float[np.ndarray, " arms"]
 
     @classmethod
     def of(cls, flat: FlatPatches, params: SpiralParams) -> Room:
-        """Looks once which arms could come near each other, whatever the design."""
-        near = (1.0 + SUPPORT) * _MORE * slot_needed(params)
-        return cls(params, pairs_of(flat, params, near), Shapes.of(flat))
+        """Looks once which arms could come near each other, whatever the design.
+
+        Where the thinnest straight arms have less room than needed, in quads that are too small or too thin, that is what
+        other designs need there; where even those touch, nothing is asked for.
+        Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+        """
+        slot, shapes = _MORE * slot_needed(params), Shapes.of(flat)
+        pairs = pairs_of(flat, params, (1.0 + SUPPORT) * slot)
+        arms = len(shapes.mate)
+        room = cls(params, pairs, shapes, np.full(len(pairs.one), slot), np.full(arms, _SHARPEST))
+        lines = room._lines(alike(width_range(flat, params)[0]), np.zeros(arms // 4))
+        thin, need = narrow(lines, pairs, room.need, params.clockwise), room.need.copy()
+        np.minimum.at(need, thin.pair, _THIN * thin.gap)
+        arm, _, left = sharp(lines, np.arange(arms), room.sharpest)
+        np.minimum.at(room.sharpest, arm, _THIN * left)
+        some = need > 0.0
+        return replace(room, pairs=pairs.of(some), need=need[some])
 
     def moved(self, flat: FlatPatches) -> Room:
         """The same where the flat points have moved a little; which arms could come near is not looked for again."""
@@ -99,17 +119,21 @@ class Room:
         *,
         below: float = SUPPORT,
         flat: bool = False,
+        quads: Bool[np.ndarray, " quads"] | None = None,
     ) -> Terms:
-        """All rooms less than ``below`` at widths in metres and twists in radians; by the flat points too if asked for."""
+        """All rooms less than ``below`` at widths in metres and twists in radians; by the flat points too if asked for.
+
+        Only those in which some of ``quads`` have a part, if given.
+        """
         lines = self._lines(width, twist)
-        pairs, arms = self.pairs, np.arange(len(lines.radius))
-        gaps = narrow(lines, pairs, self._gap(below), self.params.clockwise)
-        i, u, left = sharp(lines, arms, _SHARPEST * (1.0 + below))
+        pairs, need, arms = self._about(quads)
+        gaps = narrow(lines, pairs, need + below * self.slot, self.params.clockwise)
+        i, u, left = sharp(lines, arms, self.sharpest[arms] + below * _SHARPEST)
         first, second, way, place = gap_slopes(lines, pairs, gaps)
         ends = np.zeros((len(i), first.shape[1]))
         slopes = sharp_slopes(lines, i, u)
         ends[:, : slopes.shape[1]] = slopes / _SHARPEST
-        value = np.concatenate([self._of_gap(gaps.gap), left / _SHARPEST - 1.0])
+        value = np.concatenate([(gaps.gap - need[gaps.pair]) / self.slot, (left - self.sharpest[i]) / _SHARPEST])
         one, two = (np.concatenate([a, i]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
         by_one = np.concatenate([first / self.slot, ends])
         by_two = np.concatenate([second / self.slot, np.zeros_like(ends)])
@@ -157,22 +181,22 @@ class Room:
     ) -> Bool[np.ndarray, " quads"]:
         """The quads that have a part in a room that is closed; of rooms in which some of ``quads`` have a part, if given."""
         lines, mate = self._lines(width, twist), self.shapes.mate
-        pairs, arms = self.pairs, np.arange(len(mate))
-        if quads is not None:
-            some = quads[arms // 4] | quads[mate // 4]
-            pairs, arms = pairs.of(some[pairs.one] | some[pairs.two]), arms[some]
-        which = narrow(lines, pairs, self._gap(0.0), self.params.clockwise).pair
-        i = sharp(lines, arms, _SHARPEST)[0]
+        pairs, need, arms = self._about(quads)
+        which = narrow(lines, pairs, need, self.params.clockwise).pair
+        i = sharp(lines, arms, self.sharpest[arms])[0]
         out = np.zeros(len(twist), dtype=bool)
         for a in (pairs.one[which], pairs.two[which], i):
             out[a // 4] = out[mate[a] // 4] = True
         return out
 
-    def _gap(self, room: float) -> float:
-        return _MORE * slot_needed(self.params) + room * self.slot
-
-    def _of_gap(self, gap: np.ndarray) -> np.ndarray:
-        return (gap - _MORE * slot_needed(self.params)) / self.slot
+    def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
+        """The pairs, what they need, and the arms in which some of the quads have a part."""
+        arms = np.arange(len(self.shapes.mate))
+        if quads is None:
+            return self.pairs, self.need, arms
+        some = quads[arms // 4] | quads[self.shapes.mate // 4]
+        near = some[self.pairs.one] | some[self.pairs.two]
+        return self.pairs.of(near), self.need[near], arms[some]
 
     def _lines(self, width: np.ndarray, twist: np.ndarray) -> Lines:
         wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes

@@ -15,19 +15,33 @@ from itertools import product
 import numpy as np
 
 from ..arrays import Float, Int
+from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .arcs import dot
-from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge, opposite_sides, width_at
+from .spiral import (
+    LEFT,
+    RIGHT,
+    Arms,
+    arms,
+    centre_line,
+    edge,
+    opposite_sides,
+    widest_arms,
+    widest_beside_slots,
+    width_at,
+)
 
 # The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
 # loses slot at the hub: about here its arms are free over their greatest length.
 DEPTH = 1.0 / 3.0
 PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
 _CLOSER = 3  # times that the search for the nearest points of two arms looks closer, by a third each
+# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
+THINNEST = 0.5
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
 
 
@@ -44,6 +58,34 @@ def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float 
 def slot_needed(params: SpiralParams) -> float:
     """Metres that every slot must be wide: the smallest slot, and room for the fillet at its root."""
     return max(params.slot_min, 2.0 * params.fillet)
+
+
+def width_range(
+    flat: FlatPatches, params: SpiralParams
+) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
+    """Metres: the smallest and the largest width in every quad.
+
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
+    widest = widest_arms(flat, params)
+    small = np.flatnonzero(widest < THINNEST * params.width_min)
+    if len(small):
+        need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
+        remedy = (
+            f"the object {need:.3g} times larger, or the smallest width {least:.2g} mm"
+            if least > 0.0
+            else "those quads larger"
+        )
+        raise FlexMapsError(
+            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
+            faces=small,
+        )
+    # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
+    wide = np.minimum(
+        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
+    )
+    high = np.minimum(wide, widest)
+    return np.minimum(params.width_min, high), high
 
 
 def gaps(arms: Arms) -> Float[np.ndarray, "quads 4"]:
