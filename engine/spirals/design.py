@@ -259,47 +259,60 @@ def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int
 def _opened(
     room: Room, low: np.ndarray, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths and twists near those given whose rooms are all open.
+    """Widths and twists near those given whose rooms are all open; those given where they are.
 
-    Every room that is not open asks for the smallest change that would open it, and every width and twist does what is asked
-    most of it. What that has not opened in some rounds is unwound, and then made thinner, until it is.
+    Every closed room asks for the smallest unwinding that opens it, or for thinner arms where nothing is left to unwind, and every
+    spiral does what is asked most of it, all four arms alike. What that has not opened in some rounds is unwound and made thinner
+    until it is.
     """
-    least = np.repeat(low[:, None], 4, axis=1)
-    scale = np.concatenate([np.full(width.size, room.params.width_max), np.full(twist.size, _RADIANS)])
-    quads = np.ones(len(twist), dtype=bool)
-    for turn in range(_ROUNDS):
+    least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
+    for turn in range(_ASKED):
         progress(turn / _ROUNDS, "room between the arms")
-        if turn < _ASKED:
-            terms = room.terms(width, twist, below=_SPARE_ROOM, quads=quads)
-            if not len(terms.value):
-                return width, twist
-            # what is at its end cannot give way any further
-            held = np.concatenate([(width <= least).ravel(), twist <= 0.0])
-            slopes = csr_array(terms.by_design.multiply(np.where(held, 0.25 * scale, scale)))
-            size = slopes.power(2).sum(axis=1)
-            asked = csr_array(slopes.multiply(((_SPARE_ROOM - terms.value) / np.maximum(size, 1e-12))[:, None]))
-            most = asked.max(axis=0).toarray().ravel() + asked.min(axis=0).toarray().ravel()
-            change = scale * np.clip(most, -_FARTHEST, _FARTHEST)
-            width = np.maximum(width + np.minimum(change[: width.size], 0.0).reshape(-1, 4), np.minimum(width, least))
-            twist = np.clip(twist + change[width.size :], 0.0, np.maximum(twist, 0.0))
-            quads = np.zeros(len(twist), dtype=bool)
-            quads[terms.arms // 4] = True
-        else:
-            quads = room.closed(width, twist, quads)
-            if not quads.any():
-                return width, twist
-            thin = quads & (twist == 0.0)
-            width = np.where(thin[:, None], np.minimum(width, np.maximum(0.9 * width, least)), width)
-            twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
+        terms = room.terms(width, twist, below=0.0, quads=quads)
+        if not len(terms.value):
+            return width, twist
+        short = _SPARE_ROOM - terms.value
+        wound = _falling(terms.by_design[:, width.size :], twist > 0.0)
+        idle = wound.power(2).sum(axis=1) < _IDLE**2
+        unwound = _asked(wound, np.where(idle, 0.0, short))
+        thinner = _asked(
+            _falling(terms.by_design[:, : width.size], (width > least).ravel()), np.where(idle, short, 0.0)
+        )
+        share = (thinner.reshape(-1, 4) / width).min(axis=1, keepdims=True)
+        width = np.maximum((1.0 + np.maximum(share, -_THINNER)) * width, least)
+        twist = np.maximum(twist + np.maximum(unwound, -_UNWOUND), 0.0)
+        quads = np.zeros(len(twist), dtype=bool)
+        quads[terms.arms // 4] = True
+    for turn in range(_ASKED, _ROUNDS):
+        progress(turn / _ROUNDS, "room between the arms")
+        quads = room.closed(width, twist, quads)
+        thin = quads & (twist == 0.0)
+        width = np.where(thin[:, None], np.maximum((1.0 - _THINNER) * width, least), width)
+        twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
+        if not quads.any():
+            break
     return width, twist
 
 
+def _falling(slopes: csr_array, free: np.ndarray) -> csr_array:
+    """Slopes of rooms by what is free to fall and widens them by that."""
+    return csr_array(slopes.minimum(0.0).multiply(free))
+
+
+def _asked(slopes: csr_array, short: np.ndarray) -> np.ndarray:
+    """By how much every parameter has to fall at most, if each room widens by what it is ``short`` of with the smallest change."""
+    size = slopes.power(2).sum(axis=1)
+    return csr_array(slopes.multiply((short / np.maximum(size, 1e-12))[:, None])).min(axis=0).toarray().ravel()
+
+
 TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
-# Rounds in which rooms ask for changes, and all with those in which spirals are unwound and made thinner
+# Rounds in which rooms ask for changes, of 19 surfaces' random designs mostly under 10, and all with those in which spirals are just
+# unwound and made thinner
 _ASKED, _ROUNDS = 25, 90
-_SPARE_ROOM = 0.02  # rooms that are asked for, so that none is left closed by rounding
-_RADIANS = 3.0  # of twist that count as much as the largest width
-_FARTHEST = 0.15  # of either that a round may change at most
+_SPARE_ROOM = 0.02  # rooms that a closed one asks for, so that few rounds close it again
+_IDLE = 0.02  # rooms per radian; where all twists together widen a gap by less, arms become thinner
+# What one round takes at most: radians of the twist, share of the width
+_UNWOUND, _THINNER = 0.4, 0.1
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:
