@@ -21,8 +21,6 @@ from .slots import (
     CLEAR,
     PARALLEL,
     THINNEST,
-    gaps_across,
-    gaps_round,
     narrowest,
     slot_needed,
     slot_widths,
@@ -113,28 +111,26 @@ class SpiralDesign:
     def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
         """``narrowest``, looked for at the first call, with progress."""
         if self.drawn.narrowest is None:
-            layout, slot, bridge = self.flat.layout, np.inf, np.inf
+            slot, bridge = np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
             for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
                 some = every[part]
                 left, right = roots.left[some], roots.right[some]
                 found = narrowest(self.arms.of(some), left, right, self.params.fillet)
-                # what lies across a cut is another panel
-                across = gaps_across(self.arms, layout.mesh, self.flat.corners, some)[~layout.outline_sides[some]]
-                beside = float(gaps_round(self.arms, layout, some).min())
-                slot, bridge = min(slot, found[0], float(across.min(initial=np.inf)), beside), min(bridge, found[1])
+                slot, bridge = min(slot, found[0]), min(bridge, found[1])
+            other = Room.gaps(self.flat, self.params, self.width, self.twist, slot)[1]
+            slot = min(slot, float(other.min(initial=np.inf)))
             self.drawn.narrowest = slot, bridge
         return self.drawn.narrowest
 
     def narrower(self, width: float) -> Int[np.ndarray, " n"]:
         """Quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
-        layout, every, fillet = self.flat.layout, np.arange(len(self.width)), self.params.fillet
-        if 2.0 * fillet < width * (1.0 - 1e-9):
-            return every
+        if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
+            return np.arange(len(self.width))
         apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
-        across = np.where(layout.outline_sides, CLEAR, gaps_across(self.arms, layout.mesh, self.flat.corners, every))
-        least = np.minimum(np.where(lean > PARALLEL, apart, CLEAR).min(axis=(1, 2)), across.min(axis=1))
-        least = np.minimum(least, gaps_round(self.arms, layout, every).min(axis=1))
+        least = np.where(lean > PARALLEL, apart, CLEAR).min(axis=(1, 2))
+        quads, gap = Room.gaps(self.flat, self.params, self.width, self.twist, width)
+        np.minimum.at(least, quads, gap[:, None])
         return np.flatnonzero(least < 0.999 * width)
 
 

@@ -23,7 +23,7 @@ from ..patches.flattening.flatten import FlatPatches
 from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
 from .lines import Lines
-from .pairs import Pairs, pairs_of
+from .pairs import BESIDE, Pairs, pairs_of
 from .shapes import Shapes
 from .slots import slot_needed, width_range
 from .spiral import alike
@@ -188,6 +188,25 @@ class Room:
         for a in (pairs.one[which], pairs.two[which], i):
             out[a // 4] = out[mate[a] // 4] = True
         return out
+
+    @classmethod
+    def gaps(
+        cls,
+        flat: FlatPatches,
+        params: SpiralParams,
+        width: Float[np.ndarray, "quads 4"],
+        twist: Float[np.ndarray, " quads"],
+        below: float,
+    ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
+        """The gaps less than ``below`` metres between arms of different quads of a panel: both quads, and metres.
+
+        Negative where arms run through each other.
+        """
+        pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat)
+        pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
+        room = cls(params, pairs, shapes, np.full(len(pairs.one), below), np.zeros(len(shapes.mate)))
+        found = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
+        return np.stack([pairs.one[found.pair], pairs.two[found.pair]], axis=1) // 4, found.gap
 
     def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
         """The pairs, what they need, and the arms in which some of the quads have a part."""

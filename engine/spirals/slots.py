@@ -8,19 +8,15 @@ smallest slot over the outer third of every arm, so that there is a slot at all 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from ..arrays import Float, Int
+from ..arrays import Float
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
-from ..surface.mesh import QuadMesh
 from .arcs import dot
 from .spiral import (
     LEFT,
@@ -29,7 +25,6 @@ from .spiral import (
     arms,
     centre_line,
     edge,
-    opposite_sides,
     widest_arms,
     widest_beside_slots,
     width_at,
@@ -39,7 +34,6 @@ from .spiral import (
 # loses slot at the hub: about here its arms are free over their greatest length.
 DEPTH = 1.0 / 3.0
 PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
-_CLOSER = 3  # times that the search for the nearest points of two arms looks closer, by a third each
 # A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
 THINNEST = 0.5
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
@@ -88,16 +82,6 @@ def width_range(
     return np.minimum(params.width_min, high), high
 
 
-def gaps(arms: Arms) -> Float[np.ndarray, "quads 4"]:
-    """Metres: narrowest gap between the outer part of arm k and the arm that faces it, less both half widths.
-
-    Negative where the arms run through each other.
-    """
-    # the arm that faces the tip of arm k is k - 1, or k + 1 if clockwise
-    step = -1 if clockwise(arms) else 1
-    return _facing(arms, _rolled(arms, step), step)
-
-
 def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
     """Metres: narrowest gap between the outer parts of arms and the arms that face them, ``step`` side on."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
@@ -125,136 +109,6 @@ def _lowest(samples: np.ndarray) -> np.ndarray:
     dip = np.where(bend > 0.0, (after - before) ** 2 / (8.0 * np.where(bend > 0.0, bend, 1.0)), 0.0)
     # only a lowest point between its neighbours has a vertex there
     return np.minimum(samples.min(axis=-1), at - np.where((at <= before) & (at <= after), dip, 0.0))
-
-
-def gaps_across(
-    arms: Arms,
-    mesh: QuadMesh,
-    corners: Float[np.ndarray, "quads 4 2"],
-    quads: Int[np.ndarray, " n"],
-    enough: float = math.inf,
-) -> Float[np.ndarray, "n 4"]:
-    """Metres: narrowest gap between the outer part of arm k of the ``quads`` and the arms across its joint.
-
-    Gaps that are surely wider than ``enough`` metres are not measured closely.
-    In strongly sheared quads an arm leaves its quad for a while, and may meet the two arms beside its joint in the
-    neighbour; both quads are laid side by side along their edge, also at cuts. ``CLEAR`` at the border.
-    """
-    mate, side = opposite_sides(mesh)
-    own = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
-    beyond = mate[own], side[own]
-    one, gap = arms.one_by_one(*own), np.full(len(own[0]), CLEAR)
-    for step in (1, 3):
-        two = arms.one_by_one(beyond[0], (beyond[1] + step) % 4)
-        # the frames of both quads differ by half a turn
-        found = _least(
-            one, lambda p, k: _in_side_frame(p, corners, (own[0][k], own[1][k])), np.linspace(0.0, 0.4, 8),
-            two, lambda q, k: -_in_side_frame(q, corners, (beyond[0][k], beyond[1][k])), np.linspace(0.0, 0.9, 32), enough,
-        )  # fmt: skip
-        gap = np.minimum(gap, found)
-    return np.where(beyond[0] == own[0], CLEAR, gap).reshape(-1, 4)
-
-
-def gaps_round(
-    arms: Arms, layout: PatchLayout, quads: Int[np.ndarray, " n"], enough: float = math.inf
-) -> Float[np.ndarray, "n 4"]:
-    """Metres: narrowest gap between the two arms at corner k of the ``quads`` and those opposite round the corner.
-
-    Gaps that are surely wider than ``enough`` metres are not measured closely.
-    In strongly distorted quads the arms of two quads that share no more than a vertex may meet. ``CLEAR`` where a cut or the
-    border lies between them.
-    """
-    mate, side = opposite_sides(layout.mesh)
-    joined = ~layout.outline_sides
-    quad, corner = np.repeat(quads, 4), np.tile(np.arange(4), len(quads))
-    gap, whole = np.full(len(quad), CLEAR), np.ones(len(quad), dtype=bool)
-    t = np.linspace(0.0, 0.6, 13)
-    at, to = quad, corner
-    for step in range(1, 4):  # round the vertex, as far as nothing is cut
-        whole = whole & joined[at, to]
-        at, to = np.where(whole, mate[at, to], at), np.where(whole, (side[at, to] + 1) % 4, to)
-        # the next quad is no concern of this, nor is the last one before the circle closes
-        before = mate[at, to] == quad
-        far = np.flatnonzero(whole & (step > 1) & ~before & (at != quad))
-        for k, j in product((-1, 0), repeat=2) if len(far) else ():
-            one = arms.one_by_one(quad[far], (corner[far] + k) % 4)
-            two = arms.one_by_one(at[far], (to[far] + j) % 4)
-            gap[far] = np.minimum(gap[far], _least(one, _as_it_is, t, two, _as_it_is, t, enough))
-    return gap.reshape(-1, 4)
-
-
-def _least(
-    one: Arms, placed: Callable[[np.ndarray, np.ndarray], np.ndarray], t: np.ndarray,
-    two: Arms, laid: Callable[[np.ndarray, np.ndarray], np.ndarray], s: np.ndarray, enough: float,
-) -> Float[np.ndarray, " n"]:  # fmt: skip
-    """Metres: narrowest gap between N single arms and N others at the parameters t and s and between them.
-
-    ``placed`` and ``laid`` bring points (M, K, 2) of the arms with the numbers (M,) into one frame. Samples may lie a width
-    apart, so the search goes on round the nearest two of them, but where the gap is surely wider than ``enough``.
-    """
-    rows, gap = np.arange(len(one.radius)), np.full(len(one.radius), CLEAR)
-    for stride in (3, 1) if math.isfinite(enough) else (1,):
-        at = [np.broadcast_to(x, (len(rows), len(x))) for x in (t[_strided(t, stride)], s[_strided(s, stride)])]
-        found, near, nearest = _sampled(one, placed, two, laid, rows, at, enough)
-        gap[rows] = found
-        rows, one, two = rows[near], one.of(near), two.of(near)
-    steps, ranges = [t[1] - t[0], s[1] - s[0]], ((t[0], t[-1]), (s[0], s[-1]))
-    for _ in range(_CLOSER):
-        if not len(rows):
-            break
-        for k in range(2):
-            middle = np.take_along_axis(at[k][near], nearest[k][near, None], axis=1)
-            at[k] = np.clip(middle + steps[k] * np.linspace(-1.0, 1.0, 7), *ranges[k])
-            steps[k] /= 3.0
-        found, near, nearest = _sampled(one, placed, two, laid, rows, at, enough)
-        gap[rows] = np.minimum(gap[rows], found)
-        rows, one, two = rows[near], one.of(near), two.of(near)
-    return gap
-
-
-def _strided(samples: np.ndarray, stride: int) -> np.ndarray:
-    """Every ``stride``-th sample, and the last."""
-    return np.unique(np.append(np.arange(0, len(samples), stride), len(samples) - 1))
-
-
-def _sampled(
-    one: Arms, placed: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    two: Arms, laid: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    rows: np.ndarray, at: list[np.ndarray], enough: float,
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:  # fmt: skip
-    """Narrowest gap (N,) metres of pairs of arms at samples ``at`` of both, which samples these are, and the numbers of the
-    pairs that may come nearer than ``enough`` between samples."""
-    p = placed(centre_line(one, at[0][:, None])[0][:, 0], rows)
-    q = laid(centre_line(two, at[1][:, None])[0][:, 0], rows)
-    half = [0.5 * width_at(a, x[:, None])[0][:, 0] for a, x in zip((one, two), at, strict=True)]
-    apart = np.hypot(p[:, :, None, 0] - q[:, None, :, 0], p[:, :, None, 1] - q[:, None, :, 1])
-    apart = (apart - half[0][:, :, None] - half[1][:, None]).reshape(len(p), p.shape[1] * q.shape[1])
-    gap = apart.min(axis=1)
-    # between two samples an arm is no nearer than half of their distance, along the arm, less
-    near = np.flatnonzero(gap - _spacing(p) - _spacing(q) < enough)
-    return gap, near, np.divmod(apart.argmin(axis=1), at[1].shape[1])
-
-
-def _spacing(points: Float[np.ndarray, "m k 2"]) -> Float[np.ndarray, " m"]:
-    """The largest distance of consecutive points: more than half of the arc between them."""
-    return np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=1)
-
-
-def _as_it_is(points: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    return points
-
-
-def _in_side_frame(
-    points: Float[np.ndarray, "n m 2"],
-    corners: Float[np.ndarray, "quads 4 2"],
-    at: tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]],
-) -> Float[np.ndarray, "n m 2"]:
-    """Points in the frames of the sides ``at`` (quad, side): from the side's middle, along it and outwards."""
-    quad, side = at
-    a, b = corners[quad, side], corners[quad, (side + 1) % 4]
-    along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-    frame = np.stack([along, np.stack([along[:, 1], -along[:, 0]], axis=1)], axis=1)
-    return (points - 0.5 * (a + b)[:, None]) @ frame.swapaxes(1, 2)
 
 
 def twist_bound(

@@ -50,20 +50,6 @@ def test_what_fits_as_it_is_asked_for_stays(flat_grid):
     assert found[2] == pytest.approx(bound[2], abs=2e-3)
 
 
-def test_gaps_agree_with_shapely_in_a_distorted_assembly(flat_grid):
-    rng = np.random.default_rng(2)
-    flat = flat_grid(4, 4, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))
-    arms = spiral.arms(flat, SpiralParams(), np.full((16, 4), 0.001), rng.uniform(2, 5, 16))
-    t = np.broadcast_to(np.linspace(0, 1, 3001), (16, 4, 3001))
-    lines = spiral.centre_line(arms, t)[0]
-    outer = round(3000 * slots.DEPTH) + 1
-    found = slots.gaps(arms)
-    for q in range(16):
-        for k in range(4):
-            exact = LineString(lines[q, k, :outer]).distance(LineString(lines[q, k - 1])) - 0.001
-            assert found[q, k] == pytest.approx(exact, abs=2e-5)
-
-
 def test_curvature_decides_linearly(flat_grid):
     flat, params = flat_grid(4, 3, 0.03), SpiralParams(curvature_top=100.0)
     curvature = np.linspace(0.0, 8.0, 12)

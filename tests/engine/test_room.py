@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 import pytest
+import shapely
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.spirals import pairs
+from flexmaps.engine.spirals import pairs, spiral
 from flexmaps.engine.spirals.room import Room
 
 WIDE = 6.0  # rooms: all that is near in any way
@@ -55,7 +57,7 @@ def test_derivatives_agree_with_differences(case, kind, by):
     # where centre lines cross, their distance has a kink
     some = (_kinds(room, terms) == kind) & (terms.value > -3.0)
     assert some.sum() > (0 if kind == pairs.ROUND else 20)
-    for _ in range(6):
+    for _ in range(2):
         w, t, p = rng.normal(size=width.shape), rng.normal(size=12), rng.normal(size=flat.points.size)
         if by == "widths":
             found = _difference(partial(room.terms, below=WIDE), 1e-7, (width, twist), (w, 0.0))
@@ -101,3 +103,40 @@ def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
         one = room.closed(width, twist, np.arange(12) == quad)
         assert one[quad] == every[quad]
         assert not (one & ~every).any()
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
+    rng = np.random.default_rng(2)
+    flat = flat_grid(4, 4, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
+    width, twist = np.full((16, 4), 0.001), rng.uniform(1.0, 4.0, 16)
+    params = replace(SpiralParams(), clockwise=clockwise)
+    room, terms = Room.of(flat, params), Room.of(flat, params).terms(width, twist, below=12.0)
+    least: dict[tuple[int, int], float] = {}
+    for (
+        (one, _, two, _),
+        value,
+    ) in zip(terms.arms.tolist(), terms.value.tolist(), strict=True):
+        least[one, two] = min(value, least.get((one, two), np.inf))
+    shape = spiral.arms(flat, params, width, twist)
+    lines = [
+        [
+            spiral.centre_line(shape, np.broadcast_to(np.linspace(0, d, 2001), (16, 4, 2001)))[0].reshape(64, -1, 2)
+            for d in depths
+        ]
+        for depths in pairs.DEPTHS.tolist()
+    ]
+    seen = np.zeros(3, dtype=int)
+    for a, b, kind, need in zip(room.pairs.one, room.pairs.two, room.pairs.kind, room.need, strict=True):
+        if (a, b) in least and least[a, b] > -3.0:
+            exact = shapely.LineString(lines[kind][0][a]).distance(shapely.LineString(lines[kind][1][b])) - 0.001
+            assert least[a, b] * room.slot + need == pytest.approx(exact, abs=1e-7)
+            seen[kind] += 1
+    assert seen[pairs.BESIDE] > 20 and seen[pairs.ACROSS] > 3
+    # nothing else is near
+    mates = {tuple(sorted(pair)) for pair in enumerate(room.shapes.mate.tolist())}
+    known = {tuple(sorted(pair)) for pair in zip(room.pairs.one.tolist(), room.pairs.two.tolist(), strict=True)}
+    outer = [shapely.LineString(line[:1201]) for line in lines[pairs.BESIDE][1]]
+    for a, b in combinations(range(64), 2):
+        if a // 4 != b // 4 and (a, b) not in mates and outer[a].distance(outer[b]) < 0.0014:
+            assert (a, b) in known
