@@ -54,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--dir", type=Path, default=ROOT / "database" / "validation", help="folder of the results")
     p.add_argument("--only", default=None, metavar="TEXT", help="only cases with this text in their name")
     p.add_argument("--compare", action="store_true", help="solve nothing, only compare")
+    p.add_argument("--arms", action="store_true", help="compare single arms of designs instead; takes seconds")
     p.add_argument("--models", default="arm,quick,rod", metavar="NAMES", help="what to compare: arm, quick, rod")
     p.add_argument("--json", type=Path, default=ROOT / "out" / "database" / "validation.json", help="the same as JSON")
     return top
@@ -145,8 +146,12 @@ def run_report(options: argparse.Namespace) -> int:
 
 
 def run_validate(options: argparse.Namespace) -> int:
-    from . import validation
+    from . import validation, validation_arms
 
+    if options.arms:
+        for row in validation_arms.compare_arms():
+            say(validation_arms.line(row))
+        return 0
     if not options.compare:
         told: set[str] = set()
 

@@ -16,13 +16,15 @@ from ..engine.arrays import Complex, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, width_at
-from .solid import ARMS, LOBATTO
+from .solid import ARMS, LOBATTO, lagrange
 
 UNIT = 1e-3  # metres, of the lengths in a mesh
 LEVELS = len(LOBATTO)  # nodes through the sheet
-BESIDE = 0.3  # arm widths from the outer fillet of a root to its first section; as in ``solid``
+BESIDE = 0.2  # arm widths from the outer fillet of a root to its first section; by trial, see ``ARC_END``
 # shares of an element's side at which its second node may stand: there a fillet ends, as far as the element bears it
-ARC_END = (0.12, 0.4)
+ARC_END = (0.22, 0.4)
+BENT = 0.1  # least Jacobian of a hub's quarter over its mean, below which that node gives way; folds are at 0
+GIVES_WAY = (0.25, 0.28, 0.32, 0.36, 0.4)  # places that are tried for it then; by trial with optimised designs
 SAMPLES = 400  # points at which the length and the turning of a centre line are taken
 
 
@@ -128,7 +130,7 @@ class DesignMesh:
 def make_mesh(design: SpiralDesign, resolution: Resolution) -> DesignMesh:
     """Mesh the spirals of a design.
 
-    Raises FlexMapsError with the faces of spirals that cannot be cut, and where spirals wind clockwise.
+    Raises FlexMapsError with the faces of spirals that cannot be cut or meshed, and where spirals wind clockwise.
     """
     missed = np.flatnonzero(design.roots.missed.any(axis=1))
     if len(missed):
@@ -151,6 +153,12 @@ def make_mesh(design: SpiralDesign, resolution: Resolution) -> DesignMesh:
     plane = np.zeros((len(hub), numbering.size // LEVELS), dtype=complex)
     plane[:, numbering.quarters] = hub
     plane[:, numbering.plane[:, 1:]] = arms[:, :, 1:]
+    elements = plane[:, np.concatenate([numbering.hub, numbering.arms.reshape(-1, 4, 16)])[..., ::LEVELS] // LEVELS]
+    folded = np.flatnonzero((_roundness(elements) <= 0.0).any(axis=1))
+    if len(folded):
+        raise FlexMapsError(
+            f"The solids of {len(folded)} spirals would be folded; make their arms more alike", faces=folded
+        )
     nodes = np.zeros((len(hub), numbering.size, 3))
     nodes[..., 0], nodes[..., 1] = np.repeat(plane.real, LEVELS, axis=1), np.repeat(plane.imag, LEVELS, axis=1)
     nodes[..., 2] = np.tile(design.params.thickness * (LOBATTO - 0.5), plane.shape[1])
@@ -258,12 +266,42 @@ def _sums(values: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _hub(rails: _Rails, share: Float[np.ndarray, " nodes"]) -> Complex[np.ndarray, "spirals 4 nodes nodes"]:
-    """Nodes of the hubs' quarters: Coons patches between the middle of the hub's corners, the corner on the right of arm k, the
-    left end of its first section and the corner on its left.
+    """Nodes of the hubs' quarters; where one would be badly bent, its outer side's second node gives way."""
+    begin = rails.ends[0] - rails.arc[0]
+    reach = rails.left_start - begin
+    out = _quarters(rails, begin, reach, rails.arc[0], share)
+    least = _roundness(out)
+    for at in GIVES_WAY:
+        other = _quarters(rails, begin, reach, at * reach, share)
+        found = _roundness(other)
+        better = (least < BENT) & (found > least)
+        out = np.where(better[..., None, None], other, out)
+        least = np.where(better, found, least)
+    return out
+
+
+def _roundness(quarters: Complex[np.ndarray, "spirals blocks nodes nodes"]) -> Float[np.ndarray, "spirals blocks"]:
+    """Least Jacobian of blocks of elements over their mean; an element folds where it is negative."""
+    places = np.linspace(0.0, 1.0, 9)
+    value, slope = lagrange(places)
+    pieces = quarters.shape[-1] // 3
+    least, total = np.full(quarters.shape[:2], np.inf), np.zeros(quarters.shape[:2])
+    for i, j in np.ndindex(pieces, pieces):
+        block = quarters[:, :, 3 * i : 3 * i + 4, 3 * j : 3 * j + 4]
+        jacobian = ((slope @ block @ value.T).conj() * (value @ block @ slope.T)).imag
+        least, total = np.minimum(least, jacobian.min(axis=(2, 3))), total + jacobian.mean(axis=(2, 3))
+    return least * pieces**2 / total
+
+
+def _quarters(
+    rails: _Rails, begin: np.ndarray, reach: np.ndarray, arc: np.ndarray, share: Float[np.ndarray, " nodes"]
+) -> Complex[np.ndarray, "spirals 4 nodes nodes"]:
+    """Coons patches between the middle of the hub's corners, the corner on the right of arm k, the left end of its first
+    section and the corner on its left; the side between the last two begins at u = ``begin`` and passes ``arc`` further on at
+    its second node.
     """
     middle = rails.corner.mean(axis=1)[:, None]
-    begin = rails.ends[0] - rails.arc[0]
-    top = rails.left(_past_fillet(begin, rails.left_start - begin, rails.arc[0], share)) - middle[..., None]
+    top = rails.left(_past_fillet(begin, reach, arc, share)) - middle[..., None]
     spoke = _spokes(rails.corner - middle, rails.middle - middle, share)
     right = np.roll(spoke, 1, axis=1)
     left_corner, right_corner, left = spoke[..., -1:, None], right[..., -1:, None], top[..., -1:, None]

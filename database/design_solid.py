@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
-from ..engine.mechanics.assembly import Assembly, Pose, of_design
+from ..engine.mechanics.assembly import Pose, rest_joints
 from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
@@ -28,7 +28,9 @@ ITERATIONS = 60  # Newton steps; none of the stored states takes more than 12
 TOLERANCE = 1e-8  # work of the last step over the energy; positions end far closer than the mesh resolves
 HOLD = 100.0  # stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is
 SHARES = (0.0, 0.5, 0.8, 1.0)  # of the stress that is left out where the tangent is indefinite with it
-TOGETHER = 8  # spirals whose tangents are in memory at once: 100 MB
+TOGETHER = (
+    2  # spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
+)
 FIT = 1e-6  # ``UNIT``, by which the ends of both arms of a joint may differ
 
 
@@ -65,24 +67,34 @@ class _Batch:
 class DesignSolid:
     """The solid of a design ready to be loaded.
 
-    held : the hubs whose mean motion is prescribed, at least one
+    pairs, sides : the spirals of every joint and the arms that meet there; lever, axes : as those of an ``Assembly``
+    held : the hubs whose mean motion is prescribed, at least one; ``joined`` False leaves all spirals by themselves
     """
 
-    def __init__(self, design: SpiralDesign, poisson: float, held: list[int], resolution: Resolution | None = None):
+    def __init__(
+        self,
+        design: SpiralDesign,
+        poisson: float,
+        held: list[int],
+        resolution: Resolution | None = None,
+        *,
+        joined: bool = True,
+    ):
         if not held:
             raise FlexMapsError("A solid needs at least one held hub; hold any one of a free body")
         self.design, self.held = design, held
         self.mesh: DesignMesh = make_mesh(design, resolution or Resolution())
-        self.assembly: Assembly = of_design(design)
-        inner = ~design.flat.layout.mesh.border
-        self.sides = design.flat.layout.mesh.edge_sides[inner]
+        mesh = design.flat.layout.mesh
+        inner = np.flatnonzero(~mesh.border)
+        self.pairs, self.sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
+        self.lever, self.axes = rest_joints(mesh, design.flat.corners)
         n, count = self.mesh.numbering, len(self.mesh.nodes)
         self.tips = n.sections[:, -1]
         self.batches = [self._batch(i, min(i + TOGETHER, count), poisson) for i in range(0, count, TOGETHER)]
         self.hubs = self._hub_groups()
         # what is left after the arms are condensed: hubs, and the ends of the arms
         self.local = np.concatenate([np.arange(n.hub_size), self.tips.ravel()])
-        self.number = self._welded()
+        self.number = self._welded(joined)
         self.size = 3 * (int(self.number.max()) + 1)
         self.pattern = self._pattern()
         self.cholesky = SparseCholesky(self.pattern)
@@ -118,14 +130,14 @@ class DesignSolid:
                 out.append(Group.of(rest, nodes, weights))
         return out
 
-    def _welded(self) -> Int[np.ndarray, "spirals kept"]:
+    def _welded(self, joined: bool) -> Int[np.ndarray, "spirals kept"]:
         """Numbers of the nodes that are kept; those of both ends of a joint are one."""
         n, count = self.mesh.numbering, len(self.mesh.nodes)
         label = np.arange(count * len(self.local)).reshape(count, -1)
         ends = n.hub_size + np.arange(self.tips.size).reshape(ARMS, n.side, -1)
-        for e, ((a, b), (k, l)) in enumerate(zip(self.assembly.pairs, self.sides)):
+        for e, ((a, b), (k, l)) in enumerate(zip(self.pairs, self.sides) if joined else ()):
             at = [
-                (self.mesh.nodes[s, self.tips[arm]] - self.assembly.lever[e, j] / UNIT) @ self.assembly.axes[e, j]
+                (self.mesh.nodes[s, self.tips[arm]] - self.lever[e, j] / UNIT) @ self.axes[e, j]
                 for j, (s, arm) in enumerate(((a, k), (b, l)))
             ]
             other = at[1].reshape(n.side, -1, 3)[::-1].reshape(-1, 3)
@@ -150,12 +162,11 @@ class DesignSolid:
             rows += [r, np.broadcast_to(dofs[:, :, None], (*dofs.shape, dofs.shape[1])).ravel()]
             cols += [c, np.broadcast_to(dofs[:, None, :], (*dofs.shape, dofs.shape[1])).ravel()]
         for spiral in self.held:
-            r, c = np.meshgrid(self._hub_dofs(spiral), self._hub_dofs(spiral), indexing="ij")
-            rows.append(r.ravel())
-            cols.append(c.ravel())
+            r, c = np.meshgrid(self.hub_dofs(spiral), self.hub_dofs(spiral), indexing="ij")
+            rows, cols = [*rows, r.ravel()], [*cols, c.ravel()]
         return Pattern(np.concatenate(rows), np.concatenate(cols), self.size)
 
-    def _hub_dofs(self, spiral: int) -> np.ndarray:
+    def hub_dofs(self, spiral: int) -> np.ndarray:
         return (3 * self.number[spiral, : self.mesh.numbering.hub_size][:, None] + np.arange(3)).ravel()
 
     # -- fields of all nodes -------------------------------------------------------------------------------------
@@ -200,14 +211,9 @@ class DesignSolid:
         """The strain that 99 % of the volume of every spiral stays below."""
         out = []
         for b in self.batches:
-            count = b.spirals.stop - b.spirals.start
-            arms = (len(b.elements.index) - b.hubs) // count
             field = self.flat(b, nodes - self.mesh.nodes)
-            for i in range(count):
-                own = np.concatenate(
-                    [np.arange(b.hubs // count) + i * (b.hubs // count), b.hubs + i * arms + np.arange(arms)]
-                )
-                out.append(b.elements.peak_strain(field, only=own))
+            owner = b.elements.index[:, 0, 0] // self.mesh.numbering.size
+            out += [b.elements.peak_strain(field, only=np.flatnonzero(owner == i)) for i in range(owner.max() + 1)]
         return np.array(out)
 
     # -- tangent -------------------------------------------------------------------------------------------------
@@ -225,18 +231,18 @@ class DesignSolid:
         """Nodes for given poses of all hubs, metres: every joint half way between both hubs, arms bent as in the linear limit."""
         from scipy.spatial.transform import Rotation
 
-        parts, n, nodes = self.assembly, self.mesh.numbering, self.mesh.nodes
+        n, nodes = self.mesh.numbering, self.mesh.nodes
         tip = np.zeros((len(nodes), ARMS, *self.tips.shape[1:], 3))
-        a, b = parts.pairs.T
-        frames = pose.rotations[parts.pairs] @ parts.axes
+        a, b = self.pairs.T
+        frames = pose.rotations[self.pairs] @ self.axes
         between = Rotation.from_matrix(np.swapaxes(frames[:, 0], 1, 2) @ frames[:, 1]).as_rotvec()
         joint = frames[:, 0] @ Rotation.from_rotvec(0.5 * between).as_matrix()
-        ends = pose.centres[parts.pairs] + np.einsum("ekij,ekj->eki", pose.rotations[parts.pairs], parts.lever)
+        ends = pose.centres[self.pairs] + np.einsum("ekij,ekj->eki", pose.rotations[self.pairs], self.lever)
         middle = ends.mean(axis=1)
         for j, (spiral, arm) in enumerate(zip((a, b), self.sides.T)):
             rest = nodes[spiral[:, None], self.tips[arm]]
-            turned = joint @ np.swapaxes(parts.axes[:, j], 1, 2)
-            place = np.einsum("eij,egj->egi", turned, rest - parts.lever[:, j, None] / UNIT) + middle[:, None] / UNIT
+            turned = joint @ np.swapaxes(self.axes[:, j], 1, 2)
+            place = np.einsum("eij,egj->egi", turned, rest - self.lever[:, j, None] / UNIT) + middle[:, None] / UNIT
             local = (place - pose.centres[spiral, None] / UNIT) @ pose.rotations[spiral]
             tip[spiral, arm] = local - rest
         moved, still = nodes.copy(), np.zeros_like(nodes)
@@ -259,7 +265,7 @@ class DesignSolid:
         for h, (spiral, c, r) in enumerate(zip(self.held, centres, rotations)):
             hub = self.hubs[spiral]
             turned = Group(hub.nodes, hub.weights, c, hub.arms @ r.T)
-            functionals[self._hub_dofs(spiral), 6 * h : 6 * h + 6] = turned.spread.reshape(-1, 6)
+            functionals[self.hub_dofs(spiral), 6 * h : 6 * h + 6] = turned.spread.reshape(-1, 6)
             values[6 * h : 6 * h + 3] = c
         return functionals, values
 
@@ -277,7 +283,7 @@ class DesignSolid:
         """
         functionals, values = self.constraints(pose.centres[self.held] / UNIT, pose.rotations[self.held])
         chosen = np.ones(len(values), dtype=bool) if fixed is None else np.ravel(fixed)
-        problem = _Loaded(self, functionals[:, chosen], values[chosen], load, progress)
+        problem = Loaded(self, functionals[:, chosen], values[chosen], load, progress)
         run = minimise(problem, problem.start(start), FullSteps(TOLERANCE, ITERATIONS, SHARES, 1e-12, ITERATIONS))
         if run.ended == INDEFINITE:
             raise NotPositiveDefinite("the solid falls apart: a spiral hangs on no held hub")
@@ -308,7 +314,7 @@ class _State:
 
 
 @dataclass(eq=False)
-class _Loaded:
+class Loaded:
     """A solid under dead ``load`` at its nodes whose ``functionals`` of the kept nodes keep ``values`` (a ``newton.Problem``).
 
     multipliers : of the last step, the forces that keep them; arms : of the last factor, by batch
@@ -319,7 +325,7 @@ class _Loaded:
     functionals: Float[np.ndarray, "size fixed"]
     values: Float[np.ndarray, " fixed"]
     load: Float[np.ndarray, "spirals nodes 3"]
-    progress: Progress
+    progress: Progress = SILENT
     multipliers: np.ndarray = field(init=False)
     arms: list[Condensed] = field(init=False)
     kept: np.ndarray = field(init=False)
@@ -365,7 +371,7 @@ class _Loaded:
             values += [hubs.ravel(), arms.stiffness.ravel()]
             self.arms.append(arms)
         for spiral in solid.held:
-            own = self.functionals[solid._hub_dofs(spiral)]
+            own = self.functionals[solid.hub_dofs(spiral)]
             values.append((HOLD * own @ own.T).ravel())
         self.kept = right
         return solid.cholesky.attempt(solid.pattern.sum(np.concatenate(values)))

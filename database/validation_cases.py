@@ -8,21 +8,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from ..engine.arrays import Float, Int
-from ..engine.materials import Material
-from ..engine.params import LayoutParams, SpiralParams
+from ..engine.errors import FlexMapsError
+from ..engine.materials import MATERIALS, Material
+from ..engine.optimisation.optimise import optimise
+from ..engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
 from ..engine.patches.flattening.flatten import flatten, measured
 from ..engine.patches.layout import PatchLayout
-from ..engine.spirals.design import SpiralDesign
+from ..engine.patches.merging.merge import merge
+from ..engine.patches.tracing.trace import trace
+from ..engine.spirals.design import SpiralDesign, from_curvature
+from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
-from ..engine.surface.shapes import welded
-from .design_mesh import Resolution
+from ..engine.surface.shapes import make, welded
+from . import chunks
+from .design_mesh import Resolution, make_mesh
 
+DESIGNS = Path(__file__).resolve().parent / "validation"  # of the optimised designs
 SIDE = 0.020  # metres, of most quads
 # its strain limit plays no part
 MATERIAL = Material("Reference", 2.6e9, 0.3, 1185.0, 0.02, True, "FlexMaps section 6.2")
@@ -203,6 +211,39 @@ def box(n: int, faces: int, twist: float, width: float = 1.5) -> SpiralDesign:
     return shell(mesh, cut, width, twist)
 
 
+def optimised(name: str, arms: str) -> SpiralDesign:
+    """A sphere's design as the optimiser leaves it under its usual settings, from its file; made where that is missing.
+
+    arms : whether the arms of a spiral are "alike", in "pairs" or "each" their own
+    """
+    mesh, path = make("cubesphere", SIDE), DESIGNS / f"{name}.design.npz"
+    if not path.is_file():
+        target, spirals = mesh, SpiralParams()
+        flat = merge(trace(mesh, LayoutParams()), LayoutParams())
+        first = from_curvature(flat, spirals, rms_curvature(mesh))
+        found = optimise(first, target, MATERIALS["vero"], OptimiseParams(arms=arms), SimulateParams()).design
+        found = _meshable(found)
+        kept = {"cut": found.flat.layout.cut, "points": found.flat.points, "width": found.width, "twist": found.twist}
+        chunks.write(path, chunks.archive(kept))
+    with np.load(path) as stored:
+        flat = measured(PatchLayout(mesh, stored["cut"]), stored["points"])
+        return SpiralDesign(flat, SpiralParams(), stored["width"], stored["twist"])
+
+
+def _meshable(design: SpiralDesign) -> SpiralDesign:
+    """The same design with arms more alike in the few spirals that one element a quarter of the hub cannot fill."""
+    for _ in range(10):
+        try:
+            make_mesh(design, USUAL)
+        except FlexMapsError as error:
+            which, width = list(error.faces), design.width.copy()
+            width[which] = 0.5 * (width[which] + width[which].mean(axis=1, keepdims=True))
+            design = replace(design, width=width)
+        else:
+            break
+    return design
+
+
 # -- cases -------------------------------------------------------------------------------------------------------------
 
 
@@ -278,11 +319,16 @@ def four_widths() -> list[Case]:
         case("2211", [2.0, 2.0, 1.0, 1.0], 200.0, 0.2),
         case("1234", [1.0, 1.3, 1.7, 2.0], 200.0, 0.2),
         case("turned", np.array([1.0, 1.3, 1.7, 2.0])[turned], 200.0, 0.2),
-        case("1212-more", [1.0, 2.0, 1.0, 2.0], 300.0, 0.2, WIDE),
-        case("2211-more", [2.0, 2.0, 1.0, 1.0], 250.0, 0.2, WIDE),
+        case("1212-more", [1.0, 2.0, 1.0, 2.0], 300.0, 0.2),
+        case("2211-more", [2.0, 2.0, 1.0, 1.0], 250.0, 0.2),
     ]
 
 
 def cases() -> list[Case]:
     """All cases."""
-    return unlike() + four_widths() + shells()
+    free = (Loading("free"),)
+    found = [
+        Case("optimised", lambda: optimised("optimised", "alike"), free),
+        Case("optimised-four", lambda: optimised("optimised-four", "each"), free),
+    ]
+    return unlike() + four_widths() + shells() + found

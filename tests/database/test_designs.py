@@ -10,7 +10,7 @@ import pytest
 from flexmaps.database import validation
 from flexmaps.database.condensed import Pieces
 from flexmaps.database.design_mesh import UNIT, Resolution, make_mesh
-from flexmaps.database.design_solid import HOLD, DesignSolid, _Loaded
+from flexmaps.database.design_solid import HOLD, DesignSolid, Loaded
 from flexmaps.database.geometry import Spiral
 from flexmaps.database.linear import tip_compliance, unit_motions
 from flexmaps.database.statics import Model
@@ -154,7 +154,7 @@ def test_condensed_steps_are_those_of_the_whole(pair: DesignSolid):
     rest, n = at_rest(pair.design), pair.mesh.numbering
     nodes = pair.guess(rest) + 1e-4 * np.random.default_rng(3).normal(size=pair.mesh.nodes.shape)
     functionals, values = pair.constraints(rest.centres[:1] / UNIT, rest.rotations[:1])
-    problem = _Loaded(pair, functionals, values, pair.pulled(np.array([[0.0] * 3, [0.0, 0.0, 1e-4]])), SILENT)
+    problem = Loaded(pair, functionals, values, pair.pulled(np.array([[0.0] * 3, [0.0, 0.0, 1e-4]])), SILENT)
     state = problem.start(nodes)
     here: Local = problem.expand(state)
     assert problem.factor(here, 0.0, 0.0)
@@ -176,7 +176,7 @@ def test_condensed_steps_are_those_of_the_whole(pair: DesignSolid):
     force = np.bincount((3 * whole.ravel()[:, None] + np.arange(3)).ravel(), here.gradient.ravel(), nodes.size)
     hub = 3 * n.hub_size
     pull = np.zeros(nodes.size)
-    own = functionals[pair._hub_dofs(0)]
+    own = functionals[pair.hub_dofs(0)]
     # what holds the hub, and what was added against its motion
     pull[:hub] = own @ (problem.multipliers + HOLD * own.T @ moved[:hub])
     left = (tangent @ moved + force + pull)[free]
