@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.database import validation
+from flexmaps.database import validation, validation_arms
 from flexmaps.database.condensed import Pieces
 from flexmaps.database.design_mesh import UNIT, Resolution, make_mesh
 from flexmaps.database.design_solid import HOLD, DesignSolid, Loaded
 from flexmaps.database.geometry import Spiral
 from flexmaps.database.linear import tip_compliance, unit_motions
 from flexmaps.database.statics import Model
-from flexmaps.database.validation_cases import Case, Held, Loading, box, cases, dome, ring, sheet
+from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, box, cases, dome, ring, sheet
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.newton import Local
@@ -107,6 +107,20 @@ def test_small_wrench_meets_the_compliances_in_series(alike: DesignSolid):
     assert np.linalg.norm(moved - expected) < 5e-3 * np.linalg.norm(expected)
     assert np.allclose(found.reactions[0, :3], -force, rtol=1e-4)
     assert found.energy == pytest.approx(0.5 * force @ moved, rel=1e-4)
+
+
+def test_compliance_of_single_arms_is_that_of_the_other_solid():
+    """Arms of a design all alike against the solid of one uniform spiral, which has a mesh and a solver of its own."""
+    width, scale = 2.0, 20.0
+    design = sheet(2, 1, width, TWIST)
+    found = validation_arms.solid_compliances(design)[0, 0]
+    other = Model(Spiral(scale / width, 2.0 / width, math.radians(TWIST), 0.15 / width), POISSON)
+    unit = np.repeat([1e-3 * width, 1.0], 3)
+    wrench = MATERIAL.youngs * np.repeat([(1e-3 * width) ** 2, (1e-3 * width) ** 3], 3)
+    expected = tip_compliance(other, unit_motions(other)) * unit[:, None] / wrench
+    size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((found - expected) / size).max() < 5e-3
+    assert np.abs((found - found.T) / size).max() < 1e-9
 
 
 def test_large_forces_balance(pair: DesignSolid):
