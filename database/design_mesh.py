@@ -20,7 +20,7 @@ from .solid import ARMS, LOBATTO, lagrange
 
 UNIT = 1e-3  # metres, of the lengths in a mesh
 LEVELS = len(LOBATTO)  # nodes through the sheet
-BESIDE = 0.2  # arm widths from the outer fillet of a root to its first section; by trial, see ``ARC_END``
+BESIDE = 0.3  # arm widths from the outer fillet of a root to its first section; as in ``solid``
 # shares of an element's side at which its second node may stand: there a fillet ends, as far as the element bears it
 ARC_END = (0.22, 0.4)
 BENT = 0.1  # least Jacobian of a hub's quarter over its mean, below which that node gives way; folds are at 0

@@ -148,9 +148,8 @@ class DesignSolid:
 
     def _ends(self) -> Int[np.ndarray, "4 both"]:
         """Of every arm the kept nodes of its root, then those of its end."""
-        n = self.mesh.numbering
-        ends = n.hub_size + np.arange(self.tips.size).reshape(ARMS, -1)
-        return np.concatenate([n.sections[:, 0], ends], axis=1)
+        ends = self.mesh.numbering.hub_size + np.arange(self.tips.size).reshape(ARMS, -1)
+        return np.concatenate([self.mesh.numbering.sections[:, 0], ends], axis=1)
 
     def _pattern(self) -> Pattern:
         rows, cols = [], []
@@ -289,9 +288,8 @@ class DesignSolid:
             raise NotPositiveDefinite("the solid falls apart: a spiral hangs on no held hub")
         x, stable, reactions = run.state.nodes, run.history[-1].modified == 0.0, np.zeros(len(chosen))
         reactions[chosen] = -problem.multipliers
-        out = reactions.reshape(-1, 6)
-        ended = run.ended == CONVERGED
-        return Balance(x, *self.frames(x), out, run.state.energy, self.strains(x), len(run.history), ended, stable)
+        out, energy, ended = reactions.reshape(-1, 6), run.state.energy, run.ended == CONVERGED
+        return Balance(x, *self.frames(x), out, energy, self.strains(x), len(run.history), ended, stable)
 
     def pulled(self, force: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals nodes 3"]:
         """Nodal forces of dead forces at the hubs."""
@@ -391,8 +389,8 @@ class Loaded:
         ends = solid._ends()
         for batch, arms in zip(solid.batches, self.arms):
             both = found[kept[batch.spirals][:, ends]].reshape(len(arms.gradient), -1)
-            inside = arms.back(*np.split(both, 2, axis=1))
-            out[batch.spirals][:, n.sections] = inside.reshape(-1, ARMS, 3 * n.pieces + 1, ends.shape[1] // 2, 3)
+            inside = arms.back(*np.split(both, 2, axis=1)).reshape(-1, ARMS, 3 * n.pieces + 1, ends.shape[1] // 2, 3)
+            out[batch.spirals][:, n.sections] = inside
         return out
 
     def slope(self, here: Local, step: np.ndarray) -> float:

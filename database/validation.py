@@ -29,7 +29,7 @@ from .design_solid import Balance, DesignSolid
 from .validation_cases import MATERIAL, Case, Loading, cases
 
 FOLDER = Path(__file__).resolve().parent / "validation"
-VERSION = 2  # of the stored solids
+VERSION = 4  # of the stored solids
 MODELS = ("arm", "quick", "rod")
 PARAMS = SimulateParams(iterations=400)  # of the coarse models' searches, else the program's own
 SAME_SHAPE = 1e-5  # metres and radians by which the arms of a design may differ from those that were solved
