@@ -58,6 +58,16 @@ def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     return np.swapaxes(u @ vt, -1, -2)
 
 
+@dataclass(frozen=True)
+class Cut:
+    """How the arms of an assembly are cut, as in the settings: blend, the share of t over which an arm is blended that hardly
+    turns; fillet, metres.
+    """
+
+    blend: float
+    fillet: float
+
+
 @dataclass(frozen=True, eq=False)
 class Assembly:
     """n spirals and m joints at rest.
@@ -69,6 +79,7 @@ class Assembly:
     width : (n, 4) metres of every spiral's arms; twist : (n,) radians
     thickness : metres, of the sheet
     clockwise : sense of rotation of the arms, from the tips inwards
+    cut : how the arms are cut; None for pure spirals with the fillets of the stiffness table
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -79,6 +90,7 @@ class Assembly:
     twist: Float[np.ndarray, " spirals"]
     thickness: float
     clockwise: bool = False
+    cut: Cut | None = None
 
     @property
     def size(self) -> int:
@@ -160,7 +172,8 @@ def of_design(design: SpiralDesign) -> Assembly:
         )
     lever, axes = rest_joints(mesh, corners)
     p = design.params
-    return Assembly(pairs, mesh.edge_sides[inner], lever, axes, design.width, design.twist, p.thickness, p.clockwise)
+    cut, sides = Cut(p.blend, p.fillet), mesh.edge_sides[inner]
+    return Assembly(pairs, sides, lever, axes, design.width, design.twist, p.thickness, p.clockwise, cut)
 
 
 def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:

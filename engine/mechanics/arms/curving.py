@@ -21,17 +21,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Float
+from ...arrays import Complex, Float
 from ...materials import Material
 from ...progress import SILENT, Progress
+from ...spirals.spiral import curve, widths
 from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant
+from .cut import CutArms
 
 POINTS = 10  # of the Gauss quadrature: within 2e-8 of 20 points, on a dome, a saddle and a torus
-# where an arm begins to bend, in its widths from the centre of the hub; 0.1 more or less changes energies by 1.4e-4 at
-# most, on a dome, a saddle and a torus
-HUB = 0.55
 BATCH = 512  # joints at a time, so that they stay in the processor's cache
 _EYE = np.eye(3)  # without units
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
@@ -53,6 +52,7 @@ _RUNNING = _running() / _WEIGHTS
 class Arms:
     """What the arms of m joints are, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
 
+    begin : share of the radius where it begins to bend; slope, joint, share : of its blended end, as in ``CutArms``
     radial : (3, 3) columns along the radius outwards, to its left, normal; centre : (3,) m of the hub, seen from the
     middle between both hubs; all in the joint's axes, as is to_joint (m, 6, 6), from the strains between the centres to
     those at the joint. thickness (m), youngs (Pa), poisson; side : 1, or -1 for clockwise arms
@@ -61,6 +61,10 @@ class Arms:
     radius: Float[np.ndarray, "joints 2"]
     width: Float[np.ndarray, "joints 2"]
     twist: Float[np.ndarray, "joints 2"]
+    begin: Float[np.ndarray, "joints 2"]
+    slope: Complex[np.ndarray, "joints 2"]
+    joint: Float[np.ndarray, "joints 2"]
+    share: Float[np.ndarray, "joints 2"]
     compliance: Float[np.ndarray, "joints 2 6 6"]
     radial: Float[np.ndarray, "joints 2 3 3"]
     centre: Float[np.ndarray, "joints 2 3"]
@@ -77,15 +81,16 @@ class Arms:
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
         to_joint[:, :3, 3:] = -skew(middle)
-        width, twist = assembly.arm_width, assembly.twist[assembly.pairs]
+        cut = CutArms.of(assembly)
+        ends = (v.reshape(-1, 2) for v in (cut.width, cut.twist, cut.roots[1], cut.slope, cut.joint, cut.share))
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
         rest = (assembly.thickness, material.youngs, material.poisson, side)
-        return cls(assembly.radius, width, twist, compliance, radial, centre, to_joint, *rest)
+        return cls(assembly.radius, *ends, compliance, radial, centre, to_joint, *rest)
 
     def part(self, joints: slice) -> Arms:
-        names = ("radius", "width", "twist", "compliance", "radial", "centre", "to_joint")
+        names = ("radius", "width", "twist", "begin", "slope", "joint", "share", "compliance", "radial", "centre", "to_joint")
         return replace(self, **{name: getattr(self, name)[joints] for name in names})
 
 
@@ -189,30 +194,27 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     Places (m, 2, S, 3) m seen from the hub's centre, steps (m, 2, S, 3) m outwards, lengths (m, 2, S) m that bend, and the
     turn per moment (m, 2, S, 3, 3) rad/(N m) over them.
     """
-    radius, twist, axes = arms.radius[..., None], arms.twist[..., None], arms.radial[:, :, None]
-    begin = np.minimum(
-        HUB * arms.width[..., None] / radius, HUB
-    )  # shorter arms count as all hub: ``stiffness.SHORTEST``
-    u = np.concatenate([begin, begin + (1.0 - begin) * _NODES], axis=2)
-    weight = radius * np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
-    wind, lean = twist * (1.0 - u), twist * u
-    cosine, sine, speed = np.cos(wind), np.sin(wind), np.sqrt(1.0 + lean**2)
+    radius, axes, begin = arms.radius[..., None], arms.radial[:, :, None], arms.begin[..., None]
+    t = np.concatenate([1.0 - begin, (1.0 - begin) * (1.0 - _NODES)], axis=2)
+    weight = np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
+    share = arms.share[..., None]
+    ways = curve(radius, np.zeros_like(radius), arms.twist[..., None], arms.slope[..., None], share, t)
+    width = widths(arms.width[..., None], arms.joint[..., None], share, t)[0]
 
-    def placed(along: np.ndarray, left: np.ndarray) -> np.ndarray:
-        return along[..., None] * axes[..., 0] + arms.side * left[..., None] * axes[..., 1]
+    def placed(way: np.ndarray) -> np.ndarray:
+        return way.real[..., None] * axes[..., 0] + arms.side * way.imag[..., None] * axes[..., 1]
 
-    place = placed(radius * u * cosine, radius * u * sine)
-    tangent = placed((cosine + lean * sine) / speed, (sine - lean * cosine) / speed)
-    length = weight * speed
+    speed = np.abs(ways[1])
+    place, tangent, length = placed(ways[0]), placed(-ways[1] / speed), weight * speed
     step = length[..., None] * tangent
     step[:, :, 0] = place[:, :, 0]
     normal = np.broadcast_to(axes[..., 2], tangent.shape)
     aside = np.cross(normal, tangent)
-    height, width = arms.thickness, arms.width
+    height = arms.thickness
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.poisson)
     bend = np.zeros((*tangent.shape, 3))
     for inertia, axis in ((torsion, tangent), (width * height**3 / 12.0, aside), (height * width**3 / 12.0, normal)):
-        x, scaled = np.moveaxis(axis, -1, 0), length / (arms.youngs * inertia[..., None])
+        x, scaled = np.moveaxis(axis, -1, 0), length / (arms.youngs * inertia)
         for i in range(3):
             part = scaled * x[i]
             for j in range(i + 1):

@@ -23,10 +23,11 @@ from ..beyond import Beyond
 from ..elastic import Expansion, summed
 from ..vectors import skew, times
 from . import stiffness
+from .cut import TWIST, WIDTH, CutArms, more_compliant
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
-from .stiffness import ArmCompliance, tip_compliance
+from .stiffness import tip_compliance
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +40,35 @@ class ArmState:
 
 
 @dataclass(frozen=True, eq=False)
+class ArmCompliances:
+    """Compliance of both arms of m joints as they are cut: the table's and what the cut adds to it, in the arms' own axes, SI.
+
+    values : (m, 2, 6, 6); table : without what the cut adds; table_by_scale : its derivative by twice the radius, per metre
+    by : (m, 2, 5, 6, 6) derivatives of the values by the numbers of ``cut``, per metre and per radian
+    """
+
+    values: Float[np.ndarray, "joints 2 6 6"]
+    table: Float[np.ndarray, "joints 2 6 6"]
+    table_by_scale: Float[np.ndarray, "joints 2 6 6"]
+    by: Float[np.ndarray, "joints 2 numbers 6 6"]
+
+    def varied(self, before: Assembly, after: Assembly, material: Material) -> ArmCompliances:
+        """On a rest geometry that differs a little: the table's to first order. The derivatives stay as they are."""
+        table = self.table + 2.0 * (after.radius - before.radius)[..., None, None] * self.table_by_scale
+        added = more_compliant(CutArms.of(after), after.thickness, material, slopes=False)[0]
+        return replace(self, table=table, values=table + added.reshape(table.shape))
+
+    def part(self, joints: np.ndarray) -> ArmCompliances:
+        return ArmCompliances(*(getattr(self, one.name)[joints] for one in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
 class ArmModel:
     """The elastic model of an assembly with one 6 x 6 stiffness a joint.
 
     assembly : spirals and joints at rest
-    compliance : of both arms of every joint, in the arms' own axes, (m, 2, 6, 6) each
+    compliance : of both arms of every joint
+    material : of all arms
     at_joint : (m, 6, 6) SI, stiffness against motions of the joint as the second hub carries it relative to the first, in the joint's axes
     lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
@@ -53,7 +78,8 @@ class ArmModel:
     """
 
     assembly: Assembly
-    compliance: ArmCompliance
+    compliance: ArmCompliances
+    material: Material
     at_joint: Float[np.ndarray, "joints 6 6"]
     lever: Float[np.ndarray, "joints 2 3"]
     rest: Float[np.ndarray, "joints 3"]
@@ -67,20 +93,16 @@ class ArmModel:
         cls, assembly: Assembly, material: Material, *, curving: bool = True, progress: Progress = SILENT
     ) -> ArmModel:
         """The model of an assembly of one material, with or without the strains' second order."""
-        return cls._with(
-            assembly, arm_compliances(assembly, material), _bends(assembly), material if curving else None, progress
-        )
+        found = arm_compliances(assembly, material)
+        return cls._with(assembly, found, _bends(assembly), material, curving, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
         """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
 
         The strains' second order stays as it is at the joints.
         """
-        known = self.compliance
-        longer = 2.0 * (assembly.radius - self.assembly.radius)[..., None, None]
-        found = self._with(
-            assembly, replace(known, values=known.values + longer * known.by_scale), _bends(self.assembly), None
-        )
+        compliance = self.compliance.varied(self.assembly, assembly, self.material)
+        found = self._with(assembly, compliance, _bends(self.assembly), self.material, False)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
     @cached_property
@@ -96,12 +118,13 @@ class ArmModel:
     def _with(
         cls,
         assembly: Assembly,
-        compliance: ArmCompliance,
+        compliance: ArmCompliances,
         bend: np.ndarray,
-        curving: Material | None,
+        material: Material,
+        curving: bool,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """With these compliances and bend points (m, 2, 2) of the arms; the strains' second order needs the material."""
+        """With these compliances and bend points (m, 2, 2) of the arms."""
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
@@ -112,22 +135,22 @@ class ArmModel:
         transfer[:, :3, 3:] = skew(offset)
         stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
         second = None
-        if curving is not None:
+        if curving:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
-            arms = Arms.of(assembly, curving, compliance.values)
+            arms = Arms.of(assembly, material, compliance.values)
             second = second_order_strains(arms, at_joint, held, offset, progress)
-        return cls(assembly, compliance, at_joint, lever, beyond[:, 0] - beyond[:, 1], stiffness, offset, second)
+        rest = beyond[:, 0] - beyond[:, 1]
+        return cls(assembly, compliance, material, at_joint, lever, rest, stiffness, offset, second)
 
     @property
     def pairs(self) -> np.ndarray:
         return self.assembly.pairs
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ArmModel:
-        known = self.compliance
         return replace(
             self,
             assembly=self.assembly.part(hubs, joints),
-            compliance=ArmCompliance(*(getattr(known, one.name)[joints] for one in fields(known))),
+            compliance=self.compliance.part(joints),
             curving=None if self.curving is None else self.curving[joints],
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
@@ -184,7 +207,7 @@ class ArmModel:
 
     def changes(self, state: ArmState) -> JointChanges:
         """How the joints answer to the pose and to the design; the strains' second order counts as given."""
-        known = (self.assembly, self.compliance, self.at_joint, self.offset)
+        known = (self.assembly, self.compliance.by, self.at_joint, self.offset)
         return JointChanges.of(*known, state.motion, self.curving_at_joint)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
@@ -263,8 +286,8 @@ def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joi
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
-def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
-    """Tip compliances of both arms of every joint and their derivatives, each (m, 2, 6, 6) SI, in the arms' own axes.
+def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
+    """Tip compliances of both arms of every joint as they are cut, with their derivatives.
 
     Raises FlexMapsError with the spirals whose width or twist is no number.
     """
@@ -280,5 +303,9 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliance:
         )
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
-    shape = (*assembly.pairs.shape, 6, 6)
-    return ArmCompliance(*(v.reshape(shape) for v in (found.values, found.by_scale, found.by_width, found.by_twist)))
+    added, by = more_compliant(CutArms.of(assembly), assembly.thickness, material)
+    by[:, WIDTH] += found.by_width
+    by[:, TWIST] += found.by_twist
+    shape = assembly.pairs.shape
+    values = (v.reshape(*shape, 6, 6) for v in (found.values + added, found.values, found.by_scale))
+    return ArmCompliances(*values, by.reshape(*shape, *by.shape[1:]))

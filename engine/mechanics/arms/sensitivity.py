@@ -1,7 +1,7 @@
 """How the forces of the arm model change with the widths and twists of the spirals, at a fixed pose.
 
 With the motion y of a joint, y = T x, and the wrench n = K y there, K = (C_a + C_b)^-1, the energy y.K.y / 2 changes with
-a parameter of one arm by -n.C' n / 2, and, because the bend points move with the twist, by n_force.Y', where
+a parameter of one arm by -n.C' n / 2, C' of both arms, for each is blended with the other, and, because the bend points move with the twist, by n_force.Y', where
 
     Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
 
@@ -23,10 +23,12 @@ from ..assembly import Assembly
 from ..vectors import skew, times
 from .curving import curved, weighted
 from .joint_motion import JointMotion, SpatialMotion, first_order
+from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .peak_strain import PeakStrain, peak_strain
-from .stiffness import ArmCompliance
 
-WIDTH, TWIST = 0, 1  # places of an arm's two parameters
+# What a joint follows of the spiral on either side, in this order: width of the arm that meets it, twist (``WIDTH`` and
+# ``TWIST`` of ``cut``), width of the arms on both sides of that one, half of their sum.
+PARAMETERS = 3  # how many these are
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class JointChanges:
     sides : (m, 2) int, the arms that meet
     wrench : (m, 6) N, N m at the joint
     by_pose : (m, 6, 12) of the joint's motion y by the increments of both hubs
-    wrench_by_design : (m, 2, 2, 6) at a fixed pose; side of the joint, then width (per metre) and twist (per radian)
+    wrench_by_design : (m, 2, 3, 6) at a fixed pose; side of the joint, then the parameters above
     wrench_by_pose : (m, 6, 12)
     turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
     """
@@ -44,7 +46,7 @@ class JointChanges:
     sides: Int[np.ndarray, "joints 2"]
     wrench: Float[np.ndarray, "joints 6"]
     by_pose: Float[np.ndarray, "joints 6 12"]
-    wrench_by_design: Float[np.ndarray, "joints 2 2 6"]
+    wrench_by_design: Float[np.ndarray, "joints 2 parameters 6"]
     wrench_by_pose: Float[np.ndarray, "joints 6 12"]
     turned: Float[np.ndarray, "joints 2 3"]
 
@@ -52,13 +54,13 @@ class JointChanges:
     def of(
         cls,
         assembly: Assembly,
-        compliance: ArmCompliance,
+        by: Float[np.ndarray, "joints 2 numbers 6 6"],
         at_joint: np.ndarray,
         offset: np.ndarray,
         motion: JointMotion,
         curving: np.ndarray | None = None,
     ) -> JointChanges:
-        """Arguments as in ``ArmModel``, but ``curving`` is that of the motion at the joint."""
+        """Arguments as in ``ArmModel`` and ``ArmCompliances``, but ``curving`` is that of the motion at the joint."""
         turn, base = motion.turn, motion.middle
         angle = np.linalg.norm(turn, axis=1)
         shift = motion.shift + np.cross(offset, turn)
@@ -74,11 +76,14 @@ class JointChanges:
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.of(motion))
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
-        changes, turned, axes = np.zeros((len(turn), 2, 2, 6)), np.zeros((len(turn), 2, 3)), assembly.arm_axes
+        turned, axes = np.zeros((len(turn), 2, 3)), assembly.arm_axes
+        own = np.swapaxes(axes, 2, 3) @ inner[:, None, :, None]
+        # how the joint's compliance times its wrench follows the numbers of each arm
+        softer = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
+        changes = softer[:, :, [WIDTH, TWIST, BESIDE]]
+        changes[:, :, [WIDTH, TWIST]] += softer[:, ::-1, [MATE_WIDTH, MATE_TWIST]]
+        changes = -changes @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
         for side in (0, 1):
-            own = times(np.swapaxes(axes[:, side], 1, 2), inner)
-            for k, change in ((WIDTH, compliance.by_width), (TWIST, compliance.by_twist)):
-                changes[:, side, k] = -times(across @ at_joint @ axes[:, side], times(change[:, side], own))
             sign = 1.0 if side == 0 else -1.0
             moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
             changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
@@ -92,7 +97,7 @@ class JointChanges:
         Rows as in ``Expansion.hessian``; then the side of the joint; then the widths, the twist.
         """
         m = len(self.wrench)
-        out = (self.wrench_by_design.reshape(m, 4, 6) @ self.by_pose).reshape(m, 2, 2, 12)
+        out = (self.wrench_by_design.reshape(m, -1, 6) @ self.by_pose).reshape(m, 2, PARAMETERS, 12)
         out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
         return of_spirals(out, self.sides).transpose(0, 3, 1, 2)
 
@@ -116,8 +121,8 @@ class StrainChanges:
         found = arm_strains(assembly, changes.wrench, material)
         # per unit of the joint's wrench
         by_wrench = (axes @ found.by_wrench.reshape(m, 2, 6, 1))[..., 0]
-        through = by_wrench @ changes.wrench_by_design.reshape(m, 4, 6).transpose(0, 2, 1)
-        by_design = through.reshape(m, 2, 2, 2)
+        through = by_wrench @ changes.wrench_by_design.reshape(m, -1, 6).transpose(0, 2, 1)
+        by_design = through.reshape(m, 2, 2, PARAMETERS)
         for side in (0, 1):
             by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
             by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
@@ -126,9 +131,12 @@ class StrainChanges:
 
 
 def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
-    """(m, 2, 5, ...) by the widths and the twist of both spirals, from changes (m, 2, 2, ...) by those of the arms that meet."""
+    """(m, 2, 5, ...) by the widths and the twist of both spirals, from changes (m, 2, 3, ...) by the joints' parameters."""
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
-    out[np.arange(len(sides))[:, None], [0, 1], sides] = changes[:, :, WIDTH]
+    every = np.arange(len(sides))[:, None], [0, 1]
+    out[(*every, sides)] = changes[:, :, WIDTH]
+    for step in (1, -1):
+        out[(*every, (sides + step) % 4)] = 0.5 * changes[:, :, BESIDE]
     out[:, :, 4] = changes[:, :, TWIST]
     return out
 

@@ -1,0 +1,278 @@
+"""What the arm that is cut is more compliant than the arm of the stiffness table, with exact derivatives.
+
+The table knows arms that are pure spirals with fillets of their own size, in spirals of four arms alike. An arm that is cut
+is blended at its end with the arm beyond its joint (see ``spirals.blends``), begins where its neighbours' widths put the
+crotches of its spiral, and has the fillets of the settings. Both differences are integrals along beams, as in ``beams``:
+
+    blended arm - pure spiral, over the share of t that is blended,
+    - pure spiral, from where it would begin by its own width to where it begins.
+
+The levers reach from every place to the tip, which stays where it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Complex, Float
+from ...materials import Material
+from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
+from ...spirals.blends import MATE_WIND, OWN_WIDTH, OWN_WIND, blends
+from ..assembly import Assembly
+from .beams import SHEAR_FACTOR, torsion_constant
+from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SCALE_RANGE, SHORTEST
+
+# What an arm's compliance follows, besides its geometry, in this order: its own width and twist, the mean width of both
+# neighbours in its spiral, and width and twist of the arm beyond the joint.
+WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
+NUMBERS = 5  # how many these are
+# by which the blended end and the root have derivatives, behind the values themselves
+_BLENDED = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
+_ROOTED = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
+_IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND]  # the same in ``blends``
+
+# where an arm begins to bend, in its neighbours' widths from the centre of the hub; 0.1 more or less changes energies by
+# 1.4e-4 at most, on a dome, a saddle and a torus
+HUB = 0.55
+TABLE_FILLET = 0.04  # arm widths, of the table's spirals
+# by how much of its radius a fillet shortens an arm
+FILLET_REACH = 0.5
+# Gauss points over the blend, and over the way between both roots
+POINTS, ROOT_POINTS = 8, 3
+BATCH = 500  # arms at a time, so that they stay in the processor's cache
+
+
+def _nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
+    x, w = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (x + 1.0), 0.5 * w
+
+
+@dataclass(frozen=True, eq=False)
+class CutArms:
+    """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind inwards.
+
+    radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in their spirals
+    fillet : metres, by how much the fillets at its root are larger than those of the table's arm, and its derivative by the
+    width, fillet_by; slope, joint, share : as in ``Blends``, in these axes
+    slope_by, joint_by, share_by : (N, 4) by their own width and twist and by those of the arm beyond the joint
+    """
+
+    radius: Float[np.ndarray, " n"]
+    width: Float[np.ndarray, " n"]
+    twist: Float[np.ndarray, " n"]
+    beside: Float[np.ndarray, " n"]
+    fillet: Float[np.ndarray, " n"]
+    fillet_by: Float[np.ndarray, " n"]
+    slope: Complex[np.ndarray, " n"]
+    joint: Float[np.ndarray, " n"]
+    share: Float[np.ndarray, " n"]
+    slope_by: Complex[np.ndarray, "n 4"]
+    joint_by: Float[np.ndarray, "n 4"]
+    share_by: Float[np.ndarray, "n 4"]
+
+    @classmethod
+    def of(cls, assembly: Assembly) -> CutArms:
+        """Both arms of every joint, one joint after the other."""
+        pairs, sides = assembly.pairs, assembly.sides
+        width, twist = assembly.arm_width, assembly.twist[pairs]
+        beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
+        radius, cut = assembly.radius.ravel(), assembly.cut
+        known = (radius, width.ravel(), twist.ravel(), beside.ravel())
+        if cut is None:
+            n, none = len(radius), np.zeros((len(radius), 4))
+            end = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
+            return cls(*known, np.zeros(n), np.zeros(n), *end)
+        out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
+        lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
+        both = ((np.stack([v, v[:, ::-1]], axis=-1).reshape(-1, 2)) for v in (width, twist, lean))
+        end = blends(*both, radius, np.zeros_like(radius), cut.blend)
+        some = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
+        fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
+        return cls(*known, *fillet, end.slope, end.width, end.share, *some)
+
+    def part(self, arms: slice) -> CutArms:
+        """Some of them."""
+        return CutArms(*(getattr(self, name)[arms] for name in self.__dataclass_fields__))
+
+    @property
+    def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Shares of the radius where the table's arms begin, and where these begin."""
+        own = HUB * self.width / self.radius
+        moved = HUB * self.beside + FILLET_REACH * self.fillet
+        return np.minimum(own, HUB), np.minimum(moved / self.radius, HUB)
+
+
+def more_compliant(
+    arms: CutArms, thickness: float, material: Material, slopes: bool = True
+) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
+    """SI: what N arms that are cut are more compliant at their tips than those of the table, and its derivatives.
+
+    Rows and columns as in ``ArmCompliance``; derivatives by the numbers above, per metre and per radian. Arms that are
+    hardly longer than wide, which count as others, keep the table's compliance more and more. Without ``slopes`` the
+    derivatives are zero, and less is done.
+    """
+    n, kept = len(arms.radius), slice(None if slopes else 1)
+    value, by = np.zeros((n, 6, 6)), np.zeros((n, NUMBERS, 6, 6))
+    for start in range(0, n, BATCH):
+        part = slice(start, start + BATCH)
+        some = arms.part(part)
+        lines = [(-1.0, _ROOTED, _between_roots(some))]
+        if some.slope.any() or (some.joint != some.width).any():
+            lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
+        found = np.zeros((NUMBERS + 1, len(some.radius), 6, 6))
+        for sign, rows, line in lines:
+            found[rows[kept]] += sign * _beam(*(numbers[kept] for numbers in line), thickness, material)
+        fade, fade_by = _fade(some)
+        value[part] = fade * found[0]
+        if slopes:
+            by[part] = np.moveaxis(fade * found[1:], 0, 1)
+            by[part, WIDTH] += fade_by * found[0]
+    return value, by
+
+
+# a line: place seen from the tip (complex), derivative of the place by t (complex), width and weight of t of every station, each
+# (1 + P, N, S): value, and derivatives by P numbers
+_Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _dual(value: np.ndarray, by: dict[int, np.ndarray | float], count: int) -> np.ndarray:
+    out = np.zeros((1 + count, *value.shape), dtype=value.dtype)
+    out[0] = value
+    for k, change in by.items():
+        out[1 + k] = change
+    return out
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of values with derivatives."""
+    out = a * b[:1] + a[:1] * b
+    out[0] = a[0] * b[0]
+    return out
+
+
+def _spiral(arms: CutArms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, N, S); the second number is the twist."""
+    radius, twist = arms.radius[:, None], arms.twist[:, None]
+    wind = twist * t
+    wind[1 + TWIST] += t[0]
+    turn = radius * np.exp(1j * wind[0])
+    place, pace = (1.0 - t[0]) * turn, (1j * twist * (1.0 - t[0]) - 1.0) * turn
+    places = np.concatenate([place[None], 1j * place * wind[1:] - turn * t[1:]])
+    paces = np.concatenate([pace[None], 1j * pace * wind[1:] - 1j * twist * turn * t[1:]])
+    paces[1 + TWIST] += 1j * (1.0 - t[0]) * turn
+    places[0] -= radius
+    return places, paces
+
+
+def _blended(arms: CutArms) -> tuple[_Line, _Line]:
+    """The blended ends, and the pure spirals in their place."""
+    x, w = _nodes(POINTS)
+    share, joint = (
+        np.concatenate([v[None], by.T])[..., None]
+        for v, by in ((arms.share, arms.share_by), (arms.joint, arms.joint_by))
+    )
+    slope = np.concatenate([arms.slope[None], arms.slope_by.T])[..., None]
+    t, weight = share * x, share * w
+    place, pace = _spiral(arms, t)
+    width = _dual(np.broadcast_to(arms.width[:, None], t[0].shape), {WIDTH: 1.0}, 4)
+    xx = x * x
+    # the quintics of ``spirals.spiral``
+    bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
+    speed = pace + slope * (1.0 + xx * (-18.0 + x * (32.0 - 15.0 * x)))
+    wide = width + (joint - width) * (1.0 + xx * x * (-10.0 + x * (15.0 - 6.0 * x)))
+    return (bent, speed, wide, weight), (place, pace, width, weight)
+
+
+def _between_roots(arms: CutArms) -> _Line:
+    """Pure spirals from where the table's arms begin to where these do."""
+    x, w = _nodes(ROOT_POINTS)
+    radius = arms.radius
+    first, last = arms.roots
+    free = last < HUB
+    own = _dual(first, {WIDTH: np.where(first < HUB, HUB / radius, 0.0)}, 3)
+    moved = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
+    true = _dual(last, {k: np.where(free, v, 0.0) for k, v in moved.items()}, 3)
+    way = (true - own)[..., None]
+    t = -(own[..., None] + way * x)
+    t[0] += 1.0
+    place, pace = _spiral(arms, t)
+    width = _dual(np.broadcast_to(arms.width[:, None], t[0].shape), {WIDTH: 1.0}, 3)
+    return place, pace, width, way * w
+
+
+def _fade(arms: CutArms) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 1, 1): 1 for arms in the table's range, 0 for stubs, and the derivative by the width."""
+    ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
+    s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
+    slope = 6.0 * s * (1.0 - s) / span * -ratio / arms.width
+    return (s * s * (3.0 - 2.0 * s))[:, None, None], slope[:, None, None]
+
+
+def _beam(
+    place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
+) -> Float[np.ndarray, "numbers n 6 6"]:
+    """(1 + P, N, 6, 6) compliance of the tip from the stations of a line, and its derivatives; see ``beams.path_integrals``."""
+    x, y = -place.real, -place.imag
+    speed = np.abs(pace[0])
+    along = pace * (np.conj(pace[0]) / speed)  # how the pace changes along itself, and across
+    unit = 1j * along.imag * (pace[0] / speed**2)
+    unit[0] = pace[0] / speed
+    tx, ty = unit.real, unit.imag
+    length = _times(weight, np.concatenate([speed[None], along.real[1:]]))
+    lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
+
+    def flexibility(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
+        out = by_width * width
+        out[0] = value
+        return _times(length, out)
+
+    w = width[0]
+    soft, shear = 1.0 / (material.youngs * height * w), 2.0 * SHEAR_FACTOR * (1.0 + material.poisson)
+    inertia, slope = torsion_constant(height / w)
+    twisting = 2.0 * (1.0 + material.poisson) / (material.youngs * w**4 * inertia)
+    bend = flexibility(12.0 * soft / w**2, -36.0 * soft / w**3)
+    raise_ = flexibility(12.0 * soft / height**2, -12.0 * soft / height**2 / w)
+    twist = flexibility(twisting, twisting * (slope * height / (inertia * w) - 4.0) / w)
+    stretch = flexibility(soft, -soft / w)
+
+    def total(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        out = np.einsum("pns,ns->pn", a, b[0])
+        out[1:] += np.einsum("ns,pns->pn", a[0], b[1:])
+        return out
+
+    out = np.zeros((len(place), place.shape[1], 6, 6))
+
+    def put(rows: tuple[int, ...], entries: list[np.ndarray]) -> None:
+        for (i, j), entry in zip(ENTRIES, entries, strict=True):
+            out[..., rows[i], rows[j]] = out[..., rows[j], rows[i]] = entry
+
+    sx, sy = _times(stretch, tx), _times(stretch, ty)
+    xx, xy, yy = total(sx, tx), total(sx, ty), total(sy, ty)
+    bx, by = _times(bend, x), _times(bend, y)
+    put(
+        IN_PLANE,
+        [
+            total(by, y) + xx + shear * yy,
+            (1.0 - shear) * xy - total(by, x),
+            total(bx, x) + yy + shear * xx,
+            -by.sum(axis=-1),
+            bx.sum(axis=-1),
+            bend.sum(axis=-1),
+        ],
+    )
+    tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
+    rl, ra_x, ra_y = _times(raise_, lever), _times(raise_, tx), _times(raise_, ty)
+    put(
+        OUT_OF_PLANE,
+        [
+            total(tt, torque) + total(rl, lever) + shear * stretch.sum(axis=-1),
+            total(tt, tx) + total(rl, ty),
+            total(tw_x, tx) + total(ra_y, ty),
+            total(tt, ty) - total(rl, tx),
+            total(tw_x, ty) - total(ra_x, ty),
+            total(tw_y, ty) + total(ra_x, tx),
+        ],
+    )
+    return out
