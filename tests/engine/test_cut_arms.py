@@ -84,7 +84,10 @@ def test_arms_alike_without_cut_are_those_of_the_table() -> None:
     thinner = np.full_like(known.width, 0.001)
     thinner[known.pairs, known.sides] = 0.0015
     softer = more_compliant(CutArms.of(replace(alike, width=thinner)), THICKNESS, VERO)[0]
-    assert np.linalg.eigvalsh(softer)[:, :3].min() > -1e-12 * softer.max() and (np.trace(softer, axis1=1, axis2=2) > 0).all()
+    assert (
+        np.linalg.eigvalsh(softer)[:, :3].min() > -1e-12 * softer.max()
+        and (np.trace(softer, axis1=1, axis2=2) > 0).all()
+    )
 
 
 def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
@@ -94,7 +97,9 @@ def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
     lever[:, 0, 0], lever[:, 1, 0] = 0.01, -0.01
     width = np.full((2, 4), 0.0012)
     width[[0, 1], known.sides[0]] = 0.001
-    found = more_compliant(CutArms.of(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO)[0]
+    found = more_compliant(
+        CutArms.of(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO
+    )[0]
     short, long = 0.01 - HUB * 0.0012, 0.01 - HUB * 0.001
     w, h = 0.001, THICKNESS
     slip = 1.2 * 2.0 * (1.0 + VERO.poisson) / (VERO.youngs * w * h)
@@ -102,7 +107,9 @@ def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
     assert found[:, 1, 1] == pytest.approx(bend * (short**3 - long**3) / 3.0 + slip * (short - long), rel=1e-9)
     assert found[:, 5, 5] == pytest.approx(bend * (short - long), rel=1e-9)
     torsion = float(torsion_constant(np.array(h / w))[0]) * w**4
-    assert found[:, 3, 3] == pytest.approx(2.0 * (1.0 + VERO.poisson) * (short - long) / (VERO.youngs * torsion), rel=1e-9)
+    assert found[:, 3, 3] == pytest.approx(
+        2.0 * (1.0 + VERO.poisson) * (short - long) / (VERO.youngs * torsion), rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("clockwise", [False, True])

@@ -82,15 +82,28 @@ class Arms:
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
         to_joint[:, :3, 3:] = -skew(middle)
         cut = CutArms.of(assembly)
-        ends = (v.reshape(-1, 2) for v in (cut.width, cut.twist, cut.roots[1], cut.slope, cut.joint, cut.share))
+        begin, slope, joint, share = (v.reshape(-1, 2) for v in (cut.roots[1], cut.slope, cut.joint, cut.share))
+        shape = (assembly.radius, assembly.arm_width, assembly.twist[assembly.pairs], begin, slope, joint, share)
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
         rest = (assembly.thickness, material.youngs, material.poisson, side)
-        return cls(assembly.radius, *ends, compliance, radial, centre, to_joint, *rest)
+        return cls(*shape, compliance, radial, centre, to_joint, *rest)
 
     def part(self, joints: slice) -> Arms:
-        names = ("radius", "width", "twist", "begin", "slope", "joint", "share", "compliance", "radial", "centre", "to_joint")
+        names = (
+            "radius",
+            "width",
+            "twist",
+            "begin",
+            "slope",
+            "joint",
+            "share",
+            "compliance",
+            "radial",
+            "centre",
+            "to_joint",
+        )
         return replace(self, **{name: getattr(self, name)[joints] for name in names})
 
 

@@ -28,8 +28,9 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SCALE_RANGE, SHORTEST
 # neighbours in its spiral, and width and twist of the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
 NUMBERS = 5  # how many these are
-# by which the blended end and the root have derivatives, behind the values themselves
+# by which the blended end has derivatives, behind the values themselves
 _BLENDED = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
+# the same of the root
 _ROOTED = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
 _IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND]  # the same in ``blends``
 
@@ -82,15 +83,15 @@ class CutArms:
         known = (radius, width.ravel(), twist.ravel(), beside.ravel())
         if cut is None:
             n, none = len(radius), np.zeros((len(radius), 4))
-            end = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
-            return cls(*known, np.zeros(n), np.zeros(n), *end)
+            pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
+            return cls(*known, np.zeros(n), np.zeros(n), *pure)
         out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
         lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
-        both = ((np.stack([v, v[:, ::-1]], axis=-1).reshape(-1, 2)) for v in (width, twist, lean))
-        end = blends(*both, radius, np.zeros_like(radius), cut.blend)
-        some = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
+        widths, twists, leans = (np.stack([v, v[:, ::-1]], axis=-1).reshape(-1, 2) for v in (width, twist, lean))
+        end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
+        slope_by, joint_by, share_by = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
-        return cls(*known, *fillet, end.slope, end.width, end.share, *some)
+        return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by)
 
     def part(self, arms: slice) -> CutArms:
         """Some of them."""
@@ -123,7 +124,8 @@ def more_compliant(
             lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
         found = np.zeros((NUMBERS + 1, len(some.radius), 6, 6))
         for sign, rows, line in lines:
-            found[rows[kept]] += sign * _beam(*(numbers[kept] for numbers in line), thickness, material)
+            place, pace, width, weight = (numbers[kept] for numbers in line)
+            found[rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
         fade, fade_by = _fade(some)
         value[part] = fade * found[0]
         if slopes:
@@ -223,56 +225,58 @@ def _beam(
     length = _times(weight, np.concatenate([speed[None], along.real[1:]]))
     lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
 
-    def flexibility(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
+    stretch, bend, lift, twist = _flexibilities(width, length, height, material)
+    shear = 2.0 * SHEAR_FACTOR * (1.0 + material.poisson)
+
+    sx, sy = _times(stretch, tx), _times(stretch, ty)
+    xx, xy, yy = _total(sx, tx), _total(sx, ty), _total(sy, ty)
+    bx, by = _times(bend, x), _times(bend, y)
+    inside = (
+        _total(by, y) + xx + shear * yy,
+        (1.0 - shear) * xy - _total(by, x),
+        _total(bx, x) + yy + shear * xx,
+        -by.sum(axis=-1),
+        bx.sum(axis=-1),
+        bend.sum(axis=-1),
+    )
+    tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
+    rl, ra_x, ra_y = _times(lift, lever), _times(lift, tx), _times(lift, ty)
+    outside = (
+        _total(tt, torque) + _total(rl, lever) + shear * stretch.sum(axis=-1),
+        _total(tt, tx) + _total(rl, ty),
+        _total(tw_x, tx) + _total(ra_y, ty),
+        _total(tt, ty) - _total(rl, tx),
+        _total(tw_x, ty) - _total(ra_x, ty),
+        _total(tw_y, ty) + _total(ra_x, tx),
+    )
+    out = np.zeros((len(place), place.shape[1], 6, 6))
+    for rows, entries in ((IN_PLANE, inside), (OUT_OF_PLANE, outside)):
+        for (i, j), entry in zip(ENTRIES, entries, strict=True):
+            out[..., rows[i], rows[j]] = out[..., rows[j], rows[i]] = entry
+    return out
+
+
+def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
+    """Sums over the stations of the products of values with derivatives."""
+    out = np.einsum("pns,ns->pn", a, b[0])
+    out[1:] += np.einsum("ns,pns->pn", a[0], b[1:])
+    return out
+
+
+def _flexibilities(
+    width: np.ndarray, length: np.ndarray, height: float, material: Material
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of the stations' pieces, (1 + P, N, S) each: stretch per force; turn in the sheet, out of it and along the arm per moment."""
+
+    def of(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width
         out[0] = value
         return _times(length, out)
 
     w = width[0]
-    soft, shear = 1.0 / (material.youngs * height * w), 2.0 * SHEAR_FACTOR * (1.0 + material.poisson)
+    soft = 1.0 / (material.youngs * height * w)
     inertia, slope = torsion_constant(height / w)
     twisting = 2.0 * (1.0 + material.poisson) / (material.youngs * w**4 * inertia)
-    bend = flexibility(12.0 * soft / w**2, -36.0 * soft / w**3)
-    raise_ = flexibility(12.0 * soft / height**2, -12.0 * soft / height**2 / w)
-    twist = flexibility(twisting, twisting * (slope * height / (inertia * w) - 4.0) / w)
-    stretch = flexibility(soft, -soft / w)
-
-    def total(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        out = np.einsum("pns,ns->pn", a, b[0])
-        out[1:] += np.einsum("ns,pns->pn", a[0], b[1:])
-        return out
-
-    out = np.zeros((len(place), place.shape[1], 6, 6))
-
-    def put(rows: tuple[int, ...], entries: list[np.ndarray]) -> None:
-        for (i, j), entry in zip(ENTRIES, entries, strict=True):
-            out[..., rows[i], rows[j]] = out[..., rows[j], rows[i]] = entry
-
-    sx, sy = _times(stretch, tx), _times(stretch, ty)
-    xx, xy, yy = total(sx, tx), total(sx, ty), total(sy, ty)
-    bx, by = _times(bend, x), _times(bend, y)
-    put(
-        IN_PLANE,
-        [
-            total(by, y) + xx + shear * yy,
-            (1.0 - shear) * xy - total(by, x),
-            total(bx, x) + yy + shear * xx,
-            -by.sum(axis=-1),
-            bx.sum(axis=-1),
-            bend.sum(axis=-1),
-        ],
-    )
-    tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
-    rl, ra_x, ra_y = _times(raise_, lever), _times(raise_, tx), _times(raise_, ty)
-    put(
-        OUT_OF_PLANE,
-        [
-            total(tt, torque) + total(rl, lever) + shear * stretch.sum(axis=-1),
-            total(tt, tx) + total(rl, ty),
-            total(tw_x, tx) + total(ra_y, ty),
-            total(tt, ty) - total(rl, tx),
-            total(tw_x, ty) - total(ra_x, ty),
-            total(tw_y, ty) + total(ra_x, tx),
-        ],
-    )
-    return out
+    bend, lift = 12.0 * soft / w**2, 12.0 * soft / height**2
+    by_width = twisting * (slope * height / (inertia * w) - 4.0) / w
+    return of(soft, -soft / w), of(bend, -3.0 * bend / w), of(lift, -lift / w), of(twisting, by_width)

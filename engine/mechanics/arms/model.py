@@ -23,8 +23,8 @@ from ..beyond import Beyond
 from ..elastic import Expansion, summed
 from ..vectors import skew, times
 from . import stiffness
-from .cut import TWIST, WIDTH, CutArms, more_compliant
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
+from .cut import TWIST, WIDTH, CutArms, more_compliant
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
@@ -307,5 +307,5 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
     by[:, WIDTH] += found.by_width
     by[:, TWIST] += found.by_twist
     shape = assembly.pairs.shape
-    values = (v.reshape(*shape, 6, 6) for v in (found.values + added, found.values, found.by_scale))
-    return ArmCompliances(*values, by.reshape(*shape, *by.shape[1:]))
+    values, table, by_scale = (v.reshape(*shape, 6, 6) for v in (found.values + added, found.values, found.by_scale))
+    return ArmCompliances(values, table, by_scale, by.reshape(*shape, *by.shape[1:]))

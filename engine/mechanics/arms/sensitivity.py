@@ -22,8 +22,8 @@ from ...materials import Material
 from ..assembly import Assembly
 from ..vectors import skew, times
 from .curving import curved, weighted
-from .joint_motion import JointMotion, SpatialMotion, first_order
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
+from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain
 
 # What a joint follows of the spiral on either side, in this order: width of the arm that meets it, twist (``WIDTH`` and
