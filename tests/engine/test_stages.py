@@ -84,7 +84,7 @@ def test_every_one_rests(dome):
         joints = stage.closed
         part = Assembly(
             number[whole.pairs[joints]], whole.sides[joints], whole.lever[joints], whole.axes[joints], whole.width[stage.hubs],
-            whole.twist[stage.hubs], whole.thickness, whole.clockwise,
+            whole.twist[stage.hubs], whole.thickness, whole.clockwise, whole.cut,
         )  # fmt: skip
         if model == "rod":  # a spiral's springs are those of all its arms, also where some are open
             elastic = build_model(whole, POM, model).part(stage.hubs, np.flatnonzero(joints))
