@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import StrainChanges
+from ..mechanics.arms.sensitivity import StrainChanges, arm_wrenches
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
@@ -181,14 +181,16 @@ class FlatPoint(Point):
         """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
         bearing = None if self._strain.found is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
+        # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
+        signs = np.sign(arm_wrenches(self.model.assembly, self.model.wrenches(self._state)))
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
             state = model.start(pose)
             gradients = model.joint_gradients(state)
-            return (
-                gradients if bearing is None else np.concatenate([gradients, model.strains(state, bearing[0])], axis=1)
-            )
+            if bearing is None:
+                return gradients
+            return np.concatenate([gradients, model.strains(state, bearing[0], signs)], axis=1)
 
         self.problem.work.add(GEOMETRY, self.assembly.size)
         found = by_geometry(self.model, self.equilibrium.pose, measure)

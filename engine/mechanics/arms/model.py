@@ -187,9 +187,11 @@ class ArmModel:
         inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
         return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
 
-    def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) peak strain of both arms of every joint, a safe estimate (see ``peak_strain``)."""
-        return arm_strains(self.assembly, self.wrenches(state), material).values.reshape(-1, 2)
+    def strains(
+        self, state: ArmState, material: Material, signs: np.ndarray | None = None
+    ) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) peak strain of both arms of every joint, a safe estimate; signs (m, 2, 6): see ``peak_strain``."""
+        return arm_strains(self.assembly, self.wrenches(state), material, signs).values.reshape(-1, 2)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly

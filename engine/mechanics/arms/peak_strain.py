@@ -32,6 +32,7 @@ def peak_strain(
     thickness: float,
     youngs: float,
     poisson: float,
+    signs: np.ndarray | None = None,
 ) -> PeakStrain:
     """A safe estimate of the strain that 99 % of the volume of an arm stays below under its tip load.
 
@@ -48,11 +49,12 @@ def peak_strain(
     log, slopes = _log_strains(ratio, width / thickness, twist, load_table(float(poisson)))
     power = np.repeat([2.0, 3.0], 3)[:, None]
     unit = np.exp(log) / (youngs * width**power)
-    size = np.abs(wrench).T * unit
+    signs = np.sign(wrench) if signs is None else signs
+    size = (signs * wrench).T * unit
     by_width = slopes[1] - np.where(stub, 0.0, slopes[0]) - power
     return PeakStrain(
         size.sum(axis=0),
-        np.sign(wrench) * unit.T,
+        signs * unit.T,
         (size * by_width).sum(axis=0) / width,
         (size * slopes[2]).sum(axis=0),
     )

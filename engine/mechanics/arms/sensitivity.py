@@ -141,18 +141,28 @@ def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.nd
     return out
 
 
-def arm_strains(assembly: Assembly, wrench: np.ndarray, material: Material) -> PeakStrain:
-    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint."""
-    own = (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
+def arm_wrenches(assembly: Assembly, wrench: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 2 6"]:
+    """Wrenches of the joints, N and N m in their axes, in the axes of both arms."""
+    return (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
+
+
+def arm_strains(
+    assembly: Assembly, wrench: np.ndarray, material: Material, signs: Float[np.ndarray, "joints 2 6"] | None = None
+) -> PeakStrain:
+    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint.
+
+    signs : as in ``peak_strain``
+    """
     width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
     return peak_strain(
-        own.reshape(-1, 6),
+        arm_wrenches(assembly, wrench).reshape(-1, 6),
         2.0 * assembly.radius.ravel(),
         width,
         twist,
         thickness=assembly.thickness,
         youngs=material.youngs,
         poisson=material.poisson,
+        signs=None if signs is None else signs.reshape(-1, 6),
     )
 
 
