@@ -232,8 +232,8 @@ def test_a_further_run_never_ends_worse() -> None:
         found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
         design = found.design
         rmse.append(found.report()["laplacian_rmse_mm"])
-    # equilibria are found to a tolerance
-    assert all(b <= a * (1.0 + 1e-6) for a, b in pairwise(rmse))
+    # equilibria are found to a tolerance, and what is minimised counts the strains too
+    assert all(b <= a * (1.0 + 1e-4) for a, b in pairwise(rmse))
 
 
 def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
