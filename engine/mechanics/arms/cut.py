@@ -38,10 +38,12 @@ _IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND]  # the same in ``bl
 # 1.4e-4 at most, on a dome, a saddle and a torus
 HUB = 0.55
 TABLE_FILLET = 0.04  # arm widths, of the table's spirals
-# by how much of its radius a fillet shortens an arm
-FILLET_REACH = 0.5
-# Gauss points over the blend, and over the way between both roots
-POINTS, ROOT_POINTS = 8, 3
+# by how much of its radius a fillet shortens an arm: 0.57 at fillets of 0.06 to 0.4 mm in solids of straight arms
+FILLET_REACH = 0.55
+# Gauss points over the blend: within 4e-6 of 32 points in half of 4000 random arms, strongly unlike ones and such as cannot be
+# cut among them
+POINTS = 8
+ROOT_POINTS = 3  # over the way between both roots: within 4e-6 of 8 in all of them
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 
 

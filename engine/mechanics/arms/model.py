@@ -1,4 +1,5 @@
-"""The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of the stiffness table.
+"""The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of the stiffness table and what
+the arm that is cut differs by (see ``cut``).
 
 The compliances of both arms of a joint add up, for both carry the same wrench. Their motion is that of one hub against
 the other: the relative turn is a rotation vector, and the way from the bend point of the first arm to that of the second
