@@ -13,6 +13,7 @@ The levers reach from every place to the tip, which stays where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -34,6 +35,9 @@ _BLENDED = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOTED = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
 _IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND]  # the same in ``blends``
 
+# rows and columns of a compliance that are not 0, of the lower triangle
+_PLACES = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
+
 # where an arm begins to bend, in its neighbours' widths from the centre of the hub; 0.1 more or less changes energies by
 # 1.4e-4 at most, on a dome, a saddle and a torus
 HUB = 0.55
@@ -47,6 +51,7 @@ ROOT_POINTS = 3  # over the way between both roots: within 4e-6 of 8 in all of t
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 
 
+@lru_cache
 def _nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
     x, w = np.polynomial.legendre.leggauss(count)
     return 0.5 * (x + 1.0), 0.5 * w
@@ -124,20 +129,24 @@ def more_compliant(
         lines = [(-1.0, _ROOTED, _between_roots(some))]
         if some.slope.any() or (some.joint != some.width).any():
             lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
-        found = np.zeros((NUMBERS + 1, len(some.radius), 6, 6))
+        found = np.zeros((len(_PLACES), NUMBERS + 1, len(some.radius)))
         for sign, rows, line in lines:
             place, pace, width, weight = (numbers[kept] for numbers in line)
-            found[rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
+            found[:, rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
         fade, fade_by = _fade(some)
-        value[part] = fade * found[0]
         if slopes:
-            by[part] = np.moveaxis(fade * found[1:], 0, 1)
-            by[part, WIDTH] += fade_by * found[0]
+            found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by
+            found[:, 2 + WIDTH :] *= fade
+        found[:, 0] *= fade
+        for (i, j), entry in zip(_PLACES, found, strict=True):
+            value[part, i, j] = value[part, j, i] = entry[0]
+            if slopes:
+                by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
     return value, by
 
 
 # a line: place seen from the tip (complex), derivative of the place by t (complex), width and weight of t of every station, each
-# (1 + P, N, S): value, and derivatives by P numbers
+# (1 + P, S, N): value, and derivatives by P numbers; the width of all stations may be one, (1 + P, 1, N)
 _Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -157,8 +166,8 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _spiral(arms: CutArms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, N, S); the second number is the twist."""
-    radius, twist = arms.radius[:, None], arms.twist[:, None]
+    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, S, N); the second number is the twist."""
+    radius, twist = arms.radius, arms.twist
     wind = twist * t
     wind[1 + TWIST] += t[0]
     turn = radius * np.exp(1j * wind[0])
@@ -174,13 +183,12 @@ def _blended(arms: CutArms) -> tuple[_Line, _Line]:
     """The blended ends, and the pure spirals in their place."""
     x, w = _nodes(POINTS)
     share, joint = (
-        np.concatenate([v[None], by.T])[..., None]
-        for v, by in ((arms.share, arms.share_by), (arms.joint, arms.joint_by))
+        np.concatenate([v[None], by.T])[:, None] for v, by in ((arms.share, arms.share_by), (arms.joint, arms.joint_by))
     )
-    slope = np.concatenate([arms.slope[None], arms.slope_by.T])[..., None]
+    slope, x, w = np.concatenate([arms.slope[None], arms.slope_by.T])[:, None], x[:, None], w[:, None]
     t, weight = share * x, share * w
     place, pace = _spiral(arms, t)
-    width = _dual(np.broadcast_to(arms.width[:, None], t[0].shape), {WIDTH: 1.0}, 4)
+    width = _dual(arms.width[None], {WIDTH: 1.0}, 4)
     xx = x * x
     # the quintics of ``spirals.spiral``
     bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
@@ -198,26 +206,25 @@ def _between_roots(arms: CutArms) -> _Line:
     own = _dual(first, {WIDTH: np.where(first < HUB, HUB / radius, 0.0)}, 3)
     moved = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
     true = _dual(last, {k: np.where(free, v, 0.0) for k, v in moved.items()}, 3)
-    way = (true - own)[..., None]
-    t = -(own[..., None] + way * x)
+    way = (true - own)[:, None]
+    t = -(own[:, None] + way * x[:, None])
     t[0] += 1.0
     place, pace = _spiral(arms, t)
-    width = _dual(np.broadcast_to(arms.width[:, None], t[0].shape), {WIDTH: 1.0}, 3)
-    return place, pace, width, way * w
+    return place, pace, _dual(arms.width[None], {WIDTH: 1.0}, 3), way * w[:, None]
 
 
 def _fade(arms: CutArms) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 1, 1): 1 for arms in the table's range, 0 for stubs, and the derivative by the width."""
+    """(N,): 1 for arms in the table's range, 0 for stubs, and the derivative by the width."""
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
     slope = 6.0 * s * (1.0 - s) / span * -ratio / arms.width
-    return (s * s * (3.0 - 2.0 * s))[:, None, None], slope[:, None, None]
+    return s * s * (3.0 - 2.0 * s), slope
 
 
 def _beam(
     place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
-) -> Float[np.ndarray, "numbers n 6 6"]:
-    """(1 + P, N, 6, 6) compliance of the tip from the stations of a line, and its derivatives; see ``beams.path_integrals``."""
+) -> Float[np.ndarray, "12 numbers n"]:
+    """Compliance of the tip from the stations of a line, and its derivatives, at ``_PLACES``; see ``beams.path_integrals``."""
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
     along = pace * (np.conj(pace[0]) / speed)  # how the pace changes along itself, and across
@@ -237,38 +244,34 @@ def _beam(
         _total(by, y) + xx + shear * yy,
         (1.0 - shear) * xy - _total(by, x),
         _total(bx, x) + yy + shear * xx,
-        -by.sum(axis=-1),
-        bx.sum(axis=-1),
-        bend.sum(axis=-1),
+        -by.sum(axis=1),
+        bx.sum(axis=1),
+        bend.sum(axis=1),
     )
     tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
     rl, ra_x, ra_y = _times(lift, lever), _times(lift, tx), _times(lift, ty)
     outside = (
-        _total(tt, torque) + _total(rl, lever) + shear * stretch.sum(axis=-1),
+        _total(tt, torque) + _total(rl, lever) + shear * stretch.sum(axis=1),
         _total(tt, tx) + _total(rl, ty),
         _total(tw_x, tx) + _total(ra_y, ty),
         _total(tt, ty) - _total(rl, tx),
         _total(tw_x, ty) - _total(ra_x, ty),
         _total(tw_y, ty) + _total(ra_x, tx),
     )
-    out = np.zeros((len(place), place.shape[1], 6, 6))
-    for rows, entries in ((IN_PLANE, inside), (OUT_OF_PLANE, outside)):
-        for (i, j), entry in zip(ENTRIES, entries, strict=True):
-            out[..., rows[i], rows[j]] = out[..., rows[j], rows[i]] = entry
-    return out
+    return np.stack(inside + outside)
 
 
 def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
     """Sums over the stations of the products of values with derivatives."""
-    out = np.einsum("pns,ns->pn", a, b[0])
-    out[1:] += np.einsum("ns,pns->pn", a[0], b[1:])
+    out = np.einsum("psn,sn->pn", a, b[0])
+    out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
 
 
 def _flexibilities(
     width: np.ndarray, length: np.ndarray, height: float, material: Material
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of the stations' pieces, (1 + P, N, S) each: stretch per force; turn in the sheet, out of it and along the arm per moment."""
+    """Of the stations' pieces, (1 + P, S, N) each: stretch per force; turn in the sheet, out of it and along the arm per moment."""
 
     def of(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width
