@@ -195,7 +195,8 @@ class _Rails:
         self.angle = [np.angle(s / start) for s in spokes]
         beside = np.abs(self.angle[0]), np.roll(np.abs(self.angle[1]), 1, axis=1)
         speed = [self._speed(u[..., None])[..., 0] for u in self.ends]
-        self.arc = [roots.fillet * a / s for a, s in zip(beside, speed)]
+        fillets = roots.fillet, np.roll(roots.fillet, 1, axis=1)
+        self.arc = [r * a / s for r, a, s in zip(fillets, beside, speed)]
         outer = np.maximum(*self.ends)
         width = width_at(self.shape, 1.0 - outer[..., None])[0][..., 0]
         self.left_start = outer + np.minimum(BESIDE * width / speed[1], 0.4 * (1.0 - outer))

@@ -189,7 +189,7 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     turn = -((begin - np.arctan2(right[..., 1], right[..., 0])) % (2.0 * np.pi))
     turn = np.where(turn < -1.5 * np.pi, 0.0, turn)
     angle = begin[..., None] + turn[..., None] * (np.arange(1, points + 1) / (points + 1))
-    place[..., 0], place[..., 1] = root.fillet * np.cos(angle), root.fillet * np.sin(angle)
+    place[..., 0], place[..., 1] = root.fillet[..., None] * np.cos(angle), root.fillet[..., None] * np.sin(angle)
     place[..., :2] += (root.centre - design.arms.centre[:, None])[:, :, None]
     return quad, place
 

@@ -17,8 +17,8 @@ from .spiral import opposite_sides, spokes
 # Kinds of pairs: of one quad; an arm and those beside it across its joint; others of quads that share an edge or a vertex
 BESIDE, ACROSS, ROUND = range(3)
 # The largest t that counts on the first and on the second arm of each kind: the slot beside an arm needs to be open over the
-# outer third, see ``slots.DEPTH``; further in than 0.4, 0.9 and 0.6, arms of other quads were never nearest.
-DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.4, 0.9], [0.6, 0.6]])
+# outer third, see ``slots.DEPTH``; further in than 0.4, 0.9 and 0.8, arms of other quads were never nearest.
+DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.4, 0.9], [0.8, 0.8]])
 # At which twists, as shares of the largest, arms are drawn to see how far they reach, on their own and on their mates' side. Those
 # of smaller twists lie within what the most wound ones go round, but for their blends.
 _OWN, _MATES = (0.0, 0.5, 1.0), (0.0, 1.0)

@@ -210,7 +210,7 @@ def edge(
     arms: Arms,
     t: np.ndarray,
     side: float | np.ndarray,
-    away: float = 0.0,
+    away: Floats = 0.0,
     wider: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
@@ -230,7 +230,7 @@ def edge(
     curvature = side * _cross(d1, d2) / speed**3
     point = p + normal * (0.5 * width)[..., None]
     tangent = d1 * (1.0 + 0.5 * width * curvature)[..., None] + normal * (0.5 * slope)[..., None]
-    if away:
+    if np.any(away):
         length = np.hypot(tangent[..., 0], tangent[..., 1])
         point[..., 0] += away * side * tangent[..., 1] / length
         point[..., 1] -= away * side * tangent[..., 0] / length
