@@ -24,10 +24,11 @@ from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, wideni
 # The largest t at which a slot may end. A wide arm between thin ones is left by its edges only beyond the centre: in 1 of 100
 # spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.
 _BEYOND = 1.2
-# Where a root lies astray it is looked for from these t on, with the fillet that was asked for, and then with larger ones, in
-# fillets, or in this share of the thinnest arm where there are none. Of 30,000 spirals with widths of 1 or 2 mm some 20 need that.
+# Where a root lies astray it is looked for from these t on, with the fillet that was asked for, and then with larger ones.
+# Of 30,000 spirals with widths of 1 or 2 mm some 20 need that.
 _BEFORE = (0.95, 0.85, 0.75)
-_WIDER, _LEAST = (1.5, 2.2, 3.3, 5.0), 0.1
+_WIDER = (1.5, 2.2, 3.3, 5.0)  # fillets
+_LEAST = 0.1  # arms, where no fillet was asked for
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ class _Lines:
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre
         # the hub is at least as wide as the circle inside its four fillets
-        self.hub = np.linalg.norm(hubs.centre - arms.centre[:, None], axis=-1).min(axis=1) - hubs.fillet
+        self.hub = (np.linalg.norm(hubs.centre - arms.centre[:, None], axis=-1) - hubs.fillet).min(axis=1)
 
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
         """Metres: how high the letters of a text along this arm may be."""
