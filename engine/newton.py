@@ -305,7 +305,11 @@ class Damped:
             proposal = problem.proposed(here, self.damping, self.following)
             if proposal is None:
                 break
-            trial = problem.tried(here, proposal) if proposal.gain > 0.0 else None
+            if proposal.gain <= 0.0:
+                # bounds have bent the step so far that nothing of its gain is left: a shorter one bends less
+                self.damping *= 8.0
+                continue
+            trial = problem.tried(here, proposal)
             if trial is None:
                 self.following = max(8.0 * self.following, problem.gentle(here, proposal))
                 continue

@@ -19,7 +19,7 @@ from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, fitted
+from ..spirals.design import SpiralDesign
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import INNER_ITERATIONS, Accepted, Trace
@@ -62,8 +62,9 @@ def refine(
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
     """A share of the way from the start of ``refine`` to what it found."""
-    x = _stacked(start, found.problem.flat.flat)
-    return found.problem.at(x + share * (found.x - x), start.equilibrium.pose, progress, INNER_ITERATIONS)
+    here = found.problem.at(_stacked(start, found.problem.flat.flat), start.equilibrium.pose, progress)
+    x = found.problem.within(here.x + share * (found.x - here.x), here)
+    return found.problem.at(x, start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
 def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
@@ -71,25 +72,23 @@ def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
     return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
-def designed(point: Point, design: SpiralDesign, *, prove: bool = True, progress: Progress = SILENT) -> SpiralDesign:
-    """A point as a design that can be cut; ``design`` is the one that the search began with."""
-    return fitted(moved_flat(point, design), design.params, *point.spirals, prove=prove, progress=progress)
+def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
+    """A point as a design, ``design`` being the one that the search began with; None where patches overlap themselves."""
+    flat, (width, twist) = moved_flat(point, design), point.spirals
+    return None if flat is None else SpiralDesign(flat, design.params, width, twist)
 
 
-def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches:
+def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:
     """The flat shapes of a point; those of the design where the search leaves them as they are.
 
-    Patches that came to overlap themselves, which nothing on the way forbids, keep their former shape.
+    None where patches came to overlap themselves, which nothing on the way forbids.
     """
     if not isinstance(point, FlatPoint):
         return design.flat
     layout = design.flat.layout
     points = point.problem.flat.points(point.flat_x)
-    bad = overlapping(measured(layout, points))
-    for patch in bad:
-        of_patch = layout.flat_corners[layout.patches[patch]]
-        points[of_patch] = design.flat.points[of_patch]
-    return measured(layout, centred(design.flat, points))
+    found = measured(layout, centred(design.flat, points))
+    return None if overlapping(found) else found
 
 
 def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:

@@ -6,20 +6,21 @@ was, 0 and 1 at the ends of its range. So they are a box again and every optimis
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array, hstack
 
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import StrainChanges, arm_wrenches
-from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
+from ..spirals.room import Room
+from .bounds import Rooms, Within, lowest, restored
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .costs import Cost
@@ -113,14 +114,38 @@ class FlatProblem(Problem):
         """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
         return self.space.each * self.assembly.size
 
+    def rooms(self, x: np.ndarray) -> Rooms:
+        if self.room is None:
+            return Rooms.none(len(x))
+        terms = lowest(self._room(x).terms(*self.space.design(x), flat=True))
+        by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
+        by_spirals = terms.by_design @ self.by_coordinates(x[: self.own])
+        return Rooms.of(terms.value, csr_array(hstack([by_spirals, by_points])))
+
+    def _room(self, x: np.ndarray) -> Room:
+        assert self.room is not None
+        return self.room.moved(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
+
+    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
+        n, flat, space = self.own, self.flat.flat, self.space
+        inside = self.flat.within(x[n:].reshape(-1, 2), inner.x[n:].reshape(-1, 2))
+        x = np.concatenate([x[:n], inside.ravel()])
+        if self.room is None:
+            return x
+
+        def spread(share: np.ndarray) -> np.ndarray:
+            at_points = np.ones(len(flat.points))
+            np.minimum.at(at_points, flat.layout.flat_corners, share[:, None])
+            return np.concatenate([np.repeat(share, space.each), np.repeat(at_points, 2)])
+
+        within = Within(
+            self.rooms, lambda y, quads: self._room(y).closed(*space.design(y), quads), spread, len(space.low)
+        )
+        return restored(x, inner.x, within)
+
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
         cost = self.flat.cost(x[self.own :].reshape(-1, 2))
         return (*super().costs(x), FlatBarriers(self.flat, cost, self.own))
-
-    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
-        n = self.own
-        inside = self.flat.within(x[n:].reshape(-1, 2), inner.x[n:].reshape(-1, 2))
-        return np.concatenate([x[:n], inside.ravel()])
 
     def at(
         self,
@@ -135,7 +160,7 @@ class FlatProblem(Problem):
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = _within_table(self.assembly.reshaped(lever, axes), *self.space.design(x[:n]))
+        assembly = self.assembly.reshaped(lever, axes).redesigned(*self.space.design(x))
         model = self.build(assembly, progress)
         found, factors = self.rest(model, start, progress, iterations, step)
         return FlatPoint(
@@ -148,14 +173,6 @@ class FlatProblem(Problem):
             assembly=assembly,
             progress=progress,
         )
-
-
-def _within_table(assembly: Assembly, width: np.ndarray, twist: np.ndarray) -> Assembly:
-    """With these spirals, unwound where their quads have become too small for them: a rare correction of the last percents."""
-    shortest = np.full(assembly.size, np.inf)
-    np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
-    most = 0.999 * twist_limit(np.maximum(shortest / width.mean(axis=1), SCALE_RANGE[0]))
-    return assembly.redesigned(width, np.minimum(twist, most))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -72,7 +72,13 @@ class DesignSpace:
         """The same coordinates of width and twist for every spiral."""
         return np.tile([width] * self.groups + [twist], len(self.low))
 
-    def limited(
+    def including(self, design: SpiralDesign) -> DesignSpace:
+        """The space in which this design is too: with thinner arms, and less wound ones, where there is no more room."""
+        space = replace(self, low=np.minimum(self.low, design.width.min(axis=1)))
+        least = space.design(space.coordinates(design.width, design.twist))[1]
+        return space._limited(design.width, design.twist, least > design.twist + 1e-12)
+
+    def _limited(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
     ) -> DesignSpace:
         """With these twists, radians, as the largest, at these widths, metres, for some spirals (F,) bool."""

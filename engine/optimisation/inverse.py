@@ -21,6 +21,8 @@ from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
+from ..spirals.room import Room
+from .bounds import Rooms, Within, lowest, restored
 from .costs import Cost, Roughness, differences
 from .design_space import DesignSpace
 from .factors import Factors
@@ -34,7 +36,7 @@ class Problem:
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
-    work : counts what has been done for all points
+    work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
     """
 
     assembly: Assembly
@@ -47,6 +49,7 @@ class Problem:
     bearing: tuple[Material, float] | None = None
     work: Work = field(default_factory=Work)
     shared: list[Factors] = field(default_factory=list)
+    room: Room | None = None
     sums: list[JointSum] = field(default_factory=list)
 
     def factors(self, start: Pose) -> Factors:
@@ -71,9 +74,34 @@ class Problem:
             return ()
         return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x),)
 
+    def rooms(self, x: np.ndarray) -> Rooms:
+        """The rooms near the design with these coordinates."""
+        if self.room is None:
+            return Rooms.none(len(x))
+        terms = lowest(self.room.terms(*self.space.design(x)))
+        return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x))
+
+    def by_coordinates(self, x: np.ndarray) -> csr_array:
+        """(5 n, coordinates) derivatives of all widths, and then of all twists, by the coordinates."""
+        slopes = self.space.slopes(x)
+        n, _, each = slopes.shape
+        row = np.concatenate([np.arange(4 * n).reshape(n, 4), 4 * n + np.arange(n)[:, None]], axis=1)
+        column = each * np.arange(n)[:, None, None] + np.arange(each)
+        both = np.broadcast_arrays(row[..., None], column)
+        return csr_array((slopes.ravel(), (both[0].ravel(), both[1].ravel())), shape=(5 * n, len(x)))
+
     def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
-        """Coordinates near to x that keep the limits, as those of ``inner`` do."""
-        return x
+        """Coordinates near to x of a design that can be cut; those of ``inner`` can."""
+        room, space = self.room, self.space
+        if room is None:
+            return x
+        within = Within(
+            self.rooms,
+            lambda y, quads: room.closed(*space.design(y), quads),
+            lambda share: np.repeat(share, space.each),
+            len(space.low),
+        )
+        return restored(x, inner.x, within)
 
     def at(
         self,
@@ -141,6 +169,11 @@ class Point:
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
         """Widths (n, 4) metres and twists (n,) radians."""
         return self.problem.space.design(self.x)
+
+    @cached_property
+    def rooms(self) -> Rooms:
+        """The rooms near the design."""
+        return self.problem.rooms(self.x)
 
     @cached_property
     def costs(self) -> tuple[Cost, ...]:

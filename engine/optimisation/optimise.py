@@ -14,7 +14,7 @@ from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, carried
-from ..spirals.design import SpiralDesign, curvature_adjusted, proved
+from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
 from ..spirals.spiral import alike
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
@@ -22,8 +22,8 @@ from ..threads import one_thread
 from . import codesign
 from .inverse import Point, Problem
 from .optimisers import Trace
-from .search import Search, Task
-from .work import Work
+from .search import FARTHER, NEAR, Search, Task
+from .work import FIT, Work
 
 ENDS = {
     "converged": "Further steps would gain next to nothing.",
@@ -153,11 +153,11 @@ def optimise(
 
     def accepted(point: Point) -> None:
         nonlocal latest
-        latest = point, search.cuts[-1].design if search.cuts else design
+        latest = point, search.held[-1].design if search.held else design
         vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
-    search = Search(task, trace, accepted, given.distance, design.flat)
+    search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR), design.flat)
     accepted(start)
     try:
         search.run(start, design, progress.part(0.12, 0.9))
@@ -188,17 +188,16 @@ class Found:
 
 def _proved(search: Search, progress: Progress) -> Found | None:
     """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
-    cuts = sorted(search.cuts, key=lambda cut: cut.value)
     found: list[Found] = []
-    for cut in cuts[:TRIES]:
+    for held in sorted(search.held, key=lambda one: one.value)[:TRIES]:
         progress(0.3, "Proving that it can be cut")
-        pose = cut.point.equilibrium.pose
+        pose = held.point.equilibrium.pose
         try:
-            design = proved(cut.design, progress.part(0.3, 0.7))
+            design = proved(held.design, progress.part(0.3, 0.7))
         except FlexMapsError:
             continue
-        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), cut.point))
-        if found[-1].value <= (1.0 + SAME) * cut.value:
+        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
+        if found[-1].value <= (1.0 + SAME) * held.value:
             break
     return min(found, key=lambda one: one.value, default=None)
 
@@ -209,10 +208,12 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
     What is known to be at rest is not simulated again, and where a design that can be cut is as good as the latest, that is it.
     """
     task, found = search.task, list[Found]()
-    if search.cuts and search.best.value < np.inf:
+    if search.held and search.best.value < np.inf:
         found.append(Found(task.rested(search.best.design, search.best.point), search.best.point))
     if not found or found[0].value > (1.0 + SAME) * point.value:
-        found.append(Found(task.rested(codesign.designed(point, design, prove=False), point), point))
+        latest = codesign.designed(point, design)
+        if latest is not None:
+            found.append(Found(task.rested(latest, point), point))
     return min(found, key=lambda one: one.value)
 
 
@@ -232,14 +233,15 @@ def _starts(
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
-        point = problem.at(x, pose, within)
+        own, x = _with_room(problem, design, x, within)
+        point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
         if points:
             break
         within = progress.at(0.9, "Starting shapes, one load after the other")
-        point = _loaded(problem, x, pose, within)
+        point = _loaded(*_with_room(problem, design, x, within), pose, within)
         if point.equilibrium.converged:
             points[name] = point
     if not points:
@@ -247,6 +249,16 @@ def _starts(
             "No equilibrium was found to start from: simulate the design first and mend what it reports"
         )
     return points
+
+
+def _with_room(
+    problem: Problem, design: SpiralDesign, x: np.ndarray, progress: Progress
+) -> tuple[Problem, Float[np.ndarray, " coordinates"]]:
+    """The nearest design that can be cut: the problem with a space that holds it, and its coordinates there."""
+    problem.work.add(FIT, problem.assembly.size)
+    made = fitted(design.flat, design.params, *problem.space.design(x), prove=False, progress=progress)
+    space = problem.space.including(made)
+    return replace(problem, space=space), space.coordinates(made.width, made.twist)
 
 
 def _loaded(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:

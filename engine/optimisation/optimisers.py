@@ -16,10 +16,9 @@ from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
+from .bounds import bounded_step
 from .inverse import Point, Problem
 
-PRECISION = 0.1  # share of the gradient that a step may leave
-CG_ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent predicted it, beside its shift
@@ -113,7 +112,14 @@ class _Search:
 
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
         point: Point = here.own
-        step = _box_step(point, damping, following, self.params, self.within(point))
+        within = self.within(point)
+
+        def product(way: np.ndarray) -> np.ndarray:
+            within(0.0)
+            return point.gauss_newton(way, following) + damping * way
+
+        step = bounded_step(point.x, point.gradient, product, point.rooms, self.params.cg_iterations)
+        step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if not np.abs(step).max() > TINY or self.over:
             return None
         moves = point.moves(step)
@@ -146,7 +152,7 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
         trace.unstable += 1
         return None
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
-    x, pose = here.problem.within(np.clip(here.x + step, 0.0, 1.0), here), here.equilibrium.pose
+    x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
     if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
@@ -172,59 +178,6 @@ def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> 
         for one, two in ((there.equilibrium.pose, predicted), (predicted, pose))
     ]
     return bool(shifts[0] > JUMP * target.unit + shifts[1])
-
-
-def _box_step(
-    here: Point, damping: float, turn_damping: float, params: OptimiseParams, progress: Progress
-) -> Float[np.ndarray, " coordinates"]:
-    """Step that nearly minimises the damped quadratic model and stays in the box.
-
-    damping : of the coordinates; turn_damping : of the hubs' turns, which near buckling grow beyond what the tangent tells
-
-    Coordinates at a bound that the gradient pushes outwards stay; those that the step runs into a bound with stop there, and
-    the rest is solved again.
-    """
-    x, gradient = here.x, here.gradient
-    free = ~(((x <= 0.0) & (gradient > 0.0)) | ((x >= 1.0) & (gradient < 0.0)))
-    fixed = np.zeros_like(x)
-
-    def product(v: np.ndarray) -> np.ndarray:
-        progress(0.0)
-        return here.gauss_newton(v, turn_damping) + damping * v
-
-    step = np.zeros_like(x)
-    for _ in range(CG_ROUNDS):
-        rhs = -gradient - (product(fixed) if fixed.any() else 0.0)
-        guess = np.where(free, step - fixed, 0.0)
-        step = fixed + _conjugate_gradients(product, np.where(free, rhs, 0.0), guess, free, params.cg_iterations)
-        clipped = np.clip(x + step, 0.0, 1.0) - x
-        hit = free & (np.abs(clipped - step) > 1e-12)
-        step = clipped
-        if not hit.any():
-            break
-        fixed = np.where(hit, clipped, fixed)
-        free = free & ~hit
-    return step
-
-
-def _conjugate_gradients(
-    product: Callable[[np.ndarray], np.ndarray], rhs: np.ndarray, guess: np.ndarray, free: np.ndarray, most: int
-) -> np.ndarray:
-    """Solve product(v) = rhs in the free coordinates from a guess, to a tenth of the right-hand side."""
-    v = guess.copy()
-    r = rhs - np.where(free, product(v), 0.0) if v.any() else rhs.copy()
-    p, rr = r.copy(), float((r * r).sum())
-    goal = PRECISION**2 * float((rhs * rhs).sum())
-    for _ in range(most):
-        if rr <= goal or rr == 0.0:
-            break
-        q = np.where(free, product(p), 0.0)
-        alpha = rr / float((p * q).sum())
-        v += alpha * p
-        r -= alpha * q
-        old, rr = rr, float((r * r).sum())
-        p = r + (rr / old) * p
-    return v
 
 
 @one_thread

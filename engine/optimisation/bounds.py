@@ -1,0 +1,232 @@
+"""Bounds of a search that are exact at every step: the box of the coordinates, and the room between the arms.
+
+The room of a gap is a smooth function of the design (see ``spirals.room``). Near a design it is linear, so that a step keeps
+``rooms + slopes step >= 0``; what curvature is left after the step is taken back along the slopes, and where that does
+not help, spirals go part of the way only. So every design on the way can be cut.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from ..arrays import Bool, Float
+from ..linalg import Pattern, SparseCholesky
+from ..spirals.room import Terms
+
+ROUNDS = 4  # how often a step is sought again after it has run into bounds
+TURNS = 3  # how often its direction is, after it has turned out to run into rooms that are closed already
+BENT = 6  # halvings of a step until the model falls along the way that is bent at the bounds
+WORTH = 0.05  # share of the model's fall that another round must bring
+CG_PRECISION = 0.1  # share of the gradient that a step may leave
+RESTORED = 4  # times that a step is brought back along the slopes of the rooms that it has closed
+HALVINGS = 6  # of a spiral's own share of the step before it stays where it is
+# Added to the products of the rows of unit length, so that alike ones, of the four slots of a regular quad, do no harm
+ALIKE = 1e-6
+TOUCHING = 1e-3  # room below which a gap counts as closed by a step towards it; the same unit as of the coordinates
+LEFT = 1e-5  # room that is left where a step has been brought back, likewise
+
+
+@dataclass(frozen=True, eq=False)
+class Rooms:
+    """The rooms near a design, in rows of unit length.
+
+    room : what is left, in units of the coordinates; slope : derivatives by all coordinates
+    """
+
+    room: Float[np.ndarray, " rows"]
+    slope: csr_array
+
+    @classmethod
+    def of(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> Rooms:
+        """From rooms and slopes in any unit; what no coordinate changes is left out."""
+        length = np.sqrt(np.asarray((slope.multiply(slope)).sum(axis=1)).ravel())
+        kept = length > 0.0
+        return cls(value[kept] / length[kept], csr_array(diags_array(1.0 / length[kept]) @ slope[kept]))
+
+    @classmethod
+    def none(cls, size: int) -> Rooms:
+        """For so many coordinates."""
+        return cls(np.zeros(0), csr_array((0, size)))
+
+    def of_rows(self, rows: np.ndarray) -> Rooms:
+        return Rooms(self.room[rows], self.slope[rows])
+
+    def part(self, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
+        """The slopes with zeros for coordinates that are not free."""
+        return csr_array(self.slope @ diags_array(free.astype(float)))
+
+
+def lowest(terms: Terms) -> Terms:
+    """Of the gaps of two arms, which are measured at several places, only the narrowest."""
+    order = np.lexsort((terms.value, terms.arms[:, 1], terms.arms[:, 0]))
+    pair = terms.arms[order, :2]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
+    kept = order[first]
+    by_flat = None if terms.by_flat is None else terms.by_flat[kept]
+    return Terms(terms.value[kept], terms.by_design[kept], by_flat, terms.arms[kept])
+
+
+class Projection:
+    """Onto the steps that leave rows as they are; the least step that changes them by so much."""
+
+    def __init__(self, rows: csr_array):
+        self._rows, self._back = rows, csr_array(rows.T)
+        square = coo_array(rows @ self._back)
+        rows_of, columns_of = square.coords
+        pattern = Pattern(rows_of, columns_of, square.shape[0])
+        self._factor = SparseCholesky(pattern)
+        values = pattern.sum(square.data).astype(float)
+        values[pattern.indices == pattern.columns] += ALIKE
+        self._factor.factor(values)
+
+    def multipliers(self, way: np.ndarray) -> Float[np.ndarray, " rows"]:
+        """The combination of the rows that is nearest to a way."""
+        return self._factor.solve(self._rows @ way)
+
+    def along(self, way: np.ndarray) -> np.ndarray:
+        """What of a way leaves the rows as they are."""
+        return way - self._back @ self.multipliers(way)
+
+    def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
+        """The shortest way that changes the rows by so much."""
+        return self._back @ self._factor.solve(change)
+
+
+def bounded_step(
+    x: Float[np.ndarray, " coordinates"],
+    gradient: Float[np.ndarray, " coordinates"],
+    product: Callable[[np.ndarray], np.ndarray],
+    rooms: Rooms,
+    most: int,
+) -> Float[np.ndarray, " coordinates"]:
+    """The step that nearly minimises a convex quadratic model within the bounds.
+
+    product : of the model's matrix; most : rounds of conjugate gradients
+    Conjugate gradients among the coordinates and rooms that are free, a search along the way that is bent at the bounds, and
+    again with what is free then (Moré and Toraldo 1991). The model falls in every round.
+    """
+    low, high = -x, 1.0 - x
+    step, slope, fallen = np.zeros_like(x), gradient, 0.0
+    for _ in range(ROUNDS):
+        fixed = ((step <= low) & (slope > 0.0)) | ((step >= high) & (slope < 0.0))
+        way = _way(slope, fixed, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
+        for turn in range(BENT):
+            trial = _inside(step + 0.5**turn * way, low, high, rooms)
+            pulled = product(trial - step)
+            fall = float((trial - step) @ (slope + 0.5 * pulled))
+            if fall < 0.0:
+                break
+        else:
+            break
+        step, slope, fallen = trial, slope + pulled, fallen + fall
+        if fall > WORTH * fallen:
+            break
+    return step
+
+
+def _way(
+    slope: np.ndarray, fixed: Bool[np.ndarray, " coordinates"], closed: csr_array, product: Callable, most: int
+) -> Float[np.ndarray, " coordinates"]:
+    """The way to the model's minimum that leaves fixed coordinates and closes none of the closed rooms further."""
+    onto: Projection | None = None
+
+    def along(way: np.ndarray) -> np.ndarray:
+        way = np.where(fixed, 0.0, way)
+        return way if onto is None else onto.along(way)
+
+    rows = _free(closed, ~fixed)
+    held = np.zeros(rows.shape[0], dtype=bool)
+    if len(held):
+        held = Projection(rows).multipliers(np.where(fixed, 0.0, slope)) > 0.0
+    for _ in range(TURNS):
+        onto = Projection(rows[held]) if held.any() else None
+        way = conjugate_gradients(product, along, -along(slope), most)
+        further = ~held & (rows @ way < -TOUCHING)
+        if not further.any():
+            break
+        held |= further
+    return way
+
+
+def _free(rows: csr_array, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
+    """Rows with zeros for coordinates that are not free."""
+    return csr_array(rows @ diags_array(free.astype(float)))
+
+
+def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -> Float[np.ndarray, " coordinates"]:
+    """A step brought back into the box and to the rooms that it closes."""
+    step = np.clip(step, low, high)
+    for _ in range(RESTORED):
+        closed = rooms.room + rooms.slope @ step < -0.5 * TOUCHING
+        if not closed.any():
+            break
+        rows = rooms.of_rows(closed)
+        free = (step > low) & (step < high)
+        onto = Projection(_free(rows.slope, free))
+        step = np.clip(step + onto.least(-rows.room - rows.slope @ step), low, high)
+    return step
+
+
+def conjugate_gradients(
+    product: Callable[[np.ndarray], np.ndarray],
+    along: Callable[[np.ndarray], np.ndarray],
+    rhs: np.ndarray,
+    most: int,
+) -> np.ndarray:
+    """Solve product(v) = rhs among the ways that the projection ``along`` leaves, to a share of the right-hand side."""
+    v, r = np.zeros_like(rhs), rhs.copy()
+    p, rr = r.copy(), float(r @ r)
+    goal = CG_PRECISION**2 * float(rhs @ rhs)
+    for _ in range(most):
+        if rr <= goal or rr == 0.0:
+            break
+        q = along(product(p))
+        bend = float(p @ q)
+        if bend <= 0.0:
+            break
+        alpha = rr / bend
+        v += alpha * p
+        r -= alpha * q
+        old, rr = rr, float(r @ r)
+        p = r + (rr / old) * p
+    return v
+
+
+@dataclass(frozen=True, eq=False)
+class Within:
+    """What ``restored`` asks of a problem.
+
+    closed : the rooms that coordinates close, or would nearly; shut : which spirals have a part in a closed one, of those near to some
+    spread : the share of every coordinate from those of the spirals; spirals : how many there are
+    """
+
+    rooms: Callable[[np.ndarray], Rooms]
+    shut: Callable[[np.ndarray, np.ndarray | None], Bool[np.ndarray, " spirals"]]
+    spread: Callable[[np.ndarray], np.ndarray]
+    spirals: int
+
+
+def restored(
+    x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: Within
+) -> Float[np.ndarray, " coordinates"]:
+    """Coordinates of a design that can be cut, near to x; ``inner`` are those of one that can."""
+    for _ in range(RESTORED):
+        near = within.rooms(x)
+        closed = near.room <= 0.0
+        if not closed.any():
+            break
+        rows = near.of_rows(closed)
+        x = np.clip(x + Projection(rows.slope).least(LEFT - rows.room), 0.0, 1.0)
+    share, quads, found = np.ones(within.spirals), None, x
+    for turn in range(HALVINGS + 2):
+        quads = within.shut(found, quads)
+        if not quads.any():
+            return found
+        share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
+        found = inner + within.spread(share) * (x - inner)
+    return inner

@@ -1,0 +1,73 @@
+"""Steps within a box and linear bounds, against a solver of quadratic programmes; designs that are brought back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cvxopt import matrix, solvers
+from flexmaps.engine.optimisation.bounds import Projection, Rooms, Within, bounded_step, restored
+from scipy.sparse import csr_array, random_array
+
+
+def quadratic(size: int, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Rooms]:
+    """x, gradient, matrix and rooms; some of the rooms are closed, some coordinates at an end."""
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(size, size))
+    x = np.clip(rng.uniform(-0.2, 1.2, size), 0.0, 1.0)
+    slope = csr_array(random_array((rows, size), density=4.0 / size, rng=rng, data_sampler=rng.normal))
+    room = np.maximum(rng.uniform(-0.02, 0.1, rows), 0.0)
+    return x, 0.1 * rng.normal(size=size), half @ half.T / size + 0.3 * np.eye(size), Rooms.of(room, slope)
+
+
+def solved(x: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, rooms: Rooms) -> float:
+    """The least value of the model within the bounds, by an interior-point method."""
+    size = len(x)
+    sides = np.vstack([np.eye(size), -np.eye(size), -rooms.slope.toarray()])
+    bounds = np.concatenate([1.0 - x, x, rooms.room])
+    solvers.options["show_progress"] = False
+    return float(solvers.qp(matrix(hessian), matrix(gradient), matrix(sides), matrix(bounds))["primal objective"])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_step_keeps_the_bounds_and_comes_near_to_the_best_one(seed: int) -> None:
+    x, gradient, hessian, rooms = quadratic(60, 40, seed)
+    step = bounded_step(x, gradient, lambda v: hessian @ v, rooms, 100)
+    assert (x + step >= 0.0).all() and (x + step <= 1.0).all()
+    # what it runs into in the last round is brought back later
+    assert (rooms.room + rooms.slope @ step > -0.02).mean() > 0.9
+    value = float(gradient @ step + 0.5 * step @ hessian @ step)
+    assert value < 0.9 * solved(x, gradient, hessian, rooms) < 0.0
+
+
+def test_without_bounds_in_the_way_it_is_newton_s_step() -> None:
+    x, gradient, hessian, _ = quadratic(30, 1, 7)
+    x = np.full_like(x, 0.5)
+    small = 1e-3 * gradient
+    step = bounded_step(x, small, lambda v: hessian @ v, Rooms.none(30), 200)
+    exact = -np.linalg.solve(hessian, small)
+    assert np.linalg.norm(step - exact) < 0.2 * np.linalg.norm(exact)
+
+
+def test_projections_leave_rows_as_they_are_also_where_some_are_alike() -> None:
+    rows = csr_array(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]))
+    onto = Projection(rows)
+    along = onto.along(np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(rows @ along, 0.0, atol=1e-5)
+    assert along[2] == 3.0
+    np.testing.assert_allclose(rows @ onto.least(np.array([0.1, 0.1, 0.2])), [0.1, 0.1, 0.2], atol=1e-5)
+
+
+def test_what_closes_is_brought_back_and_what_stays_closed_does_not_go() -> None:
+    """Three coordinates; the first two may not be more than 1 together, the third may not go beyond what no slope tells."""
+
+    def rooms(y: np.ndarray) -> Rooms:
+        return Rooms.of(np.array([1.0 - y[0] - y[1]]), csr_array(np.array([[-1.0, -1.0, 0.0]])))
+
+    def shut(y: np.ndarray, quads: np.ndarray | None) -> np.ndarray:
+        return np.array([y[0] + y[1] >= 1.0, y[0] + y[1] >= 1.0, y[2] > 0.5])
+
+    inner = np.array([0.2, 0.2, 0.3])
+    found = restored(np.array([0.8, 0.6, 0.9]), inner, Within(rooms, shut, lambda share: share, 3))
+    assert not shut(found, None).any()
+    assert found[0] + found[1] == pytest.approx(1.0, abs=3e-3) and found[0] - found[1] == pytest.approx(0.2, abs=1e-6)
+    assert 0.3 <= found[2] <= 0.5
