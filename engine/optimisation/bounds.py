@@ -24,6 +24,7 @@ WORTH = 0.05  # share of the model's fall that another round must bring
 CG_PRECISION = 0.1  # share of the gradient that a step may leave
 RESTORED = 4  # times that a step is brought back along the slopes of the rooms that it has closed
 HALVINGS = 6  # of a spiral's own share of the step before it stays where it is
+LONGEST = 50  # rounds in which spirals are found that have to go less far
 # Added to the products of the rows of unit length, so that alike ones, of the four slots of a regular quad, do no harm
 ALIKE = 1e-6
 TOUCHING = 1e-3  # room below which a gap counts as closed by a step towards it; the same unit as of the coordinates
@@ -203,30 +204,35 @@ class Within:
 
     closed : the rooms that coordinates close, or would nearly; shut : which spirals have a part in a closed one, of those near to some
     spread : the share of every coordinate from those of the spirals; spirals : how many there are
+    movable : so many of the first coordinates may be moved to open a room
     """
 
     rooms: Callable[[np.ndarray], Rooms]
     shut: Callable[[np.ndarray, np.ndarray | None], Bool[np.ndarray, " spirals"]]
     spread: Callable[[np.ndarray], np.ndarray]
     spirals: int
+    movable: int
 
 
 def restored(
     x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: Within
 ) -> Float[np.ndarray, " coordinates"]:
     """Coordinates of a design that can be cut, near to x; ``inner`` are those of one that can."""
+    movable = np.arange(len(x)) < within.movable
     for _ in range(RESTORED):
         near = within.rooms(x)
         closed = near.room <= 0.0
         if not closed.any():
             break
         rows = near.of_rows(closed)
-        x = np.clip(x + Projection(rows.slope).least(LEFT - rows.room), 0.0, 1.0)
+        x = np.clip(x + Projection(_free(rows.slope, movable)).least(LEFT - rows.room), 0.0, 1.0)
     share, quads, found = np.ones(within.spirals), None, x
-    for turn in range(HALVINGS + 2):
+    for turn in range(LONGEST):
         quads = within.shut(found, quads)
         if not quads.any():
             return found
+        if turn > HALVINGS and not share[quads].any():
+            break  # what closes does not hang on them
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
         found = inner + within.spread(share) * (x - inner)
     return inner

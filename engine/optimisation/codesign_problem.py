@@ -139,7 +139,7 @@ class FlatProblem(Problem):
             return np.concatenate([np.repeat(share, space.each), np.repeat(at_points, 2)])
 
         within = Within(
-            self.rooms, lambda y, quads: self._room(y).closed(*space.design(y), quads), spread, len(space.low)
+            self.rooms, lambda y, quads: self._room(y).closed(*space.design(y), quads), spread, len(space.low), n
         )
         return restored(x, inner.x, within)
 

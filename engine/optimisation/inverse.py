@@ -100,6 +100,7 @@ class Problem:
             lambda y, quads: room.closed(*space.design(y), quads),
             lambda share: np.repeat(share, space.each),
             len(space.low),
+            len(x),
         )
         return restored(x, inner.x, within)
 

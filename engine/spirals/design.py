@@ -190,8 +190,10 @@ def fitted(
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = np.minimum(width, width_range(flat, params)[1][:, None])
-    twist = twist_bound(flat, params, width, progress.part(0.0, 0.2), twist)
-    room = Room.of(flat, params)
+    twist, room = np.minimum(twist, params.twist_max), Room.of(flat, params)
+    shut = room.closed(width, twist)
+    if shut.any():  # a good guess for those that are wound much too far
+        twist = np.where(shut, twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
     opened = _opened(room, width_range(flat, params)[0], width, twist, progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *opened)
     return proved(design, progress.part(0.6, 1.0)) if prove else design
@@ -201,12 +203,14 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
     low, high = width_range(design.flat, design.params)
     known = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
-    width = np.where(known[:, None], design.width, low[:, None])
-    bound = twist_bound(design.flat, design.params, np.clip(width, low[:, None], high[:, None]))
+    width, twist = np.where(known[:, None], design.width, low[:, None]), np.where(known, design.twist, 0.0)
     slack = 1e-3  # rounding, and limits that were found by iteration
     least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
-    fits &= (design.twist >= -slack) & (design.twist <= (1.0 + slack) * bound + slack)
+    fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
+    room = Room.of(design.flat, design.params)
+    terms = room.terms(np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None), below=-slack)
+    fits[terms.arms[:, [0, 2]] // 4] = False
     return np.flatnonzero(~(known & fits))
 
 

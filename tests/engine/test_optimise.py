@@ -9,7 +9,8 @@ import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
+from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.optimisation import optimise
@@ -95,6 +96,17 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
 
 
+def _with_second_order(whole: Problem, curving: np.ndarray | None) -> Problem:
+    """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None leaves it out."""
+
+    def build(assembly: Assembly, progress: Progress) -> ElasticModel:
+        model = build_model(assembly, VERO, "arm", quick=True)
+        assert isinstance(model, ArmModel)
+        return model.with_curving(curving)
+
+    return dataclasses.replace(whole, build=build)
+
+
 def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
     design, mesh = made()
     task = Task(mesh, VERO, OptimiseParams(strain_share=0.3), EXACT, None, None, Work())
@@ -102,11 +114,11 @@ def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
     x = whole.space.coordinates(design.width, design.twist)
     true = whole.at(x, target_pose(mesh, design.flat.corners))
     assert isinstance(true.model, ArmModel)
-    kept = task.as_at(whole, true.model.curving_at_joint)
+    kept = _with_second_order(whole, true.model.curving_at_joint)
     here = kept.at(x, true.equilibrium.pose)
     # at the design it comes from it is the whole model, and it is not the one without
     assert here.value == pytest.approx(true.value, rel=1e-9)
-    without = task.as_at(whole, None).at(x, true.equilibrium.pose)
+    without = _with_second_order(whole, None).at(x, true.equilibrium.pose)
     assert abs(without.value / true.value - 1.0) > 1e-3
     here = kept.at(x, true.equilibrium.pose)
     direction, h = np.random.default_rng(5).normal(size=x.shape), 1e-5
@@ -227,13 +239,13 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
 def test_a_further_run_never_ends_worse() -> None:
     design, mesh = made("saddle")
     params = OptimiseParams(restart=False, codesign=False, stop=1e-4)
-    rmse = []
+    values = []
     for _ in range(3):
         found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
         design = found.design
-        rmse.append(found.report()["laplacian_rmse_mm"])
-    # equilibria are found to a tolerance, and what is minimised counts the strains too
-    assert all(b <= a * (1.0 + 1e-4) for a, b in pairwise(rmse))
+        values.append(found.point.value)
+    # equilibria are found to a tolerance
+    assert all(b <= a * (1.0 + 1e-6) for a, b in pairwise(values))
 
 
 def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
