@@ -19,7 +19,7 @@ from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign
+from ..spirals.design import SpiralDesign, fitted
 from .codesign_problem import FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import INNER_ITERATIONS, Accepted, Trace
@@ -73,9 +73,12 @@ def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
 
 
 def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
-    """A point as a design, ``design`` being the one that the search began with; None where patches overlap themselves."""
+    """A point as a design, ``design`` being the one that the search began with; None where patches overlap themselves.
+
+    It can be cut as it is, but for arms that only come near each other since the flat shapes have moved.
+    """
     flat, (width, twist) = moved_flat(point, design), point.spirals
-    return None if flat is None else SpiralDesign(flat, design.params, width, twist)
+    return None if flat is None else fitted(flat, design.params, width, twist, prove=False)
 
 
 def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:

@@ -216,13 +216,11 @@ class Search:
 
     def _settled(self, here: Held, found: FlatPoint, progress: Progress) -> Held | None:
         """What was found with moved flat shapes as a design of spirals alone; None where patches overlap themselves."""
-        flat = codesign.moved_flat(found, here.design)
-        if flat is None:
+        design = codesign.designed(found, here.design)
+        if design is None:
             return None
-        width, twist = found.spirals
-        problem = self.task.problem(
-            replace(here.design, flat=flat, width=width, twist=twist), progress, found.problem.space
-        )
-        x = found.x[: found.own]
+        space = found.problem.space.including(design)
+        problem = self.task.problem(design, progress, space)
+        x = space.coordinates(design.width, design.twist)
         point = problem.at(x, found.equilibrium.pose, progress, INNER_ITERATIONS)
-        return self.hold(replace(here.design, flat=flat), point)
+        return self.hold(design, point)

@@ -116,7 +116,6 @@ def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
     assert isinstance(true.model, ArmModel)
     kept = _with_second_order(whole, true.model.curving_at_joint)
     here = kept.at(x, true.equilibrium.pose)
-    # at the design it comes from it is the whole model, and it is not the one without
     assert here.value == pytest.approx(true.value, rel=1e-9)
     without = _with_second_order(whole, None).at(x, true.equilibrium.pose)
     assert abs(without.value / true.value - 1.0) > 1e-3
@@ -398,5 +397,4 @@ def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it()
     felt, distance = np.sqrt(((height - 0.5 * (around[:-2] + around[2:])) ** 2).mean()), np.sqrt((height**2).mean())
     assert found.rmse == pytest.approx(felt) and distance > 15.0 * felt
     assert found.value == pytest.approx(0.5 * (felt / 0.02) ** 2 + 0.5 * (PLACES * distance / 0.02) ** 2)
-    # in places alone, no Laplacian coordinates are compared
     assert Target(pairs, points, laplacian=False, free=False).compare(bent).rmse == pytest.approx(distance)
