@@ -77,7 +77,12 @@ def designs() -> dict[str, tuple[SpiralDesign, Resolution]]:
     """Pieces whose arms are compared: neighbours all alike but for the widths within a spiral, then unlike neighbours."""
     out = {}
     for twist in (0.0, 90.0, 200.0, 300.0):
-        for name, width in (("1111", [1, 1, 1, 1]), ("2222", [2, 2, 2, 2]), ("1212", [1, 2, 1, 2])):
+        for name, width in (
+            ("1111", [1, 1, 1, 1]),
+            ("2222", [2, 2, 2, 2]),
+            ("1212", [1, 2, 1, 2]),
+            ("2211", [2, 2, 1, 1]),
+        ):
             out[f"{name} {twist:.0f}"] = (
                 sheet(2, 2, np.tile(np.array(width, dtype=float), (4, 1)), twist),
                 WIDE if twist > 200.0 else USUAL,

@@ -25,8 +25,9 @@ from scipy.spatial.transform import Rotation
 
 POISSON = 0.3
 TWIST = 60.0  # degrees
-# beginnings of the names of the cases that the default model, whose arms have no blended ends yet, does not follow
-UNLIKE = ("unlike", "four", "ring-unlike", "short")
+
+# two wide arms beside each other between two thin ones, wound by 250 degrees: the model misses a part of how their root gives
+MORE = {"four-2211-more": (0.6, 0.04)}
 
 
 def at_rest(design: SpiralDesign) -> Pose:
@@ -253,10 +254,9 @@ def test_arm_model_keeps_to_the_solids(compared):
     rows = [r for r in compared if r["model"] == "arm"]
     assert len(rows) == sum(len(c.loadings) for c in cases())
     for row in rows:
-        assert row["converged"]
-        if not row["case"].startswith(UNLIKE):
-            assert row["rms_percent"] < 0.5 and row["max_percent"] < 1.5, row
-            assert abs(row["energy_ratio"] - 1.0) < 0.03, row
+        rms, energy = MORE.get(row["case"], (0.5, 0.03))
+        assert row["converged"] and row["rms_percent"] < rms and row["max_percent"] < 1.5, row
+        assert abs(row["energy_ratio"] - 1.0) < energy, row
 
 
 def test_rod_model_is_further_from_the_solids(compared):
