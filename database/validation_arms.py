@@ -102,17 +102,15 @@ def compare_arms() -> list[dict[str, Any]]:
         parts, shown = of_design(design), set()
         share = 100.0 * excess(solid_compliances(design, resolution), model_compliances(design))
         for e, j in np.ndindex(parts.pairs.shape):
-            spiral = parts.pairs[e, j]
-            kind = (
-                round(1e3 * parts.arm_width[e, j], 6),
-                round(np.degrees(design.twist[spiral]), 6),
-                round(parts.radius[e, j], 9),
-            )
-            if kind in shown:
+            spiral, side = parts.pairs[e, j], parts.sides[e, j]
+            # its own width and those of the arms before and after it, in millimetres
+            widths = tuple((1e3 * np.roll(design.width[spiral], 1 - side)[[1, 0, 2]]).round(6).tolist())
+            radius, twist = round(1e3 * parts.radius[e, j], 6), round(np.degrees(design.twist[spiral]), 6)
+            if (widths, radius, twist) in shown:
                 continue
-            shown.add(kind)
+            shown.add((widths, radius, twist))
             low, middle, high = np.percentile(share[e, j], [5, 50, 95])
-            named = {"design": name, "width_mm": kind[0], "twist_deg": kind[1], "radius_mm": 1e3 * kind[2]}
+            named = {"design": name, "widths_mm": widths, "twist_deg": twist, "radius_mm": radius}
             rows.append({**named, "median": middle, "low": low, "high": high})
     return rows
 
@@ -120,6 +118,6 @@ def compare_arms() -> list[dict[str, Any]]:
 def line(row: dict[str, Any]) -> str:
     """One row of ``compare_arms`` for people."""
     return (
-        f"{row['design']:20s} arm of {row['width_mm']:g} mm, twist {row['twist_deg']:3.0f}, radius {row['radius_mm']:4.1f} mm: energy of the "
-        f"solid {row['median']:+5.1f} % ({row['low']:+.1f}, {row['high']:+.1f})"
+        f"{row['design']:20s} arm of {row['widths_mm'][0]:g} mm between {row['widths_mm'][1]:g} and {row['widths_mm'][2]:g}, twist "
+        f"{row['twist_deg']:3.0f}, radius {row['radius_mm']:4.1f} mm: energy of the solid {row['median']:+5.1f} % ({row['low']:+.1f}, {row['high']:+.1f})"
     )

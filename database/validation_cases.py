@@ -328,7 +328,7 @@ def four_widths() -> list[Case]:
 def loadings() -> list[Case]:
     """A pair and a patch pulled and turned in many ways, and faces of a cube that seams bend by right angles."""
     home = Held(0)
-    pulls = {"up": (0.0, 0.0, 3.0), "aside": (0.0, 3.0, 0.0), "apart": (8.0, 0.0, 0.0)}
+    pulls = {"up": (0.0, 0.0, 0.8), "aside": (0.0, 0.8, 0.0), "apart": (2.0, 0.0, 0.0)}
     turns = {"bend": (0.0, -0.6, 0.0), "sway": (0.0, 0.0, 0.6), "twist": (0.6, 0.0, 0.0), "all": (0.5, -0.7, 0.5)}
     pair = [Loading(name, (home,), ((1, pull),)) for name, pull in pulls.items()]
     pair += [Loading(name, (home, Held(1, turn, None))) for name, turn in turns.items()]
