@@ -11,6 +11,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import cut
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.cut import HUB, CutArms, more_compliant
+from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Cut, of_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
@@ -167,3 +168,15 @@ def _beam_by_sums(arms: Arms, t: np.ndarray) -> np.ndarray:
         out += np.einsum("fkn,fkni,fknj->fkij", ds / turning, moment, moment)
         out += np.einsum("fkn,fkni,fknj->fkij", ds / sliding, force, force)
     return out
+
+
+def test_no_arm_yields_less_than_nothing() -> None:
+    """Stubs between wide neighbours, wound beyond all that can be cut: the energy of every wrench stays positive."""
+    rng = np.random.default_rng(2)
+    known = replace(joints(400), cut=Cut(0.15, 0.001))
+    lever = known.lever * rng.uniform(0.15, 1.0, (400, 2, 1))
+    width = rng.uniform(0.0005, 0.003, known.width.shape)
+    found = arm_compliances(known.reshaped(lever, known.axes).redesigned(width, known.twist), VERO)
+    unit = np.sqrt(np.einsum("esii->esi", found.table))
+    assert np.linalg.eigvalsh(found.values / (unit[..., :, None] * unit[..., None, :])).min() > 1e-3
+    assert (found.values != found.table).any()

@@ -41,6 +41,12 @@ _PLACES = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in E
 # where an arm begins to bend, in its neighbours' widths from the centre of the hub; 0.1 more or less changes energies by
 # 1.4e-4 at most, on a dome, a saddle and a torus
 HUB = 0.55
+# share of the radius beyond which no arm begins: longer blends than the rest are none. Of arms so short, or between
+# neighbours so wide, nothing can be cut
+LAST_ROOT = 0.3
+# largest share of the table's compliance that is taken away from an arm, and s/w up to which one may ask for it: of 90,000
+# random arms, most of which cannot be cut, 2 in 100 would ask for more, none beyond s/w 8.1
+MOST, STUB = 0.9, 10.0
 TABLE_FILLET = 0.04  # arm widths, of the table's spirals
 # by how much of its radius a fillet shortens an arm: 0.57 at fillets of 0.06 to 0.4 mm in solids of straight arms
 FILLET_REACH = 0.55
@@ -109,7 +115,7 @@ class CutArms:
         """Shares of the radius where the table's arms begin, and where these begin."""
         own = HUB * self.width / self.radius
         moved = HUB * self.beside + FILLET_REACH * self.fillet
-        return np.minimum(own, HUB), np.minimum(moved / self.radius, HUB)
+        return np.minimum(own, LAST_ROOT), np.minimum(moved / self.radius, LAST_ROOT)
 
 
 def more_compliant(
@@ -143,6 +149,21 @@ def more_compliant(
             if slopes:
                 by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
     return value, by
+
+
+def believable(
+    arms: CutArms, table: Float[np.ndarray, "n 6 6"], more: Float[np.ndarray, "n 6 6"]
+) -> Float[np.ndarray, " n"]:
+    """Shares of ``more`` that take no more than ``MOST`` of the table's compliance away: 1 for all arms that can be cut.
+
+    Wound stubs are far stiffer than beams, and a difference of beams may be more than all that they yield.
+    """
+    out = np.ones(len(table))
+    short = np.flatnonzero(2.0 * arms.radius < STUB * arms.width)
+    root = np.linalg.inv(np.linalg.cholesky(table[short]))
+    least = np.linalg.eigvalsh(root @ more[short] @ np.swapaxes(root, 1, 2))[:, 0]
+    out[short] = np.minimum(1.0, MOST / np.maximum(-least, MOST))
+    return out
 
 
 # a line: place seen from the tip (complex), derivative of the place by t (complex), width and weight of t of every station, each
@@ -202,8 +223,8 @@ def _between_roots(arms: CutArms) -> _Line:
     x, w = _nodes(ROOT_POINTS)
     radius = arms.radius
     first, last = arms.roots
-    free = last < HUB
-    own = _dual(first, {WIDTH: np.where(first < HUB, HUB / radius, 0.0)}, 3)
+    free = last < LAST_ROOT
+    own = _dual(first, {WIDTH: np.where(first < LAST_ROOT, HUB / radius, 0.0)}, 3)
     moved = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
     true = _dual(last, {k: np.where(free, v, 0.0) for k, v in moved.items()}, 3)
     way = (true - own)[:, None]

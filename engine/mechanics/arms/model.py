@@ -25,7 +25,7 @@ from ..elastic import Expansion, summed
 from ..vectors import skew, times
 from . import stiffness
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
-from .cut import TWIST, WIDTH, CutArms, more_compliant
+from .cut import TWIST, WIDTH, CutArms, believable, more_compliant
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
@@ -56,7 +56,9 @@ class ArmCompliances:
     def varied(self, before: Assembly, after: Assembly, material: Material) -> ArmCompliances:
         """On a rest geometry that differs a little: the table's to first order. The derivatives stay as they are."""
         table = self.table + 2.0 * (after.radius - before.radius)[..., None, None] * self.table_by_scale
-        added = more_compliant(CutArms.of(after), after.thickness, material, slopes=False)[0]
+        arms = CutArms.of(after)
+        added, flat = more_compliant(arms, after.thickness, material, slopes=False)[0], table.reshape(-1, 6, 6)
+        added = added * believable(arms, flat, added)[:, None, None]
         return replace(self, table=table, values=table + added.reshape(table.shape))
 
     def part(self, joints: np.ndarray) -> ArmCompliances:
@@ -306,7 +308,10 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
         )
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
-    added, by = more_compliant(CutArms.of(assembly), assembly.thickness, material)
+    arms = CutArms.of(assembly)
+    added, by = more_compliant(arms, assembly.thickness, material)
+    share = believable(arms, found.values, added)[:, None, None]
+    added, by = added * share, by * share[..., None]
     by[:, WIDTH] += found.by_width
     by[:, TWIST] += found.by_twist
     shape = assembly.pairs.shape
