@@ -81,7 +81,8 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     for name, part in parts.items():
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
-        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose).value, 2e-5)
+        found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose).value, 3e-6)
+        # a longer step meets kinks, where a component of an arm's wrench changes its sign
         assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6), name
 
 
