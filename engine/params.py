@@ -430,7 +430,7 @@ class OptimiseParams(Params):
         ),
     )
     arms: str = setting(
-        "alike",
+        "each",
         "Arms",
         "Which arms of a spiral may be of different widths",
         choices=(

@@ -17,8 +17,8 @@ from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
 from ..spirals.room import Terms
 
-ROUNDS = 4  # how often a step is sought again after it has run into bounds
-TURNS = 3  # how often its direction is, after it has turned out to run into rooms that are closed already
+ROUNDS = 3  # how often a step is sought again after it has run into bounds
+TURNS = 2  # how often its direction is, after it has turned out to run into rooms that are closed already
 BENT = 6  # halvings of a step until the model falls along the way that is bent at the bounds
 WORTH = 0.05  # share of the model's fall that another round must bring
 CG_PRECISION = 0.1  # share of the gradient that a step may leave
@@ -223,7 +223,7 @@ def restored(
         near = within.rooms(x)
         closed = near.room <= 0.0
         if not closed.any():
-            break
+            return x
         rows = near.of_rows(closed)
         x = np.clip(x + Projection(_free(rows.slope, movable)).least(LEFT - rows.room), 0.0, 1.0)
     share, quads, found = np.ones(within.spirals), None, x
