@@ -456,6 +456,9 @@ class OptimiseParams(Params):
         low=0.0,
         high=10.0,
     )
+    open_slots: bool = setting(
+        True, "Keep slots open", "Keep the slots between the arms open in the assembled shape, where arms would touch"
+    )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
     cg_iterations: int = setting(
         20, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500

@@ -4,7 +4,7 @@ python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--json FILE]
 
 Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of
 2600 MPa. Most rows are of the publication's problem: the spirals alone, however strained; "within it" keeps the material's limit,
-and "flats too" are the usual settings: within the limit, and the flat shapes move. Open surfaces stand on their lowest spirals, as the published shell does.
+and "flats too" are the usual settings: within the limit, slots that stay open, and flat shapes that move. Open surfaces stand on their lowest spirals, as the published shell does.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from bench_layout import surfaces
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
@@ -29,7 +30,7 @@ from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.simulate import build_model
+from flexmaps.engine.simulation.simulate import Simulation, build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
@@ -110,7 +111,7 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     assert design is not None
     held = supports(mesh)
     started = time.process_time()
-    free = OptimiseParams(strain_share=0.0, codesign=False)
+    free = OptimiseParams(strain_share=0.0, codesign=False, open_slots=False)
     result = optimise.optimise(design, mesh, MATERIAL, free, SimulateParams(), supports=held)
     whole = time.process_time() - started
     block, limits = result.report(), reach.reach(result)
@@ -146,8 +147,24 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
         row(name, "rmse mm, flats too", "", round(further["laplacian_rmse_mm"], 4), None),
         at_most(name, "rms %, flats too", 1.0, round(further["rms_percent"], 3)),
         row(name, "strain / limit, flats too", "", round(usual.after.report()["strain_share_max"], 2), None),
+        row(name, "slots closed before", "", _closed(usual.before), None),
+        row(name, "slots closed, free to", "", _closed(result.after), None),
+        at_most(name, "slots closed, flats too", 0, len(_slots(usual.after).closed)),
+        row(name, "smallest slot mm, flats too", "", round(1e3 * float(_slots(usual.after).width.min()), 3), None),
     ]
     return rows
+
+
+def _slots(simulation: Simulation) -> SpaceSlots:
+    found = simulation.slots()
+    assert found is not None
+    return found
+
+
+def _closed(simulation: Simulation) -> str:
+    """How many slots are closed in the simulated shape, and by how much at most."""
+    slots = _slots(simulation)
+    return f"{len(slots.closed)} of {len(slots.width)}, {1e3 * float(slots.width.min()):.2f} mm"
 
 
 def _faster(name: str, seconds: float, published: Published | None) -> Row:

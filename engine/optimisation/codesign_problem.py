@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import StrainChanges, arm_wrenches
+from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
 from ..patches.flattening.flatten import FlatPatches
@@ -25,6 +26,7 @@ from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .costs import Cost
 from .inverse import Point, Problem
+from .open_slots import Narrow, Opening
 from .work import GEOMETRY
 
 
@@ -195,7 +197,8 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), and of their strains where these count, with their rest geometry."""
+        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of their strains where these count, and of
+        their tips' motions (12) where slots close."""
         bearing = None if self._strain.found is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
         # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
@@ -204,14 +207,32 @@ class FlatPoint(Point):
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
             state = model.start(pose)
-            gradients = model.joint_gradients(state)
-            if bearing is None:
-                return gradients
-            return np.concatenate([gradients, model.strains(state, bearing[0], signs)], axis=1)
+            found = [model.joint_gradients(state)]
+            if bearing is not None:
+                found.append(model.strains(state, bearing[0], signs))
+            if self._closing is not None:
+                tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
+                found.append(tips.reshape(-1, 12))
+            return np.concatenate(found, axis=1)
 
         self.problem.work.add(GEOMETRY, self.assembly.size)
         found = by_geometry(self.model, self.equilibrium.pose, measure)
         return found.reshape(*found.shape[:2], 6)
+
+    @property
+    def _opening(self) -> Opening | None:
+        known, flat = self.problem.opening, self.problem.flat
+        return None if known is None else known.moved(replace(flat.flat, points=flat.points(self.flat_x)))
+
+    @cached_property
+    def _narrow(self) -> Narrow | None:
+        closing = self._closing
+        if closing is None:
+            return None
+        by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
+        by_points = closing.by_flat(self._by_geometry[:, -12:], self._by_points)
+        by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
+        return Narrow(closing, closing.by_pose, csr_array(hstack([by_spirals, by_flats])))
 
     @cached_property
     def _by_points(self) -> csr_array:
@@ -245,9 +266,9 @@ class FlatPoint(Point):
     def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
         out = super()._back(pull, strained)
         if self._strain.found is not None:
-            out[self.own :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:])
+            out[self.own :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:14])
         return out
 
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
         geometry = self._geometry(change)
-        return super()._grown(found, moves, change) + (self._by_geometry[:, 12:] @ geometry)[..., 0]
+        return super()._grown(found, moves, change) + (self._by_geometry[:, 12:14] @ geometry)[..., 0]

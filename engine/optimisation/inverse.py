@@ -27,6 +27,7 @@ from .costs import Cost, Roughness, differences
 from .design_space import DesignSpace
 from .factors import Factors
 from .objective import Mismatch, Target
+from .open_slots import Closing, Narrow, Opening
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
 
 
@@ -36,6 +37,7 @@ class Problem:
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
+    opening : how wide slots should stay in space; None lets them close
     work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
     """
 
@@ -47,6 +49,7 @@ class Problem:
     simulate: SimulateParams
     smoothness: float = 0.0
     bearing: tuple[Material, float] | None = None
+    opening: Opening | None = None
     work: Work = field(default_factory=Work)
     shared: list[Factors] = field(default_factory=list)
     room: Room | None = None
@@ -158,8 +161,9 @@ class Point:
 
     @cached_property
     def value(self) -> float:
-        """The objective: mismatch, excess of strain and what the design costs by itself."""
-        return self.mismatch.value + self._strain.value + sum(cost.value for cost in self.costs)
+        """The objective: mismatch, excess of strain, slots that close, and what the design costs by itself."""
+        slots = 0.0 if self._closing is None else self._closing.value
+        return self.mismatch.value + self._strain.value + slots + sum(cost.value for cost in self.costs)
 
     @cached_property
     def distance(self) -> float:
@@ -192,6 +196,24 @@ class Point:
         material, share = self.problem.bearing
         found = StrainChanges.of(self.model.assembly, self._changes, material)
         return Excess.of(found, share * material.strain_limit)
+
+    @cached_property
+    def _closing(self) -> Closing | None:
+        if self._opening is None or not isinstance(self.model, ArmModel):
+            return None
+        found = self._opening.at(self.model, self.equilibrium.pose)
+        return found if len(found.found.values) else None
+
+    @property
+    def _opening(self) -> Opening | None:
+        return self.problem.opening
+
+    @cached_property
+    def _narrow(self) -> Narrow | None:
+        closing = self._closing
+        if closing is None:
+            return None
+        return Narrow(closing, closing.by_pose, closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
     def _changes(self) -> JointChanges:
@@ -232,8 +254,12 @@ class Point:
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
-        back = self._back(_shifts(self.mismatch.gradient), self._strain.slope)
-        return sum((cost.gradient for cost in self.costs), back)
+        pull, direct, narrow = _shifts(self.mismatch.gradient), np.zeros(len(self.x)), self._narrow
+        if narrow is not None:
+            by_pose, direct = narrow.gradient
+            pull = pull + by_pose
+        back = self._back(pull, self._strain.slope)
+        return sum((cost.gradient for cost in self.costs), back + direct)
 
     def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
         """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve.
@@ -244,10 +270,14 @@ class Point:
         moves = self.moves(change)
         pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
         pull[:, 3:] = turn_damping * moves[:, 3:]
+        narrow, direct = self._narrow, np.zeros(len(self.x))
+        if narrow is not None:
+            by_pose, direct = narrow.product(moves, change)
+            pull += by_pose
         strain, strained = self._strain, np.zeros(0)
         if strain.found is not None:
             strained = strain.curvature * self._grown(strain.found, moves, change)
-        return sum((cost.product(change) for cost in self.costs), self._back(pull, strained))
+        return sum((cost.product(change) for cost in self.costs), self._back(pull, strained) + direct)
 
     def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) how the arms' strains change when the coordinates change and the hubs move by (n, 6)."""

@@ -32,6 +32,7 @@ from .codesign_problem import FlatPoint
 from .design_space import DesignSpace
 from .inverse import Point, Problem
 from .objective import Target
+from .open_slots import Opening
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
 from .work import CURVING, SPACE, Work
 
@@ -77,6 +78,7 @@ class Task:
             replace(physics, tolerance=max(physics.tolerance, TOLERANCE)),
             params.smoothness,
             (self.material, params.strain_share) if params.strain_share > 0.0 else None,
+            Opening.of(design) if params.open_slots else None,
             self.work,
             room=Room.of(design.flat, design.params),
         )

@@ -17,6 +17,7 @@ from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Problem
 from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.open_slots import Opening
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flips, measured, overlapping, seam_mismatch
@@ -40,7 +41,9 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
-def problem(model: str = "arm", share: float = 0.0, groups: int = 1) -> tuple[FlatProblem, Pose]:
+def problem(
+    model: str = "arm", share: float = 0.0, groups: int = 1, opening: float | None = None
+) -> tuple[FlatProblem, Pose]:
     """share : of the material's strain, 0 where it does not count"""
     design, mesh = made()
     assembly = of_design(design)
@@ -53,6 +56,7 @@ def problem(model: str = "arm", share: float = 0.0, groups: int = 1) -> tuple[Fl
         simulate=EXACT,
         bearing=(VERO, share) if share else None,
         room=Room.of(design.flat, design.params),
+        opening=None if opening is None else dataclasses.replace(Opening.of(design), width=opening),
         flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat),
     )
     return whole, target_pose(mesh, design.flat.corners)
@@ -69,13 +73,16 @@ def slope(value: object, h: float) -> float:
     return float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("options", [{}, {"share": 0.3}, {"groups": 4}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"share": 0.3}, {"groups": 4}, {"opening": 0.0015}, {"share": 0.3, "opening": 0.0006}], ids=str
+)
 def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     whole, pose = problem(**options)
     here = whole.at(anywhere(whole), pose)
     n, each = here.own, whole.space.each
     assert here.equilibrium.converged and here.costs[-1].cost.inside
     assert (here._strain.value > 0.0) == ("share" in options)
+    assert (here._closing is not None) == ("opening" in options)
     parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
     parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
     for name, part in parts.items():
@@ -87,7 +94,7 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
 
 
 def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
-    whole, pose = problem(share=0.3)
+    whole, pose = problem(share=0.3, opening=0.0006)
     here = whole.at(anywhere(whole), pose)
     rng = np.random.default_rng(6)
     change, other = rng.normal(size=(2, len(here.x)))

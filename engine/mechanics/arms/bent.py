@@ -206,7 +206,7 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], poisson: 
     tangent = np.zeros_like(middle)
     tangent[..., :2] = -velocity / pace[..., None]  # outwards, from the hub to the tip
     width = width_at(design.arms, t[:, :, 1::2])[0]
-    answer = _answers(
+    answer = answers(
         (flat[:, :, -1:] - middle).reshape(-1, STATIONS, 3),
         tangent.reshape(-1, STATIONS, 3),
         length.reshape(-1, STATIONS),
@@ -219,7 +219,7 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], poisson: 
     return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ turned[:, None])
 
 
-def _answers(
+def answers(
     lever: Float[np.ndarray, "arms stations 3"],
     tangent: np.ndarray,
     length: np.ndarray,

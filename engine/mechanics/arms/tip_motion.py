@@ -1,0 +1,103 @@
+"""How the tips of both arms of every joint have moved against their hubs, with exact derivatives.
+
+The motion y of a joint is how far the second hub has carried the joint from where the first one has, in the axes half way
+between both. Both arms carry the wrench K y, K = (C_a + C_b)^-1, so there the tip of the first has moved by C_a K y and that
+of the second by -C_b K y, and they meet. In its hub's own axes, which lie half of the joint's turn aside, the shift is
+turned back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Float
+from ..assembly import Assembly, Pose
+from ..vectors import exponential, skew, times
+from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
+from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion
+from .sensitivity import PARAMETERS, of_spirals
+
+
+@dataclass(frozen=True, eq=False)
+class TipMotions:
+    """Shifts (metres) and turns (radians) of both tips of m joints, each in the flat frame of its own hub's patch.
+
+    values : (m, 2, 6); by_pose : (m, 2, 6, 12) by the increments of both hubs
+    by_design : (m, 2, 6, 2, 5) by the widths and the twist (last) of the spirals on both sides
+    """
+
+    values: Float[np.ndarray, "joints 2 6"]
+    by_pose: Float[np.ndarray, "joints 2 6 12"]
+    by_design: Float[np.ndarray, "joints 2 6 2 5"]
+
+    @classmethod
+    def of(
+        cls,
+        assembly: Assembly,
+        compliance: Float[np.ndarray, "joints 2 6 6"],
+        by: Float[np.ndarray, "joints 2 numbers 6 6"],
+        stiffness: Float[np.ndarray, "joints 6 6"],
+        pose: Pose,
+    ) -> TipMotions:
+        """With the compliances of the arms and their derivatives as in ``ArmCompliances``, and the joints' stiffness as in ``ArmModel``."""
+        motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
+        values, by_pose, by_design = np.empty((m, 2, 6)), np.empty((m, 2, 6, 12)), np.empty((m, 2, 6, 2, 5))
+        wrench = times(stiffness, motion.vector)
+        back = np.zeros((m, 6, 6))
+        back[:, :3, :3] = back[:, 3:, 3:] = np.swapaxes(motion.middle, 1, 2)
+        motion_by_pose = back @ first_order(SpatialMotion.of(motion))
+        # what the compliances of both arms add to the joint's motion under this wrench
+        own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
+        yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
+        # of each arm (m, 2), by the parameters of the spirals on both sides (2, 3)
+        both = np.zeros((m, 2, 2, PARAMETERS, 6))
+        for side in (0, 1):
+            both[:, side, side] = yields[:, side][:, [WIDTH, TWIST, BESIDE]]
+            both[:, side, 1 - side, [WIDTH, TWIST]] = yields[:, side][:, [MATE_WIDTH, MATE_TWIST]]
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            share = sign * (axes[:, side] @ compliance[:, side] @ np.swapaxes(axes[:, side], 1, 2)) @ stiffness
+            moved = times(share, motion.vector)
+            by_arms = sign * both[:, side] - times(share[:, None, None], both.sum(axis=1))
+            half = 0.5 * sign * motion.turn
+            turn = exponential(half)
+            frame = np.zeros((m, 6, 6))
+            frame[:, :3, :3], frame[:, 3:, 3:] = assembly.axes[:, side] @ turn, assembly.axes[:, side]
+            values[:, side] = times(frame, moved)
+            by_pose[:, side] = frame @ share @ motion_by_pose
+            # the shift is turned back by half of the turn
+            swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ _right(half))
+            by_pose[:, side, :3] += swing @ motion_by_pose[:, 3:]
+            by_design[:, side] = of_spirals(times(frame[:, None, None], by_arms), assembly.sides).transpose(0, 3, 1, 2)
+        return cls(values, by_pose, by_design)
+
+
+def tip_motions(
+    assembly: Assembly,
+    compliance: Float[np.ndarray, "joints 2 6 6"],
+    stiffness: Float[np.ndarray, "joints 6 6"],
+    pose: Pose,
+) -> Float[np.ndarray, "joints 2 6"]:
+    """The values of ``TipMotions``."""
+    motion, axes, sign = _motion(assembly, pose), assembly.arm_axes, np.array([1.0, -1.0])[:, None]
+    own = (np.swapaxes(axes, 2, 3) @ times(stiffness, motion.vector)[:, None, :, None])[..., 0]
+    moved = sign * times(axes, times(compliance, own))
+    shift = times(exponential(0.5 * sign * motion.turn[:, None]), moved[..., :3])
+    return np.concatenate([times(assembly.axes, shift), times(assembly.axes, moved[..., 3:])], axis=2)
+
+
+def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
+    """Of the joint itself: its hubs carry it to one place at rest."""
+    return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))
+
+
+def _right(turn: Float[np.ndarray, "joints 3"]) -> Float[np.ndarray, "joints 3 3"]:
+    """J with exp(turn + d) = exp(turn) exp(J d) to first order (right Jacobian of the rotations)."""
+    angle = np.linalg.norm(turn, axis=1)[:, None, None]
+    across = skew(turn)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    once = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    twice = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) - once * across + twice * (across @ across)
