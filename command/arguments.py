@@ -115,6 +115,9 @@ def _flags(made: argparse.ArgumentParser) -> None:
             # a name that several blocks have would be taken for any of them
             name = f"{block.name}_{f.name}" if names[f.name] > 1 else f.name
             _flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
+        for name in block.default_factory.WERE:  # type: ignore[union-attr, misc]
+            old, switch = f"{block.name}.{name}", argparse.BooleanOptionalAction
+            group.add_argument(f"--{name}", dest=old, action=switch, help=argparse.SUPPRESS)
 
 
 def _flag(group: argparse._ArgumentGroup, name: str, dest: str, f: Field, kind: type) -> None:

@@ -69,6 +69,8 @@ class Params:
     """Base of all settings: refuses values of another kind, values outside their bounds, and bounds of each other that cross."""
 
     ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # of each pair the first may not be above the second
+    # switches that earlier versions had, on by default, and the settings that stand for them where they are off
+    WERE: ClassVar[dict[str, dict[str, Any]]] = {}
 
     def __post_init__(self) -> None:
         known = {f.name: f for f in fields(self)}  # type: ignore[arg-type]
@@ -420,6 +422,8 @@ class SimulateParams(Params):
 class OptimiseParams(Params):
     """Finding the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
 
+    WERE = {"laplacian": {"lies": 1.0}}
+
     method: str = setting(
         "gauss_newton",
         "Method",
@@ -439,8 +443,12 @@ class OptimiseParams(Params):
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
         ),
     )
-    laplacian: bool = setting(
-        True, "Match curvature", "Compare how the surface bends rather than where it lies: keeps small features"
+    lies: float = setting(
+        0.3,
+        "Bends or lies alike",
+        "What shall be alike: 0 compares how the surface bends, which keeps small features, 1 where it lies; in between, both",
+        low=0.0,
+        high=1.0,
     )
     smoothness: float = setting(
         0.0,
@@ -724,6 +732,10 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
                 f"There is no setting {_quoted(key)}; give it as section.name, with one of the sections {names}"
             )
         known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
+        if name in block.WERE:
+            instead = {} if _switched(name, value) else block.WERE[name]
+            blocks.setdefault(section, {}).update(instead)
+            continue
         if name not in known:
             raise FlexMapsError(f"There is no setting {_quoted(key)}; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
@@ -756,15 +768,20 @@ def _as_shown(f: Field, value: Any) -> Any:
 SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
 
 
+def _switched(label: str, value: Any) -> bool:
+    """On or off from what a person gives."""
+    if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
+        raise FlexMapsError(f"{label} {_quoted(value)}: give on or off")
+    return SWITCHES[str(value).lower()]
+
+
 def _from_shown(f: Field, value: Any) -> Any:
     """The value of a field from one that a person gives, perhaps as text."""
     default, label = f.default, f.metadata["label"]
     if isinstance(default, str):
         return str(value) if isinstance(value, PathLike) else value
     if isinstance(default, bool):
-        if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
-            raise FlexMapsError(f"{label} {_quoted(value)}: give on or off")
-        return SWITCHES[str(value).lower()]
+        return _switched(label, value)
     number = value
     # Python would take other digits and groups of them too
     if isinstance(value, str) and value.isascii() and "_" not in value:

@@ -8,7 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.hosts import background
-from ..bridge.store import notes, states
+from ..bridge.store import equilibrium, notes, states
 from ..bridge.view import plot
 from ..engine.params import OptimiseParams
 from .rows import choice_row, fold, more, number, numbers, wrapped
@@ -65,6 +65,11 @@ def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> No
     number(grid, "RMSE before", f"{before:.3g} mm")
     number(grid, "RMSE now", f"{after:.3g} mm")
     number(grid, "RMS distance", f"{block['rms_percent']:.2f} %")
+    strain = block.get("strain_share_max")
+    if strain is not None:
+        number(
+            grid, "Largest strain", iface_("{:.0f} % of limit").format(100 * strain), alert=equilibrium.strained(block)
+        )
     if "end" in block and block["finished"]:
         wrapped(layout, context, block["end"])
     rest = fold(layout, "flexmaps_optimise_rest", "More figures")

@@ -8,7 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.hosts import background, preload
-from ..bridge.store import notes
+from ..bridge.store import equilibrium, notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.view import flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
@@ -17,6 +17,7 @@ from .export import ExportPanel
 from .rows import choice_row, decimals, fold, more, number, numbers, percent, settings_rows, span, wrapped
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
 
+LAST = {"flexmaps.export", "wm.save_mainfile"}  # what comes after all that can be known without a sheet
 SPIRAL = ("thickness", "width_min", "width_max")  # what is always in sight; the rest is folded away
 UNDRAWN = "The panels beside it are drawn without connectors yet; Export draws them as they will be cut"
 
@@ -57,13 +58,17 @@ class MainPanel(Sidebar, bpy.types.Panel):
             text = iface_("The mesh is shared with {}: seams and results are common to all").format(others)
             wrapped(layout, context, text, icon="LINKED")
         if modifiers is None or look(context).next_button == "flexmaps.quad_remesh":
-            _next(layout, look(context).next_button)
+            _next(layout, context, look(context).next_button)
 
 
-def _next(layout: Any, idname: str) -> None:
-    """The button that a person would press now, always in sight."""
+def _next(layout: Any, context: bpy.types.Context, idname: str) -> None:
+    """The button that a person would press now, always in sight; before the files are written, with what speaks against it."""
     if not idname:
         return
+    if idname in LAST:
+        block = notes.read(context.object.data).get("equilibrium", {})
+        for text in equilibrium.warnings(block):
+            wrapped(layout.box(), context, text, icon="ERROR")
     group, name = idname.split(".")
     label = getattr(getattr(bpy.ops, group), name).get_rna_type().name
     row = layout.row()

@@ -68,7 +68,9 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
     number(grid, "Largest distance", size.format(block["max_mm"], block["max_percent"]))
     strain = block.get("strain_share_max")
     if strain is not None:
-        number(grid, "Largest strain", iface_("{:.0f} % of limit").format(100 * strain), alert=strain > 1.0)
+        number(
+            grid, "Largest strain", iface_("{:.0f} % of limit").format(100 * strain), alert=equilibrium.strained(block)
+        )
     others = block.get("other_energies", ())
     if others:
         number(grid, "Energy", f"{1e3 * block['energy']:.4g} mJ")

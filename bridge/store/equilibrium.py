@@ -171,18 +171,32 @@ def sound(block: dict[str, Any]) -> bool:
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """What a simulation found, for people, and whether that is a warning."""
     away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
-    text = f"{block['status']} {away}"
-    strain = block.get("strain_share_max", 0.0)
-    if strain > 1.0:
-        broken = "Strain reaches {:.0f} % of what the material bears: arms break or stay bent."
-        text += f" {translate(broken, 100 * strain)}"
     said = remarks(block)
-    return " ".join([text, *said]), strain > 1.0 or bool(said) or not sound(block)
+    return " ".join([f"{block['status']} {away}", *said]), bool(said) or not sound(block)
+
+
+def strained(block: dict[str, Any]) -> bool:
+    """Whether the largest strain, as it is shown in whole percents, lies beyond what the material bears."""
+    return round(100.0 * block.get("strain_share_max", 0.0)) > 100
+
+
+def warnings(block: dict[str, Any]) -> list[str]:
+    """What speaks against making a piece that was simulated; nothing of one that was not."""
+    return ([] if not block or sound(block) else [block["status"]]) + remarks(block)
 
 
 def remarks(block: dict[str, Any]) -> list[str]:
     """What else a simulation warns of; that it found no equilibrium stands in its ``status``."""
-    return [finding["message"] for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
+    return [_remark(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
+
+
+def _remark(finding: dict[str, Any], block: dict[str, Any]) -> str:
+    if finding["code"] != "strained":
+        return finding["message"]
+    broken = (
+        "The arms of {} spirals are strained by up to {:.0f} % of what the material bears: they break or stay bent."
+    )
+    return translate(broken, len(finding["faces"]), 100 * block.get("strain_share_max", 0.0))
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:

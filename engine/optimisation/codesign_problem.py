@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, diags_array, hstack
 
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import StrainChanges, arm_wrenches
+from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.elastic import summed
@@ -199,7 +199,7 @@ class FlatPoint(Point):
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
         """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of their strains where these count, and of
         their tips' motions (12) where slots close."""
-        bearing = None if self._strain.found is None else self.problem.bearing
+        bearing = None if self.strains is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
         # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
         signs = np.sign(arm_wrenches(self.model.assembly, self.model.wrenches(self._state)))
@@ -209,7 +209,7 @@ class FlatPoint(Point):
             state = model.start(pose)
             found = [model.joint_gradients(state)]
             if bearing is not None:
-                found.append(model.strains(state, bearing[0], signs))
+                found.append(model.strains(state, bearing.material, signs))
             if self._closing is not None:
                 tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
                 found.append(tips.reshape(-1, 12))
@@ -263,12 +263,9 @@ class FlatPoint(Point):
         """Change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
         return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2)).ravel()
 
-    def _back(self, pull: np.ndarray, strained: np.ndarray) -> np.ndarray:
-        out = super()._back(pull, strained)
-        if self._strain.found is not None:
-            out[self.own :] += self._from_geometry(strained[:, None] @ self._by_geometry[:, 12:14])
-        return out
+    def strains_by_geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
+        return (self._by_geometry[:, 12:14] @ self._geometry(change))[..., 0]
 
-    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
-        geometry = self._geometry(change)
-        return super()._grown(found, moves, change) + (self._by_geometry[:, 12:14] @ geometry)[..., 0]
+    def from_strains(self, weight: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " coordinates"]:
+        by_flats = self._from_geometry(weight[:, None] @ self._by_geometry[:, 12:14])
+        return np.concatenate([np.zeros(self.own), by_flats])

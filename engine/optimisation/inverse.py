@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Float
-from ..materials import Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
 from ..mechanics.assembly import Assembly, Pose
@@ -28,6 +27,7 @@ from .design_space import DesignSpace
 from .factors import Factors
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
+from .terms import Apart, Bearing, Change, Excess, Term, total, turning
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
 
 
@@ -36,8 +36,8 @@ class Problem:
     """What is asked: spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
-    bearing : the material and the share of its strain limit that arms should stay below; None lets them be strained
     opening : how wide slots should stay in space; None lets them close
+    bearing : what strains of the arms should stay below; None lets them be strained
     work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
     """
 
@@ -48,7 +48,7 @@ class Problem:
     build: Callable[[Assembly, Progress], ElasticModel]
     simulate: SimulateParams
     smoothness: float = 0.0
-    bearing: tuple[Material, float] | None = None
+    bearing: Bearing | None = None
     opening: Opening | None = None
     work: Work = field(default_factory=Work)
     shared: list[Factors] = field(default_factory=list)
@@ -155,15 +155,42 @@ class Point:
 
     def prepare(self, progress: Progress) -> None:
         """Derive, with progress, what the derivatives need: on thousands of spirals it takes a while."""
-        for part in ("_strain", "_forces", "system", "gradient"):
+        for part in ("terms", "_forces", "system", "gradient"):
             progress(0.0)
             getattr(self, part)
 
     @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """What there is to say about the equilibrium."""
+        found: list[Term] = [Apart(self.mismatch)]
+        if self.strains is not None and self.problem.bearing is not None:
+            found.append(Excess(self.problem.bearing, self.strains.values, StrainRows(self, self.strains)))
+        return (*found, *([] if self._narrow is None else [self._narrow]))
+
+    @cached_property
     def value(self) -> float:
-        """The objective: mismatch, excess of strain, slots that close, and what the design costs by itself."""
-        slots = 0.0 if self._closing is None else self._closing.value
-        return self.mismatch.value + self._strain.value + slots + sum(cost.value for cost in self.costs)
+        """The objective: what there is to say about the equilibrium, and what the design costs by itself."""
+        return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
+
+    def merit(self, strictness: float, found: Mismatch | None = None, strain: float | None = None) -> float:
+        """The objective by which designs of different problems are compared (see ``Bearing.merit``).
+
+        With another mismatch and another largest strain: of the same design, simulated.
+        """
+        value = (found or self.mismatch).value + sum(cost.value for cost in self.costs)
+        value += 0.0 if self._closing is None else self._closing.value
+        if self.strains is None or self.problem.bearing is None:
+            return value
+        largest = float(self.strains.values.max()) if strain is None else strain
+        return self.problem.bearing.merit(value, largest, strictness)
+
+    def pressed(self) -> Point:
+        """The same point, where what is still strained too much is pushed back with more force."""
+        bearing = self.problem.bearing
+        if self.strains is None or bearing is None:
+            return self
+        pushes = bearing.pushed(self.strains.values)
+        return replace(self, problem=replace(self.problem, bearing=replace(bearing, pushes=pushes)))
 
     @cached_property
     def distance(self) -> float:
@@ -190,12 +217,11 @@ class Point:
         return self.model.start(self.equilibrium.pose)
 
     @cached_property
-    def _strain(self) -> Excess:
+    def strains(self) -> StrainChanges | None:
+        """Of the arms; None where they do not count."""
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
-            return NO_EXCESS
-        material, share = self.problem.bearing
-        found = StrainChanges.of(self.model.assembly, self._changes, material)
-        return Excess.of(found, share * material.strain_limit)
+            return None
+        return StrainChanges.of(self.model.assembly, self._changes, self.problem.bearing.material)
 
     @cached_property
     def _closing(self) -> Closing | None:
@@ -254,12 +280,7 @@ class Point:
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
-        pull, direct, narrow = _shifts(self.mismatch.gradient), np.zeros(len(self.x)), self._narrow
-        if narrow is not None:
-            by_pose, direct = narrow.gradient
-            pull = pull + by_pose
-        back = self._back(pull, self._strain.slope)
-        return sum((cost.gradient for cost in self.costs), back + direct)
+        return sum((cost.gradient for cost in self.costs), self._back([term.gradient for term in self.terms]))
 
     def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
         """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve.
@@ -268,66 +289,47 @@ class Point:
         """
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
-        pull = _shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3])))
-        pull[:, 3:] = turn_damping * moves[:, 3:]
-        narrow, direct = self._narrow, np.zeros(len(self.x))
-        if narrow is not None:
-            by_pose, direct = narrow.product(moves, change)
-            pull += by_pose
-        strain, strained = self._strain, np.zeros(0)
-        if strain.found is not None:
-            strained = strain.curvature * self._grown(strain.found, moves, change)
-        return sum((cost.product(change) for cost in self.costs), self._back(pull, strained) + direct)
+        parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in self.terms)]
+        return sum((cost.product(change) for cost in self.costs), self._back(parts))
 
-    def _grown(self, found: StrainChanges, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) how the arms' strains change when the coordinates change and the hubs move by (n, 6)."""
-        pairs = self.problem.assembly.pairs
-        own = self.problem.space.by_spiral(change)[pairs]
-        design = (self._slopes @ own[..., None])[..., 0]
-        through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
-        return through + np.einsum("eaks,eks->ea", found.by_design, design)
+    def _back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
+        """By the coordinates, of what changes like this with hubs and coordinates."""
+        hubs, own = total(parts, len(self.problem.assembly.width), len(self.x))
+        return self.adjoint(hubs) + own
 
-    def _back(self, pull: np.ndarray, strained: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Change of what changes with the hubs by (n, 6), and with the arms' strains by (m, 2)."""
-        found = self._strain.found
-        if found is None:
-            return self.adjoint(pull)
-        pairs = self.problem.assembly.pairs
-        through = (strained[:, None] @ found.by_pose)[:, 0]
-        direct = np.einsum("ea,eaks,ekst->ekt", strained, found.by_design, self._slopes)
-        return self.adjoint(pull + summed(through, pairs, len(pull))) + self._gathered(direct)
+    def by_spirals(self, change: np.ndarray) -> Float[np.ndarray, "joints 2 5"]:
+        """(m, 2, 5) how widths and twist of the spirals of every joint change with the coordinates."""
+        own = self.problem.space.by_spiral(change)[self.problem.assembly.pairs]
+        return (self._slopes @ own[..., None])[..., 0]
+
+    def from_spirals(self, by_spirals: Float[np.ndarray, "joints 2 5"]) -> Float[np.ndarray, " coordinates"]:
+        """Its transpose."""
+        return self._gathered(np.einsum("eks,ekst->ekt", by_spirals, self._slopes))
+
+    def strains_by_geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 2"] | float:
+        """(m, 2) how the arms' strains change with the flat shapes, where these may change."""
+        return 0.0
+
+    def from_strains(self, weight: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " coordinates"] | float:
+        """Its transpose."""
+        return 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Excess:
-    """Strains beyond a limit, as a penalty: half the mean square of their relative excess, times ``STRAIN_WEIGHT``.
+class StrainRows:
+    """The arms' strains (m, 2) at a point to first order."""
 
-    Beyond an excess of ``HOPELESS`` it goes on in a straight line (Huber's loss): a few arms that no spirals could save
-    would else outweigh all the rest.
+    point: Point
+    found: StrainChanges
 
-    found : the strains, None where they do not count; slope, curvature : (m, 2) derivatives of the penalty by them
-    """
+    def forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
+        pairs, found = self.point.problem.assembly.pairs, self.found
+        through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
+        direct = np.einsum("eaks,eks->ea", found.by_design, self.point.by_spirals(change))
+        return through + direct + self.point.strains_by_geometry(change)
 
-    value: float
-    slope: Float[np.ndarray, "joints 2"]
-    curvature: Float[np.ndarray, "joints 2"]
-    found: StrainChanges | None
-
-    @classmethod
-    def of(cls, found: StrainChanges, limit: float) -> Excess:
-        over = np.maximum(found.values / limit - 1.0, 0.0)
-        unit = STRAIN_WEIGHT / over.size
-        near = np.minimum(over, HOPELESS)
-        value = unit * float((near * (over - 0.5 * near)).sum())
-        # the curvature of the parabola with the same slope: so Gauss-Newton steps go down
-        curvature = np.divide(near, over, out=np.zeros_like(over), where=over > 0.0) * unit / limit**2
-        return cls(value, unit * near / limit, curvature, found)
-
-
-STRAIN_WEIGHT = 1.0  # of the excess of strain against the mismatch; by eye
-HOPELESS = 0.25  # excess of strain from which on its penalty grows in a straight line; by eye
-NO_EXCESS = Excess(0.0, np.zeros(0), np.zeros(0), None)  # where strains do not count
-
-
-def _shifts(pull: np.ndarray) -> np.ndarray:
-    return np.concatenate([pull, np.zeros_like(pull)], axis=1)
+    def backward(self, weight: np.ndarray) -> Change:
+        assembly, found = self.point.problem.assembly, self.found
+        hubs = summed((weight[:, None] @ found.by_pose)[:, 0], assembly.pairs, len(assembly.width))
+        own = self.point.from_spirals(np.einsum("ea,eaks->eks", weight, found.by_design))
+        return Change(hubs, own + self.point.from_strains(weight))

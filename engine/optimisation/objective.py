@@ -11,12 +11,7 @@ from scipy.sparse import csr_array, vstack
 from ..arrays import Float, Int
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
-
-# How much a place counts beside the Laplacian coordinates, which hardly feel bends that are longer than some 30 spirals: a piece
-# may match in all of them and still lie far away. On 12 surfaces of 78 to 986 quads the RMS distance to the target fell with 0.05
-# to between a third and 0.94 of what it was without, while the Laplacian RMSE changed by -29 to +38 %, by +3 % in the middle;
-# with 0.02 the distances gained half of that.
-PLACES = 0.05
+from ..params import OptimiseParams
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +19,16 @@ class Target:
     """What the centres of the spirals are compared with.
 
     pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
-    laplacian : compare in Laplacian coordinates (eq. 9) and, with a small weight, in places; else in places alone
+    lies : from 0, how the surface bends: Laplacian coordinates alone (eq. 9), to 1, where it lies: places alone. Laplacian
+        coordinates hardly feel bends that are longer than some 30 spirals, so that a piece may match in all of them and
+        still lie far away. In between, slopes count too: the differences of neighbours. Together they are a norm of
+        Sobolev in which what is longer than (1 - lies) / lies spirals counts by its place and what is shorter by its bends
     free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
     """
 
     pairs: Int[np.ndarray, "joints 2"]
     points: Float[np.ndarray, "spirals 3"]
-    laplacian: bool = True
+    lies: float = OptimiseParams.lies
     free: bool = True
 
     @cached_property
@@ -40,17 +38,21 @@ class Target:
         return float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean())
 
     @cached_property
+    def weights(self) -> tuple[float, float, float]:
+        """Of bends, slopes and places; their squares sum up to 1."""
+        bends, slopes, places = (1.0 - self.lies) ** 2, self.lies * (1.0 - self.lies), self.lies**2
+        norm = float(np.sqrt(bends**2 + slopes**2 + places**2))
+        return bends / norm, slopes / norm, places / norm
+
+    @cached_property
     def operator(self) -> csr_array:
         """(m, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n; places come last."""
-        n = len(self.points)
+        n, m = len(self.points), max(len(self.pairs), 1)
+        ends = np.tile([-1.0, 1.0], len(self.pairs)), (np.repeat(np.arange(len(self.pairs)), 2), self.pairs.ravel())
+        slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # as much as one for every spiral
         places = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
-        matrix = vstack([uniform_laplacian(self.pairs, n), PLACES * places]) if self.laplacian else places
-        return csr_array(matrix / (self.unit * np.sqrt(n)))
-
-    @property
-    def bends(self) -> int:
-        """So many of the compared rows are Laplacian coordinates; the others are places."""
-        return len(self.points) if self.laplacian else 0
+        parts = zip(self.weights, (uniform_laplacian(self.pairs, n), slopes, places), strict=True)
+        return csr_array(vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n)))
 
     @cached_property
     def back(self) -> csr_array:
@@ -64,10 +66,10 @@ class Target:
 
     def centred(self, values: np.ndarray) -> np.ndarray:
         """Compared rows (m, 3), places without their mean where the object is free."""
-        if not self.free:
+        if not (self.free and self.weights[2]):
             return values
-        bends, places = values[: self.bends], values[self.bends :]
-        return np.concatenate([bends, places - places.mean(axis=0)])
+        places = values[-len(self.points) :]
+        return np.concatenate([values[: -len(self.points)], places - places.mean(axis=0)])
 
     def laid(self, pose: Pose) -> Pose:
         """A pose laid over the target where nothing holds the object."""
@@ -107,8 +109,9 @@ class Mismatch:
     @property
     def rmse(self) -> float:
         """Metres, of the Laplacian coordinates where those are compared."""
-        compared = self.residual[: self.target.bends or None]
-        return float(np.sqrt((compared**2).sum())) * self.target.unit
+        weight = self.target.weights[0] or self.target.weights[2]
+        compared = self.residual[: len(self.target.points)]
+        return float(np.sqrt((compared**2).sum())) * self.target.unit / weight
 
     @property
     def gradient(self) -> Float[np.ndarray, "spirals 3"]:

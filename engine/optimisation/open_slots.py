@@ -22,6 +22,7 @@ from ..spirals.design import SpiralDesign
 from ..spirals.lines import COUNT
 from ..spirals.shapes import Shapes
 from ..spirals.slots import slot_needed
+from .terms import Change, Term
 
 # Share of the smallest flat slot below which a slot in space begins to cost something. From half of it, with a cost that begins
 # as a parabola, the search ended on a sphere of 150 spirals at 1.02 (spirals alone) and 1.15 times the error, and had twice as many
@@ -180,8 +181,8 @@ class Closing:
 
 
 @dataclass(frozen=True, eq=False)
-class Narrow:
-    """What too narrow slots add to the derivatives of the objective of a point.
+class Narrow(Term):
+    """What too narrow slots cost, as a term of the objective of a point.
 
     by_pose : (K, 6 n) of their widths by the increments of the hubs; by_x : (K, coordinates) at a fixed pose
     """
@@ -191,13 +192,15 @@ class Narrow:
     by_x: csr_array
 
     @property
-    def gradient(self) -> tuple[Float[np.ndarray, "spirals 6"], Float[np.ndarray, " coordinates"]]:
-        """Of the cost, by the increments of the hubs and by the coordinates."""
+    def value(self) -> float:
+        return self.closing.value
+
+    @property
+    def gradient(self) -> Change:
         return self._back(self.closing.slope)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of the Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates, likewise."""
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         return self._back(self.closing.curvature * (self.by_pose @ moves.ravel() + self.by_x @ change))
 
-    def _back(self, weight: Float[np.ndarray, " k"]) -> tuple[np.ndarray, np.ndarray]:
-        return (weight @ self.by_pose).reshape(-1, 6), weight @ self.by_x
+    def _back(self, weight: Float[np.ndarray, " k"]) -> Change:
+        return Change((weight @ self.by_pose).reshape(-1, 6), weight @ self.by_x)

@@ -23,6 +23,7 @@ from . import codesign
 from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import FARTHER, NEAR, Search, Task
+from .terms import STRICT
 from .work import FIT, Work
 
 ENDS = {
@@ -110,6 +111,7 @@ class Optimisation:
             "rms_percent_before": before["rms_percent"],
             "rms_percent": after["rms_percent"],
             "max_percent": after["max_percent"],
+            **({} if self.after.strain is None else {"strain_share_max": float(self.after.strain.max())}),
             "at_bound": float((self.at_bound != 0).mean()),
             "history": [
                 {"seconds": round(seconds, 3), "objective": value, "rmse_mm": 1e3 * rmse}
@@ -183,13 +185,15 @@ class Found:
         if not self.simulation.equilibrium.converged:
             return np.inf
         mismatch = self.point.problem.target.compare(self.simulation.equilibrium.pose.centres)
-        return self.point.value - self.point.mismatch.value + mismatch.value
+        strains = self.simulation.strain
+        largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
+        return self.point.merit(STRICT, mismatch, largest)
 
 
 def _proved(search: Search, progress: Progress) -> Found | None:
     """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
     found: list[Found] = []
-    for held in sorted(search.held, key=lambda one: one.value)[:TRIES]:
+    for held in sorted(search.held, key=lambda one: one.merit(STRICT))[:TRIES]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
@@ -197,7 +201,7 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         except FlexMapsError:
             continue
         found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
-        if found[-1].value <= (1.0 + SAME) * held.value:
+        if found[-1].value <= (1.0 + SAME) * held.merit(STRICT):
             break
     return min(found, key=lambda one: one.value, default=None)
 
@@ -210,7 +214,7 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
     task, found = search.task, list[Found]()
     if search.held and search.best.value < np.inf:
         found.append(Found(task.rested(search.best.design, search.best.point), search.best.point))
-    if not found or found[0].value > (1.0 + SAME) * point.value:
+    if not found or found[0].value > (1.0 + SAME) * point.merit(STRICT):
         latest = codesign.designed(point, design)
         if latest is not None:
             found.append(Found(task.rested(latest, point), point))

@@ -12,7 +12,7 @@ from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
 from ..simulation.shortfall import Shortfall
-from ..simulation.simulate import Simulation
+from ..simulation.simulate import STRAINED, Simulation
 from .optimise import Optimisation
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
@@ -75,7 +75,7 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
-    return Reach(kind, share, _advice(kind, share, simulation.shortfalls))
+    return Reach(kind, share, _advice(kind, share, simulation.shortfalls) + _strained(simulation))
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
@@ -126,6 +126,17 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) ->
     if worst.flat:
         return worst.wrong + worst.help
     return f"{worst.wrong} {_where(kind, share)}{worst.help}"
+
+
+def _strained(simulation: Simulation) -> str:
+    """What to do about arms that are strained too much, with a blank before it; nothing where there are none."""
+    over = 0 if simulation.strain is None else int((simulation.strain > STRAINED).sum())
+    if not over:
+        return ""
+    return (
+        f" The arms of {over} spirals are strained beyond what the material bears: a larger object, a thinner sheet, finer quads "
+        "where it bends most, or a tougher material would help."
+    )
 
 
 def _where(kind: np.ndarray, share: np.ndarray) -> str:

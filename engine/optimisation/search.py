@@ -34,6 +34,7 @@ from .inverse import Point, Problem
 from .objective import Target
 from .open_slots import Opening
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
+from .terms import LENIENT, STRICT, Bearing
 from .work import CURVING, SPACE, Work
 
 Stage = Callable[["Held", Progress], "Held"]
@@ -45,7 +46,7 @@ FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and 
 FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
 # shares of the way that are tried where a patch has come to overlap itself, or the piece to lie too far away
 BACK = 0.5, 0.2
-POLISH_STEPS, POLISHES, GAIN = 8, 3, 0.01  # of the spirals alone afterwards, and how often, as above
+POLISH_STEPS, POLISHES, GAIN = 8, 6, 0.01  # of the spirals alone afterwards, and how often, as above
 ALONE, WITH_FLATS = 0.3, 0.8  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
@@ -72,12 +73,12 @@ class Task:
         return Problem(
             assembly,
             space or self.space(design, progress),
-            Target(assembly.pairs, self.target.centroids, params.laplacian, free=not loads.fixed.any()),
+            Target(assembly.pairs, self.target.centroids, params.lies, free=not loads.fixed.any()),
             loads,
             self.model,
             replace(physics, tolerance=max(physics.tolerance, TOLERANCE)),
             params.smoothness,
-            (self.material, params.strain_share) if params.strain_share > 0.0 else None,
+            Bearing(self.material, params.strain_share) if params.strain_share > 0.0 else None,
             Opening.of(design) if params.open_slots else None,
             self.work,
             room=Room.of(design.flat, design.params),
@@ -132,9 +133,19 @@ class Held:
 
     @property
     def value(self) -> float:
-        """The objective; infinite without an equilibrium, and where the piece has come to lie too far away."""
+        """To compare designs on the way; infinite without an equilibrium, and where the piece has come to lie too far away."""
+        return self.merit(LENIENT)
+
+    @property
+    def strained(self) -> bool:
+        """Whether any arm is strained beyond its limit, which more steps may still mend."""
+        bearing, strains = self.point.problem.bearing, self.point.strains
+        return bearing is not None and strains is not None and bool(strains.values.max() > bearing.limit)
+
+    def merit(self, strictness: float) -> float:
+        """The same; ``STRICT`` for results."""
         sound = self.point.equilibrium.converged and self.point.distance <= self.farthest
-        return self.point.value if sound else np.inf
+        return self.point.merit(strictness) if sound else np.inf
 
 
 @dataclass(eq=False)
@@ -154,7 +165,7 @@ class Search:
 
     @property
     def best(self) -> Held:
-        return min(self.held, key=lambda one: one.value)
+        return min(self.held, key=lambda one: one.merit(STRICT))
 
     def run(self, start: Point, design: SpiralDesign, progress: Progress) -> None:
         """All stages, from a start in this design's flat shapes."""
@@ -184,25 +195,27 @@ class Search:
             if self.task.work.over:
                 break
             found = step(here, progress.part(k / most, (k + 1) / most))
-            here, last = (found if found.value < here.value else here), here.value
-            if not here.value < (1.0 - gain) * last:
+            if not found.value < here.value:
+                break
+            here, last = found, here.value
+            if not (here.value < (1.0 - gain) * last or here.strained):
                 break
         return here
 
     def polished(self, here: Held, progress: Progress) -> Held:
         """A few more steps of the spirals alone."""
         short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
-        return self.improved(here, short, progress)
+        return self.improved(replace(here, point=here.point.pressed()), short, progress)
 
     def improved(self, here: Held, params: OptimiseParams, progress: Progress) -> Held:
         """The best spirals near to a design."""
-        problem = here.point.problem
-        found = METHODS[params.method](problem, here.point, params, self.trace, self.accepted, progress)
+        start = here.point
+        found = METHODS[params.method](start.problem, start, params, self.trace, self.accepted, progress)
         return self.hold(here.design, found)
 
     def moved(self, here: Held, progress: Progress) -> Held:
         """The best spirals and flat shapes near to a design."""
-        params, start = self.task.params, here.point
+        params, start = self.task.params, here.point.pressed()
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method, part = METHODS[params.method], progress.part(0.0, 0.9)
         found = codesign.refine(
@@ -222,7 +235,7 @@ class Search:
         if design is None:
             return None
         space = found.problem.space.including(design)
-        problem = self.task.problem(design, progress, space)
+        problem = replace(self.task.problem(design, progress, space), bearing=found.problem.bearing)
         x = space.coordinates(design.width, design.twist)
         point = problem.at(x, found.equilibrium.pose, progress, INNER_ITERATIONS)
         return self.hold(design, point)

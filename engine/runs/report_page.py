@@ -125,13 +125,9 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     notes += [(True, text) for text in described.get("layout", {}).get("remarks", ())]
     shape = described.get("equilibrium", {})
     if shape:
-        strain = shape.get("strain_share_max", 0.0)
         sound = shape["converged"] and not shape["locked"] and shape["negative_eigenvalues"] == 0
         notes.append((not sound, shape["status"]))
         notes += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
-        if strain > 1.0:
-            text = f"Strain reaches {100 * strain:.0f} % of what the material bears: arms break or stay bent."
-            notes.append((True, text))
     better = described.get("optimise", {})
     if "end" in better:
         notes.append((not better["finished"], f"How optimising ended: {better['end']}"))

@@ -28,6 +28,9 @@ from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .shortfall import Shortfall, shortfalls
 
+# share of what the material bears beyond which spirals are named: an optimised piece may lie beyond its limit by rounding
+STRAINED = 1.0005
+
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -125,6 +128,14 @@ class Simulation:
                 "neighbours in it, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
+        strain = np.zeros(0) if self.strain is None else self.strain
+        strained = np.flatnonzero(strain > STRAINED)
+        if len(strained):
+            text = (
+                f"The arms of {len(strained)} spirals are strained by up to {100.0 * strain.max():.0f} % of what the material "
+                "bears: they break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
+            )
+            found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)

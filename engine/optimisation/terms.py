@@ -1,0 +1,164 @@
+"""The terms of the objective: each knows its value, and how it changes with the hubs and with the coordinates.
+
+A point sums them up, and takes the way through the equilibrium once for all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..arrays import Float
+from ..materials import Material
+from .objective import Mismatch
+
+# Strains are held a little below their limit, so that what the last steps leave of an excess is none: on 8 surfaces the
+# multipliers left at most this much
+MARGIN = 0.02
+# of the squares of relative excesses against the mismatch. On 8 surfaces one without multipliers (1) left excesses of 1 to 30 %
+STIFF = 1.0
+HOPELESS = 1.0  # the largest multiplier: a few arms that no spirals could save would else outweigh all the rest
+# By so much the logarithm of a design's merit grows with the largest relative excess: on the way, where the next steps still
+# push it back, and in the end. With the second alone, no move of flat shapes was taken that strained an arm by 1 % too much
+LENIENT, STRICT = 5.0, 50.0
+
+
+class Change(NamedTuple):
+    """Of a term: hubs (n, 6) by the hubs' increments; own : by every coordinate at hubs that stay; 0 where it does not change"""
+
+    hubs: np.ndarray | float
+    own: np.ndarray | float
+
+
+class Term(Protocol):
+    """A share of the objective at one equilibrium."""
+
+    @property
+    def value(self) -> float: ...
+
+    @property
+    def gradient(self) -> Change: ...
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+        """Of its Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates."""
+
+
+class Rows(Protocol):
+    """Quantities at an equilibrium to first order."""
+
+    def forward(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """How they change with moves (n, 6) of the hubs and a change of the coordinates."""
+
+    def backward(self, weight: np.ndarray) -> Change:
+        """Its transpose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Apart(Term):
+    """How far the shape is from its target, as a term."""
+
+    mismatch: Mismatch
+
+    @property
+    def value(self) -> float:
+        return self.mismatch.value
+
+    @property
+    def gradient(self) -> Change:
+        return Change(_shifts(self.mismatch.gradient), 0.0)
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+        return Change(_shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3]))), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Bearing:
+    """What arms bear: strains up to a share of the material's limit, held there by an augmented Lagrangian.
+
+    pushes : (m, 2) multipliers of the limits, None at the beginning (Hestenes 1969, Powell 1969; Nocedal and Wright,
+    Numerical Optimization, section 17.3)
+    """
+
+    material: Material
+    share: float
+    pushes: Float[np.ndarray, "joints 2"] | None = None
+
+    @property
+    def limit(self) -> float:
+        return self.share * self.material.strain_limit
+
+    def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) of strains beyond a little less than the limit, as a share; negative below."""
+        return strains / ((1.0 - MARGIN) * self.limit) - 1.0
+
+    def pushed(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) the multipliers that these strains ask for."""
+        known = 0.0 if self.pushes is None else self.pushes
+        return np.clip(known + STIFF * self.excess(strains), 0.0, HOPELESS)
+
+    def merit(self, value: float, largest: float, strictness: float) -> float:
+        """A mismatch, weighed by the largest of all strains: whatever lies beyond the limit is dear, whatever is below is alike."""
+        return value * float(np.exp(strictness * np.clip(largest / self.limit - 1.0, 0.0, 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Excess(Term):
+    """Strains (m, 2) beyond what arms bear, as a mean over all arms: half of the square of what pushes them back.
+
+    Beyond ``HOPELESS`` it goes on in a straight line (Huber's loss).
+    """
+
+    bearing: Bearing
+    strains: Float[np.ndarray, "joints 2"]
+    rows: Rows
+
+    @cached_property
+    def _push(self) -> Float[np.ndarray, "joints 2"]:
+        """Before it is bounded from above."""
+        known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
+        return np.maximum(known + STIFF * self.bearing.excess(self.strains), 0.0)
+
+    @property
+    def _unit(self) -> float:
+        return 1.0 / self.strains.size
+
+    @property
+    def _by_strain(self) -> float:
+        return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
+
+    @property
+    def value(self) -> float:
+        near = np.minimum(self._push, HOPELESS)
+        return self._unit / STIFF * float((near * (self._push - 0.5 * near)).sum())
+
+    @property
+    def gradient(self) -> Change:
+        return self.rows.backward(self._unit * self._by_strain * np.minimum(self._push, HOPELESS))
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+        near = np.minimum(self._push, HOPELESS)
+        # the curvature of the parabola with the same slope: so Gauss-Newton steps go down
+        share = np.divide(near, self._push, out=np.zeros_like(near), where=self._push > 0.0)
+        curvature = self._unit * STIFF * self._by_strain**2 * share
+        return self.rows.backward(curvature * self.rows.forward(moves, change))
+
+
+def turning(weight: float, moves: np.ndarray) -> Change:
+    """Product of half of the squares of the hubs' turns in radians, by a weight: no term, but damps steps."""
+    return Change(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
+
+
+def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of changes, as (size, 6) and (coordinates,)."""
+    hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
+    for part in parts:
+        hubs += part.hubs
+        own += part.own
+    return hubs, own
+
+
+def _shifts(pull: np.ndarray) -> np.ndarray:
+    return np.concatenate([pull, np.zeros_like(pull)], axis=1)

@@ -1,0 +1,77 @@
+"""What is optimised: what bends and places count, strains that stay within their limit, and what is said of those that do not."""
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.reach import reach
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+VERO = MATERIALS["vero"]
+
+
+@lru_cache(maxsize=2)
+def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
+    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def test_strains_end_within_their_limit() -> None:
+    """Where the best match is strained far more than it may be, and the limit is within reach."""
+    design, mesh = made()
+
+    def found(share: float) -> optimise.Optimisation:
+        params = OptimiseParams(strain_share=share, codesign=False, iterations=20)
+        return optimise.optimise(design, mesh, VERO, params, SimulateParams())
+
+    loose = found(0.0)
+    assert loose.after.strain is not None
+    limit = 0.8 * float(loose.after.strain.max())
+    held = found(limit)
+    assert held.after.strain is not None
+    assert held.after.strain.max() <= limit
+    assert held.report()["strain_share_max"] == held.after.strain.max()
+    assert held.report()["laplacian_rmse_mm"] < held.report()["laplacian_rmse_mm_before"]
+
+
+def test_what_is_strained_too_much_is_named_with_advice() -> None:
+    design, mesh = made()
+    weak = dataclasses.replace(VERO, strain_limit=0.05 * VERO.strain_limit)
+    found = simulate(design, mesh, weak, SimulateParams())
+    assert found.strain is not None
+    named = [one for one in found.findings if one.code == "strained"]
+    assert len(named) == 1 and set(named[0].faces) == set(np.flatnonzero(found.strain > 1.001).tolist())
+    assert "what the material bears" in reach(found).advice
+    assert not [one for one in simulate(design, mesh, VERO, SimulateParams()).findings if one.code == "strained"]
+
+
+def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it() -> None:
+    """A row of spirals bent to a wide arc: its ends lie far away, and still no spiral lies far from its neighbours' mean."""
+    x = 0.02 * np.arange(-20.0, 21.0)
+    points, height = np.stack([x, 0 * x, 0 * x], axis=1), 0.25 * x**2  # a radius of 2 m
+    pairs = np.stack([np.arange(40), np.arange(1, 41)], axis=1)
+    bent = points + np.stack([0 * x, 0 * x, height], axis=1)
+    target = Target(pairs, points, 0.2, free=False)
+    found = target.compare(bent)
+    around = np.pad(height, 1, mode="reflect")  # at the ends the one neighbour is the mean
+    felt, distance = np.sqrt(((height - 0.5 * (around[:-2] + around[2:])) ** 2).mean()), np.sqrt((height**2).mean())
+    assert found.rmse == pytest.approx(felt) and distance > 15.0 * felt
+    # bends, slopes and places in the ratio of 16 to 4 to 1
+    tilt = np.sqrt((np.diff(height) ** 2).mean())
+    squares = (felt**2 * 256 + tilt**2 * 16 + distance**2) / (256 + 16 + 1)
+    assert found.value == pytest.approx(0.5 * squares / 0.02**2)
+    bends = Target(pairs, points, 0.0, free=False).compare(bent)
+    assert bends.value == pytest.approx(0.5 * (felt / 0.02) ** 2)
+    assert bends.rmse == pytest.approx(found.rmse)
+    # in places alone, no Laplacian coordinates are compared
+    assert Target(pairs, points, lies=1.0, free=False).compare(bent).rmse == pytest.approx(distance)
