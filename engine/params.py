@@ -436,7 +436,7 @@ class OptimiseParams(Params):
     arms: str = setting(
         "each",
         "Arms",
-        "Which arms of a spiral may be of different widths",
+        "Which arms of a spiral may be of different widths. Spirals that are there already begin with the mean of arms that have to be alike",
         choices=(
             ("alike", "All alike", "All four arms of a spiral are as wide as each other, as published"),
             ("pairs", "In pairs", "Opposite arms are alike: a sheet may bend more easily one way than the other"),

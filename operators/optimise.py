@@ -85,7 +85,7 @@ class Optimise(ContinuedStage, bpy.types.Operator):
         if layout is not None:  # the flat shapes moved too
             mesh.write_flat(obj, surface, panels.design.flat, panels.centres)
             notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
-        mesh.write_design(obj, panels.design)
+        mesh.write_design(obj, surface, panels.design)
         notes.write(obj.data, "spirals", block)
         equilibrium.write(obj, context.scene, surface, simulation, made.limits)
         shape = simulation.report()

@@ -10,7 +10,7 @@ from ..bridge.hosts import background, preload
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.store.objects import unusable
 
-STAGES = {"WIDTH": "Spirals", "TWIST": "Spirals"}  # what to press first
+STAGES = {"WIDTH": "Spirals", "ANISOTROPY": "Spirals", "TWIST": "Spirals"}  # what to press first
 
 
 class Overlay(bpy.types.Operator):
@@ -27,12 +27,18 @@ class Overlay(bpy.types.Operator):
             ("ENERGY", "E", "Distortion of every quad when it is flattened"),
             ("SQUARE", "Esq", "How far every quad is from a square"),
             ("PATCH", "Patches", "One colour per patch"),
-            ("WIDTH", "Width", "Width of the spirals' arms"),
+            ("WIDTH", "Width", "Mean width of the spirals' arms"),
+            (
+                "ANISOTROPY",
+                "Anisotropy",
+                "How unlike the two pairs of opposite arms are; the bars are as long as each pair is wide",
+            ),
             ("TWIST", "Twist", "Twist of the spirals"),
             ("DISTANCE", "Distance", "How far the simulated shape is from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
             ("REACH", "Limits", "What keeps every spiral from bending as the target does"),
             ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            ("SLOT", "Slots", "Narrowest slot beside the arms of every spiral in the simulated shape"),
         ],
         default="ENERGY",
     )

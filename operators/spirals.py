@@ -48,7 +48,7 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         from ..bridge.store import mesh
 
         drawing, block = result
-        mesh.write_design(obj, drawing.design)
+        mesh.write_design(obj, surface, drawing.design)
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
         return translate("{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}", block["count"], low, high)

@@ -11,9 +11,10 @@ from ..bridge.hosts import background
 from ..bridge.store import equilibrium, notes, states
 from ..bridge.view import plot
 from ..engine.params import OptimiseParams
-from .rows import choice_row, fold, more, number, numbers, wrapped
+from .rows import choice_row, fold, more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, look, result
 
+ALWAYS = ("arms",)  # what is always in sight
 PLOT = 8.0  # size of the plot, in rows
 
 
@@ -31,8 +32,9 @@ class OptimisePanel(StagePanel, bpy.types.Panel):
             step = iface_("Step {}").format(len(history) - 1)
             _progress(layout, [r for _, r in history], step, 1e3 * rmse, seconds)
             return
+        settings_rows(layout, obj.flexmaps.optimise, OptimiseParams, ALWAYS)
         button(layout, context, "flexmaps.optimise", icon="SHADERFX")
-        more(layout, "flexmaps_optimise", obj.flexmaps.optimise, OptimiseParams)
+        more(layout, "flexmaps_optimise", obj.flexmaps.optimise, OptimiseParams, ALWAYS)
         blocks = notes.read(obj.data)
         if "optimise" in blocks:
             _found(result(layout, context, "optimise"), context, blocks["optimise"])

@@ -174,11 +174,14 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         grid = numbers(layout)
         number(grid, "Spirals", str(block.get("count")))
         number(grid, "Width", span(block, "width_mm", " mm"))
+        if block.get("unlike_percent", [0.0])[-1] > 0:
+            number(grid, "Unlike arms", span(block, "unlike_percent", " %"))
         number(grid, "Twist", span(block, "twist_deg", "\N{DEGREE SIGN}"))
         number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
         if any(panels.get(flat_panels.LOOK) == flat_panels.PLAIN for panels in flat_panels.panels_of(obj)):
             wrapped(layout, context, UNDRAWN, icon="INFO")
-        choice_row(layout, context.window_manager, "flexmaps_overlay", (("WIDTH", "Width"), ("TWIST", "Twist")))
+        kinds = (("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist"))
+        choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)
 
 
 CLASSES = (

@@ -41,9 +41,9 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "patch": ("FACE", "INT", 0, np.inf),
     "energy": ("FACE", "FLOAT", 0, LARGEST),
     "square": ("FACE", "FLOAT", 0, LARGEST),
-    "width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "twist": ("FACE", "FLOAT", 0, 1e3),
-    "last_width": ("FACE", "FLOAT", 1e-3, 1e3),
+    "last_width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "last_twist": ("FACE", "FLOAT", 0, 1e3),
     "distance": ("FACE", "FLOAT", 0, LARGEST),
     "strain_energy": ("FACE", "FLOAT", -LARGEST, LARGEST),
@@ -55,6 +55,8 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
 }
+# what older files have on faces: one width a spiral
+ONCE_ON_FACES = ("width", "last_width")
 
 
 @contextmanager
@@ -80,8 +82,33 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
     ``None`` too where one of our names holds what we never write: any program or script can write there.
     """
+    values = stored(mesh, name)
+    return _on_corners(mesh, name, values)
+
+
+def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
+    """As ``get``, but widths of older files as they lie there: one a face."""
     values = _raw(mesh, name)
     return None if values is None or (_is_ours(name) and not fits(name, values)) else values
+
+
+def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads 4"]:
+    """Values of the corners of a mesh of quads, four a face."""
+    return values.reshape(-1, 4).astype(float)
+
+
+def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> np.ndarray | None:
+    """What an older file has once a face, for all corners of the face."""
+    attribute = mesh.attributes.get(name)
+    if values is None or attribute is None or not _older(name, attribute):
+        return values
+    sizes = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    return np.repeat(values, sizes)
+
+
+def _older(name: str, attribute: bpy.types.Attribute) -> bool:
+    return name.removeprefix(PREFIX) in ONCE_ON_FACES and (attribute.domain, attribute.data_type) == ("FACE", "FLOAT")
 
 
 def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
@@ -89,7 +116,8 @@ def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
-    if _is_ours(name) and (attribute.domain, attribute.data_type) != OURS[name.removeprefix(PREFIX)][:2]:
+    as_ours = _is_ours(name) and (attribute.domain, attribute.data_type) == OURS[name.removeprefix(PREFIX)][:2]
+    if _is_ours(name) and not as_ours and not _older(name, attribute):
         return None
     prop, width, dtype, _ = KINDS[attribute.data_type]
     values: np.ndarray = np.empty(len(attribute.data) * width, dtype=dtype)
@@ -122,7 +150,7 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
     unsound: dict[str, np.ndarray] = {}
     for name in OURS:
         if PREFIX + name in mesh.attributes:
-            values = _raw(mesh, PREFIX + name)
+            values = _on_corners(mesh, PREFIX + name, _raw(mesh, PREFIX + name))
             wrong = np.zeros(0, bool) if values is None else ~_within(PREFIX + name, values)
             if values is None or wrong.any():
                 unsound[name] = np.unique(np.nonzero(wrong)[0])

@@ -79,18 +79,22 @@ class Checksums:
         return seams.tobytes()
 
     def _values(self, *names: str) -> bytes:
-        """Attributes of ours on the faces."""
+        """Attributes of ours on the faces and their corners, as they are stored."""
         mesh = self._obj.data
         if not mesh.is_editmode:
-            found = (attributes.get(mesh, attributes.PREFIX + name) for name in names)
+            found = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
             return b"".join(b"" if values is None else values.tobytes() for values in found)
-        faces = bmesh.from_edit_mesh(mesh).faces  # while it is edited, the mesh itself has none
+        bm = bmesh.from_edit_mesh(mesh)  # while it is edited, the mesh itself has none
+        faces = bm.faces
         data = b""
         for name in names:
             number, way = (
                 layers.get(attributes.PREFIX + name) for layers in (faces.layers.float, faces.layers.float_vector)
             )
-            if number is not None:
+            corner = bm.loops.layers.float.get(attributes.PREFIX + name)
+            if corner is not None:
+                data += np.fromiter((loop[corner] for face in faces for loop in face.loops), np.float32).tobytes()
+            elif number is not None:
                 data += np.fromiter((face[number] for face in faces), np.float32, len(faces)).tobytes()
             elif way is not None:
                 data += np.fromiter((x for face in faces for x in face[way]), np.float32, 3 * len(faces)).tobytes()

@@ -1,7 +1,7 @@
 """Between a Blender mesh and the engine's types: the only conversions there are.
 
 Blender's mesh is the store between two buttons: UV seams are the cuts of the layout, a UV map holds the flat patches, face
-attributes hold what belongs to a quad:
+and corner attributes hold what belongs to a quad:
 
     seams             edge    where the surface is cut, to be edited by hand
     flexmaps_seam     edge    the number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
@@ -9,12 +9,17 @@ attributes hold what belongs to a quad:
     flexmaps_patch    face    number of the patch
     flexmaps_energy   face    distortion E
     flexmaps_square   face    distance from a square, Esq
-    flexmaps_width    face    width of the spiral's arms, millimetres
+    flexmaps_width    corner  width of the arm that ends at the side from this corner to the face's next one, millimetres;
+                              older files have one a face, which is that of all four
     flexmaps_twist    face    twist of the spiral, degrees
     flexmaps_last_width, flexmaps_last_twist    the same of spirals whose patches were cut anew: a start for the next ones
     flexmaps_colour   corner  colours of the overlay, for renders
 
 What a simulation adds is told in ``equilibrium``.
+
+Sides follow one another counter-clockwise seen from outside, as the corners of the engine do: of a mirrored object the other
+way round than Blender's own. So widths keep to their sides when a mirroring is applied and the normals are turned outwards again;
+after *Flip Normals* alone the piece is another one, whose spirals are made anew.
 
 Engine coordinates are world coordinates in metres. Nothing here computes more than
 a change of frame.
@@ -33,7 +38,6 @@ from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign, fitted, outside
-from ...engine.spirals.spiral import alike
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from .objects import changed_by_modifiers, unusable
@@ -103,7 +107,8 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: Float[np.ndarray, "4 4"]) -
     left += (UNSOUND_NOTES,) if notes.unsound(mesh) else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     none = np.zeros(0, dtype=np.int64)
-    spoilt = np.unique(np.concatenate([unsound.get(name, none) for name in DESIGN_NAMES]))
+    face_of = np.repeat(np.arange(len(sizes)), sizes)
+    spoilt = np.union1d(face_of[unsound.get("width", none)], unsound.get("twist", none))
     return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt)
 
 
@@ -181,7 +186,7 @@ def design_of(
     if any(name not in surface.values for name in names):
         return None
     width, twist = (surface.values[name].astype(float) for name in names)
-    return SpiralDesign(flat, params, alike(width * 1e-3), np.radians(twist))
+    return SpiralDesign(flat, params, attributes.on_faces(width[surface.loops]) * 1e-3, np.radians(twist))
 
 
 def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
@@ -240,10 +245,12 @@ def write_flat(
     attributes.put_seams(obj, cut)
 
 
-def write_design(obj: bpy.types.Object, design: SpiralDesign) -> None:
-    """Face attributes of the spirals; a simulation of others is dropped."""
+def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) -> None:
+    """The attributes of the spirals; a simulation of others is dropped."""
     forget(obj, LAST_NAMES)
-    attributes.put(obj, "flexmaps_width", "FACE", "FLOAT", design.width.mean(axis=1) * 1e3)
+    width = np.empty(len(surface.loops))
+    width[surface.loops] = design.width.ravel() * 1e3
+    attributes.put(obj, "flexmaps_width", "CORNER", "FLOAT", width)
     attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.maximum(np.degrees(design.twist), 0.0))
 
 
@@ -253,7 +260,8 @@ def shelve_design(obj: bpy.types.Object) -> None:
         kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
     for name, values in zip(LAST_NAMES, kept, strict=True):
         if values is not None:
-            attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
+            domain, kind = attributes.OURS[name][:2]
+            attributes.put(obj, attributes.PREFIX + name, domain, kind, values)
     forget(obj, DESIGN_NAMES)
 
 

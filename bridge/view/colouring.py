@@ -7,6 +7,7 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
+from ...engine.spirals.spiral import anisotropy
 from ..store import attributes, equilibrium
 from .legend import Legend
 
@@ -15,15 +16,28 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "ENERGY": ("flexmaps_energy", "Distortion E", ""),
     "SQUARE": ("flexmaps_square", "Distance from a square", ""),
     "WIDTH": ("flexmaps_width", "Width", "mm"),
+    "ANISOTROPY": ("flexmaps_width", "Anisotropy", "%"),
     "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
     "PATCH": ("flexmaps_patch", "Patches", ""),
     "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
     "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
     "REACH": ("flexmaps_reach", "What limits the match", ""),
     "SAFETY": ("flexmaps_strain", "Strain", "%"),
+    "SLOT": ("flexmaps_slot", "Slots", "mm"),
 }
-SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY")
+SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
+OPEN = 0.3  # mm: the scale of the slots ends at least here, the smallest one that a laser leaves
+LEAST_ANISOTROPY = (
+    1.0  # percent: where the scale of the anisotropy ends at least, so that rounding is not seen as a difference
+)
 SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
+
+
+def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
+    """What is shown of an attribute's values: of the four arms of a quad their mean width, or their anisotropy in percent."""
+    if kind == "WIDTH":
+        return attributes.on_faces(values).mean(axis=1)
+    return 100 * anisotropy(attributes.on_faces(values)) if kind == "ANISOTROPY" else values
 
 
 def painted(
@@ -44,6 +58,14 @@ def painted(
         legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
         return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
     low, high = float(values.min()), float(values.max())
+    if kind == "SLOT":
+        high = max(high, OPEN)
+        text = f"Slots in this shape, narrowest {low:.2f} mm"
+        return colours.on_scale(high - values, 0.0, high, colours.BAD), Legend(
+            text, f"{high:.2g} mm", "closed", colours.BAD
+        )
+    if kind == "ANISOTROPY":
+        low, high = 0.0, max(high, LEAST_ANISOTROPY)
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
         legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
@@ -71,7 +93,7 @@ def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind][0])
     assert values is not None
-    return painted(obj, kind, values)[1]
+    return painted(obj, kind, per_quad(kind, values))[1]
 
 
 def store(obj: bpy.types.Object, kind: str) -> bool:
@@ -82,8 +104,9 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
         values = attributes.get(mesh, KINDS[kind][0])
         sizes = np.empty(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("loop_total", sizes)
-    if values is None or len(values) != len(sizes):
+    if values is None or (sizes != 4).any():
         return False
+    values = per_quad(kind, values)
     rgb, _ = painted(obj, kind, values)
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], sizes, axis=0)
     attributes.put(obj, "flexmaps_colour", "CORNER", "FLOAT_COLOR", rgba)

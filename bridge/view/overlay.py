@@ -22,6 +22,13 @@ from .live_shape import LIGHT, LiveShape
 EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
 SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
 NO_SEAM = -2  # of an edge that is no seam; -1 is a seam without a number
+CROSS = (
+    0.05,
+    0.05,
+    0.05,
+    1.0,
+)  # sRGB of the bars that show which way a spiral is the stiffer; read well on all of the scale
+BAR = 0.8  # of a quad, length of the longest bar; chosen by eye
 LIFT = 0.005  # in edges: the colours float above the surface, or both flicker; not measured
 
 
@@ -117,7 +124,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    quads = _quads(obj, colouring.KINDS[kind][0])
+    quads = _quads(obj, kind)
     if quads is None or not len(quads.values) or not colouring.current(obj, kind):
         return None
     rgb, said = colouring.painted(obj, kind, quads.values)
@@ -133,13 +140,31 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
     lines = None
     sides = seams != NO_SEAM
-    if sides.any():
-        higher = lifted + 2 * lift
-        ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)
+    higher = lifted + 2 * lift
+    ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)[sides]
+    pens = _seam_colours(seams[sides], kind) if sides.any() else np.zeros((0, 4))
+    if kind == "ANISOTROPY" and quads.width is not None:
+        bars = crosses(higher, quads.width)
+        ends, pens = np.concatenate([ends, bars]), np.concatenate([pens, np.tile(CROSS, (len(bars), 1))])
+    if len(ends):
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
-        look = {"pos": ends[sides].reshape(-1, 3), "color": np.repeat(_seam_colours(seams[sides], kind), 2, axis=0)}
+        look = {"pos": ends.reshape(-1, 3), "color": np.repeat(pens, 2, axis=0)}
         lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
     return faces, lines, said
+
+
+def crosses(
+    corners: Float[np.ndarray, "quads 4 3"], width: Float[np.ndarray, "quads 4"]
+) -> Float[np.ndarray, "bars 2 3"]:
+    """In every quad two bars between the middles of opposite sides, each as long as the two arms there are wide.
+
+    The widest pair of all has a bar of ``BAR`` of its quad; points in the frame of the corners, two a bar.
+    """
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
+    centre, share = corners.mean(axis=1), width[:, :2] + width[:, 2:]
+    long = BAR * share / max(float(share.max()), 1e-30)
+    half = 0.5 * (middles[:, :2] - middles[:, 2:]) * long[:, :, None]
+    return np.stack([centre[:, None] - half, centre[:, None] + half], axis=2).reshape(-1, 2, 3)
 
 
 def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
@@ -169,27 +194,35 @@ class _Quads:
     """What is coloured: positions in the object's frame, corners into them, a value and the seams.
 
     seams : the seam on every side, -1 for one that has no number yet, ``NO_SEAM`` where there is none
+    width : mm, of the arms at the sides, where these are what is shown
     """
 
     positions: Float[np.ndarray, "vertices 3"]
     corners: Int[np.ndarray, "quads 4"]
     values: Shaped[np.ndarray, " quads"]
     seams: Int[np.ndarray, "quads 4"]
+    width: Float[np.ndarray, "quads 4"] | None = None
 
 
-def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:
-    """The object as it is seen, with the values of a face attribute; None where there are none, or other faces than quads."""
+def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
+    """The object as it is seen, with the values of a kind; None where there are none, or other faces than quads."""
+    name = colouring.KINDS[kind][0]
     if obj.data.is_editmode:
         import bmesh
 
         bm = bmesh.from_edit_mesh(obj.data)
         layer = bm.faces.layers.float.get(name) or bm.faces.layers.int.get(name)
-        if layer is None or any(len(face.verts) != 4 for face in bm.faces):
+        corner = bm.loops.layers.float.get(name)
+        if (layer is None and corner is None) or any(len(face.verts) != 4 for face in bm.faces):
             return None
         bm.verts.index_update()
         positions = np.array([v.co for v in bm.verts], dtype=float)
         corners = np.array([[v.index for v in face.verts] for face in bm.faces])
-        found = np.array([face[layer] for face in bm.faces])
+        if corner is not None:
+            found = np.array([loop[corner] for face in bm.faces for loop in face.loops])
+        else:
+            found = np.array([face[layer] for face in bm.faces])
+            found = np.repeat(found, 4) if name == "flexmaps_width" else found  # of an older file
         if not attributes.fits(name, found):
             return None
         number = bm.edges.layers.int.get(SEAMS)
@@ -197,7 +230,7 @@ def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:
             number = None
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
-        return _Quads(positions, corners, found, seams)
+        return _Quads(positions, corners, colouring.per_quad(kind, found), seams, _widths(kind, found))
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
@@ -210,7 +243,12 @@ def _quads(obj: bpy.types.Object, name: str) -> _Quads | None:
     number = attributes.get(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
-    return _Quads(equilibrium.shown_positions(mesh).astype(float), index.reshape(-1, 4), values, sides)
+    seen = equilibrium.shown_positions(mesh).astype(float)
+    return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
+
+
+def _widths(kind: str, values: np.ndarray) -> Float[np.ndarray, "quads 4"] | None:
+    return attributes.on_faces(values) if kind == "ANISOTROPY" else None
 
 
 def _draw_colours() -> None:

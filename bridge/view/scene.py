@@ -120,7 +120,7 @@ def _put_flat(
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, scene, result.flat, centres)
         return
-    mesh.write_design(obj, result.design)
+    mesh.write_design(obj, surface, result.design)
     progress(0.2, "solids of the panels")
     shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
     drawing = flat_panels.PanelDrawing(result.design, "", centres, shape, _outlines(result))

@@ -15,14 +15,16 @@ from ..optimisation.reach import Reach
 from ..patches.flattening.flatten import FlatPatches
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
+from ..spirals.spiral import anisotropy
 from ..surface.mesh import QuadMesh
 from . import arrange, plots
 from .drawing import Drawing, hexes, rgb
 from .plots import Colouring
 
-NAMES = ("surface", "patches", "distortion", "width", "twist", "history", "objective", "errors", "shape", "distance", "safety",
+NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits")  # fmt: skip
 
+LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
 # mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
 LEAST_SLOT = 0.3
 
@@ -32,7 +34,7 @@ class Measured:
     """What maps show, a value for every quad; ``None`` where the stage has not run.
 
     mesh : the target; corners : metres, the flat patches beside each other; sides : their outlines
-    distortion : ARAP energy; width, twist : mm and degrees
+    distortion : ARAP energy; width, anisotropy, twist : mean of the arms in mm, percent as in ``spiral.anisotropy``, degrees
     shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
     slot : mm, the narrowest slot beside the arms in that shape
     kind : what limits the match, into ``reach.NAMES``
@@ -44,6 +46,7 @@ class Measured:
     patch: Int[np.ndarray, " quads"] | None = None
     distortion: Float[np.ndarray, " quads"] | None = None
     width: Float[np.ndarray, " quads"] | None = None
+    anisotropy: Float[np.ndarray, " quads"] | None = None
     twist: Float[np.ndarray, " quads"] | None = None
     shape: Float[np.ndarray, "vertices 3"] | None = None
     distance: Float[np.ndarray, " quads"] | None = None
@@ -71,7 +74,12 @@ class Measured:
                 "distortion": flat.energy,
             }
         if design is not None:
-            values |= {"width": design.width.mean(axis=1) * 1e3, "twist": np.degrees(design.twist)}
+            width = design.width
+            values |= {
+                "width": 1e3 * width.mean(axis=1),
+                "anisotropy": 100 * anisotropy(width),
+                "twist": np.degrees(design.twist),
+            }
         if simulation is not None:
             distance = simulation.distance * 1e3
             values |= {"shape": simulation.vertices, "distance": distance, "strain": simulation.strain}
@@ -109,14 +117,18 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
 
 
 def _spirals(m: Measured) -> dict[str, Drawing]:
-    if m.width is None or m.twist is None or m.corners is None or m.sides is None:
+    if m.width is None or m.anisotropy is None or m.twist is None or m.corners is None or m.sides is None:
         return {}
     found = {}
     for name, title, values, unit in (
         ("width", "Width of the arms", m.width, "mm"),
         ("twist", "Twist of the spirals", m.twist, "degrees"),
+        ("anisotropy", "Anisotropy: how unlike the pairs of opposite arms are", m.anisotropy, "%"),
     ):
-        made = Colouring.of(title, values, unit, colours.MUCH, float(values.min()), float(values.max()))
+        low, high = float(values.min()), float(values.max())
+        if name == "anisotropy":
+            low, high = 0.0, max(high, LEAST_ANISOTROPY)
+        made = Colouring.of(title, values, unit, colours.MUCH, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
 

@@ -28,7 +28,7 @@ from .slots import (
     twist_limit,
     width_range,
 )
-from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
+from .spiral import LEFT, RIGHT, Arms, alike, anisotropy, arms, edge, opposite_sides
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 
@@ -325,6 +325,8 @@ def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured
     return {
         "count": len(design.width),
         "width_mm": spread(design.width * 1e3),
+        "unlike_percent": spread(100 * np.ptp(design.width, axis=1) / design.width.mean(axis=1)),
+        "anisotropy_percent": spread(100 * anisotropy(design.width)),
         "twist_deg": spread(np.degrees(design.twist)),
         "scale_mm": spread(design.scale * 1e3),
         **slot,

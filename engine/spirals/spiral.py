@@ -83,6 +83,11 @@ def alike(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
     return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
 
 
+def anisotropy(width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
+    """How unlike the two pairs of opposite arms are: |w0 + w2 - w1 - w3| over the sum of all, from 0 to 1."""
+    return np.abs(width @ np.array([1.0, -1.0, 1.0, -1.0])) / width.sum(axis=1)
+
+
 def arms(
     flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:

@@ -89,7 +89,7 @@ def test_seams_patches_and_spirals_are_read_as_written(sphere: Any, with_loose: 
     flat = flat_of(quads)
     mesh.write_flat(sphere, surface, flat, arrange.side_by_side(flat))
     made = design.uniform(flat, SpiralParams())
-    mesh.write_design(sphere, made)
+    mesh.write_design(sphere, surface, made)
     assert sphere.mode == mode
 
     surface, quads = read(sphere)

