@@ -114,8 +114,8 @@ def bounded_step(
     low, high = -x, 1.0 - x
     step, slope, fallen = np.zeros_like(x), gradient, 0.0
     for _ in range(ROUNDS):
-        fixed = ((step <= low) & (slope > 0.0)) | ((step >= high) & (slope < 0.0))
-        way = _way(slope, fixed, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
+        ends = np.where(step <= low, -1.0, np.where(step >= high, 1.0, 0.0))
+        way = _way(slope, ends, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
         for turn in range(BENT):
             trial = _inside(step + 0.5**turn * way, low, high, rooms)
             pulled = product(trial - step)
@@ -131,26 +131,28 @@ def bounded_step(
 
 
 def _way(
-    slope: np.ndarray, fixed: Bool[np.ndarray, " coordinates"], closed: csr_array, product: Callable, most: int
+    slope: np.ndarray, ends: Float[np.ndarray, " coordinates"], closed: csr_array, product: Callable, most: int
 ) -> Float[np.ndarray, " coordinates"]:
-    """The way to the model's minimum that leaves fixed coordinates and closes none of the closed rooms further."""
-    onto: Projection | None = None
+    """The way to the model's minimum that leaves the box nowhere and closes none of the closed rooms further.
+
+    ends : -1 and 1 where coordinates are at the lower and the upper end of their range, else 0
+    """
+    fixed, onto = ends * slope < 0.0, None
 
     def along(way: np.ndarray) -> np.ndarray:
         way = np.where(fixed, 0.0, way)
         return way if onto is None else onto.along(way)
 
-    rows = _free(closed, ~fixed)
-    held = np.zeros(rows.shape[0], dtype=bool)
+    held = np.zeros(closed.shape[0], dtype=bool)
     if len(held):
-        held = Projection(rows).multipliers(np.where(fixed, 0.0, slope)) > 0.0
+        held = Projection(_free(closed, ~fixed)).multipliers(np.where(fixed, 0.0, slope)) > 0.0
     for _ in range(TURNS):
-        onto = Projection(rows[held]) if held.any() else None
+        onto = Projection(_free(closed[held], ~fixed)) if held.any() else None
         way = conjugate_gradients(product, along, -along(slope), most)
-        further = ~held & (rows @ way < -TOUCHING)
-        if not further.any():
+        out, further = ~fixed & (ends * way > 0.0), ~held & (closed @ way < 0.0)
+        if not out.any() and not further.any():
             break
-        held |= further
+        fixed, held = fixed | out, held | further
     return way
 
 

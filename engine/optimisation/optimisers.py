@@ -120,8 +120,10 @@ class _Search:
 
         step = bounded_step(point.x, point.gradient, product, point.rooms, self.params.cg_iterations)
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
-        if not np.abs(step).max() > TINY or self.over:
+        if self.over:
             return None
+        if not np.abs(step).max() > TINY:
+            return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         moves = point.moves(step)
         gain = -float((here.gradient * step).sum() + 0.5 * (step * point.gauss_newton(step)).sum())
         # near buckling, clipping a step that was not solved to the end may even point uphill: a gain below zero
