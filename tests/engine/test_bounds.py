@@ -59,10 +59,11 @@ def test_projections_leave_rows_as_they_are_also_where_some_are_alike() -> None:
 
 
 def test_what_closes_is_brought_back_and_what_stays_closed_does_not_go() -> None:
-    """Three coordinates; the first two may not be more than 1 together, the third may not go beyond what no slope tells."""
+    """Three coordinates; the first two may not be more than 1 together, and the third not beyond 0.5, of which the slope is wrong."""
 
     def rooms(y: np.ndarray) -> Rooms:
-        return Rooms.of(np.array([1.0 - y[0] - y[1]]), csr_array(np.array([[-1.0, -1.0, 0.0]])))
+        slopes = csr_array(np.array([[-1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
+        return Rooms.of(np.array([1.0 - y[0] - y[1], 0.5 - y[2]]), slopes)
 
     def shut(y: np.ndarray, quads: np.ndarray | None) -> np.ndarray:
         return np.array([y[0] + y[1] >= 1.0, y[0] + y[1] >= 1.0, y[2] > 0.5])
