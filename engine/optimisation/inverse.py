@@ -27,7 +27,7 @@ from .design_space import DesignSpace
 from .factors import Factors
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
-from .terms import Apart, Bearing, Change, Excess, Term, total, turning
+from .terms import WEIGHT, Apart, Bearing, Change, Excess, Term, total, turning
 from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
 
 
@@ -183,6 +183,13 @@ class Point:
             return value
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
+
+    def weighed(self) -> Point:
+        """The same point as the start of a search, which decides what an excess of strain weighs."""
+        if self.problem.bearing is None:
+            return self
+        bearing = replace(self.problem.bearing, weight=WEIGHT * self.mismatch.value)
+        return replace(self, problem=replace(self.problem, bearing=bearing))
 
     def pressed(self) -> Point:
         """The same point, where what is still strained too much is pushed back with more force."""

@@ -23,7 +23,7 @@ from . import codesign
 from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import FARTHER, NEAR, Search, Task
-from .terms import STRICT
+from .terms import LENIENT, LOOSE, STRICT
 from .work import FIT, Work
 
 ENDS = {
@@ -148,6 +148,7 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = _starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
+    start = start.weighed()
     # now rather than at the end, where somebody who stopped it would have to wait for this
     given = points.get("given", start)
     before = task.simulated(design, given.equilibrium.pose, progress.part(0.1, 0.12))
@@ -167,7 +168,8 @@ def optimise(
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
     was = Found(before, given)
-    if found is None or not found.value < was.value:
+    strictness = LOOSE if ended == "stopped" else LENIENT
+    if found is None or not found.merit(strictness) < was.merit(strictness):
         found, ended = was, ended if ended == "stopped" else "nothing"
     return Optimisation(before, found.simulation, trace, params.method, name, found.point, ended)
 
@@ -179,15 +181,14 @@ class Found:
     simulation: Simulation
     point: Point
 
-    @property
-    def value(self) -> float:
-        """The objective of what was simulated; infinite without an equilibrium."""
+    def merit(self, strictness: float) -> float:
+        """Of what was simulated, as ``Point.merit``; infinite without an equilibrium."""
         if not self.simulation.equilibrium.converged:
             return np.inf
         mismatch = self.point.problem.target.compare(self.simulation.equilibrium.pose.centres)
         strains = self.simulation.strain
         largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
-        return self.point.merit(STRICT, mismatch, largest)
+        return self.point.merit(strictness, mismatch, largest)
 
 
 def _proved(search: Search, progress: Progress) -> Found | None:
@@ -201,9 +202,9 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         except FlexMapsError:
             continue
         found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
-        if found[-1].value <= (1.0 + SAME) * held.merit(STRICT):
+        if found[-1].merit(STRICT) <= (1.0 + SAME) * held.merit(STRICT):
             break
-    return min(found, key=lambda one: one.value, default=None)
+    return min(found, key=lambda one: one.merit(STRICT), default=None)
 
 
 def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
@@ -214,11 +215,11 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
     task, found = search.task, list[Found]()
     if search.held and search.best.value < np.inf:
         found.append(Found(task.rested(search.best.design, search.best.point), search.best.point))
-    if not found or found[0].value > (1.0 + SAME) * point.merit(STRICT):
+    if not found or found[0].merit(LOOSE) > (1.0 + SAME) * point.merit(LOOSE):
         latest = codesign.designed(point, design)
         if latest is not None:
             found.append(Found(task.rested(latest, point), point))
-    return min(found, key=lambda one: one.value)
+    return min(found, key=lambda one: one.merit(LOOSE))
 
 
 def _starts(

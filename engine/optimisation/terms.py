@@ -20,10 +20,13 @@ from .objective import Mismatch
 MARGIN = 0.02
 # of the squares of relative excesses against the mismatch. On 8 surfaces one without multipliers (1) left excesses of 1 to 30 %
 STIFF = 1.0
+# so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms
+WEIGHT = 400.0
 HOPELESS = 1.0  # the largest multiplier: a few arms that no spirals could save would else outweigh all the rest
 # By so much the logarithm of a design's merit grows with the largest relative excess: on the way, where the next steps still
 # push it back, and in the end. With the second alone, no move of flat shapes was taken that strained an arm by 1 % too much
-LENIENT, STRICT = 5.0, 50.0
+# Where somebody stops a search that has not come to hold its strains yet, what was in sight is kept
+LOOSE, LENIENT, STRICT = 0.0, 5.0, 50.0
 
 
 class Change(NamedTuple):
@@ -78,12 +81,13 @@ class Apart(Term):
 class Bearing:
     """What arms bear: strains up to a share of the material's limit, held there by an augmented Lagrangian.
 
-    pushes : (m, 2) multipliers of the limits, None at the beginning (Hestenes 1969, Powell 1969; Nocedal and Wright,
+    weight : of the squares of the excesses in the objective; pushes : (m, 2) multipliers of the limits, None at the beginning (Hestenes 1969, Powell 1969; Nocedal and Wright,
     Numerical Optimization, section 17.3)
     """
 
     material: Material
     share: float
+    weight: float = 1.0
     pushes: Float[np.ndarray, "joints 2"] | None = None
 
     @property
@@ -123,7 +127,7 @@ class Excess(Term):
 
     @property
     def _unit(self) -> float:
-        return 1.0 / self.strains.size
+        return self.bearing.weight / self.strains.size
 
     @property
     def _by_strain(self) -> float:

@@ -20,7 +20,7 @@ from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.reach import NAMES, reach
 from flexmaps.engine.optimisation.search import Task
-from flexmaps.engine.optimisation.terms import Bearing
+from flexmaps.engine.optimisation.terms import LENIENT, Bearing
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
@@ -227,7 +227,7 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     design, mesh = made()
     seen = []
     found = optimise.optimise(
-        design, mesh, VERO, OptimiseParams(iterations=6), SimulateParams(), progress=Progress(shown=seen.append)
+        design, mesh, VERO, OptimiseParams(iterations=12), SimulateParams(), progress=Progress(shown=seen.append)
     )
     block = found.report()
     assert block["laplacian_rmse_mm"] < 0.9 * block["laplacian_rmse_mm_before"]
@@ -245,13 +245,12 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
 def test_a_further_run_never_ends_worse() -> None:
     design, mesh = made("saddle")
     params = OptimiseParams(restart=False, codesign=False, stop=1e-4)
-    values = []
     for _ in range(3):
         found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
         design = found.design
-        values.append(found.point.value)
-    # equilibria are found to a tolerance
-    assert all(b <= a * (1.0 + 1e-6) for a, b in pairwise(values))
+        before, after = (optimise.Found(one, found.point).merit(LENIENT) for one in (found.before, found.after))
+        # equilibria are found to a tolerance
+        assert after <= before * (1.0 + 1e-6)
 
 
 def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
@@ -284,7 +283,9 @@ def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
 
 def test_the_end_is_told() -> None:
     design, mesh = made()
-    patient = optimise.optimise(design, mesh, VERO, OptimiseParams(iterations=1, codesign=False), SimulateParams())
+    patient = optimise.optimise(
+        design, mesh, VERO, OptimiseParams(iterations=2, codesign=False, strain_share=0.0), SimulateParams()
+    )
     assert patient.ended == "iterations"
     hasty = optimise.optimise(design, mesh, VERO, OptimiseParams(patience=0.02, codesign=False), SimulateParams())
     assert hasty.ended in ("time", "nothing") and hasty.finished
