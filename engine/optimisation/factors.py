@@ -11,7 +11,7 @@ from ..arrays import Bool
 from ..mechanics.newton_system import NewtonSystem
 
 MOST = (
-    2  # factors at a time: of the point that steps go out from, and of the one that is tried; a third saved no second
+    2  # factors at a time: of the point that steps go out from, and of the one that is tried
 )
 
 
