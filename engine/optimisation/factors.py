@@ -10,9 +10,7 @@ import numpy as np
 from ..arrays import Bool
 from ..mechanics.newton_system import NewtonSystem
 
-MOST = (
-    2  # factors at a time: of the point that steps go out from, and of the one that is tried
-)
+MOST = 2  # factors at a time: of the point that steps go out from, and of the one that is tried
 
 
 @dataclass(eq=False)
