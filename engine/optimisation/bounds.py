@@ -17,8 +17,9 @@ from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
 from ..spirals.room import Terms
 
-ROUNDS = 3  # how often a step is sought again after it has run into bounds
-TURNS = 2  # how often its direction is, after it has turned out to run into rooms that are closed already
+ROUNDS = 2  # how often a step is sought again after it has run into bounds
+TURNS = 1  # looks at where its direction leads before it is followed
+LOOK = 5  # rounds of conjugate gradients that tell what a direction would run into
 BENT = 6  # halvings of a step until the model falls along the way that is bent at the bounds
 WORTH = 0.05  # share of the model's fall that another round must bring
 CG_PRECISION = 0.1  # share of the gradient that a step may leave
@@ -146,12 +147,10 @@ def _way(
     held = np.zeros(closed.shape[0], dtype=bool)
     if len(held):
         held = Projection(_free(closed, ~fixed)).multipliers(np.where(fixed, 0.0, slope)) > 0.0
-    for _ in range(TURNS):
+    for most_now in (LOOK,) * TURNS + (most,):
         onto = Projection(_free(closed[held], ~fixed)) if held.any() else None
-        way = conjugate_gradients(product, along, -along(slope), most)
+        way = conjugate_gradients(product, along, -along(slope), min(most_now, most))
         out, further = ~fixed & (ends * way > 0.0), ~held & (closed @ way < 0.0)
-        if not out.any() and not further.any():
-            break
         fixed, held = fixed | out, held | further
     return way
 
