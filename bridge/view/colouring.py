@@ -7,7 +7,6 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
-from ...engine.spirals.spiral import anisotropy
 from ..store import attributes, equilibrium
 from .legend import Legend
 
@@ -37,6 +36,8 @@ def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
     """What is shown of an attribute's values: of the four arms of a quad their mean width, or their anisotropy in percent."""
     if kind == "WIDTH":
         return attributes.on_faces(values).mean(axis=1)
+    from ...engine.spirals.spiral import anisotropy  # scipy comes with it
+
     return 100 * anisotropy(attributes.on_faces(values)) if kind == "ANISOTROPY" else values
 
 

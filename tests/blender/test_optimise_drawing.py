@@ -34,7 +34,7 @@ def test_arms_are_drawn_where_they_are() -> None:
     quads = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
     vertices = np.c_[points, np.zeros(6)]
     width, twist = np.array([0.001, 0.002]), np.array([0.0, np.pi / 2])
-    look = engine.Look(vertices, width, twist, 0.0012, 3)
+    look = engine.Look(vertices, np.repeat(width[:, None], 4, axis=1), twist, 0.0012, 3)
     shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.003), (0.1, 0.0012)))
     for unit in (1.0, 0.001):
         found, triangles = shape.bands(unit)
