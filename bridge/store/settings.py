@@ -20,15 +20,12 @@ T = TypeVar("T")
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
 
-def _property(f: Field, were: dict[str, dict[str, Any]]) -> Any:
-    """The Blender property of one setting, which may stand for switches that were."""
+def _property(f: Field) -> Any:
+    """The Blender property of one setting."""
     meta = f.metadata
     unit = SHOWN[meta["unit"]][1]
     label = f"{meta['label']} ({unit})" if unit else meta["label"]
     common = {"name": label, "description": meta["help"]}
-    old = [name for name, instead in were.items() if f.name in instead]
-    if old:
-        common["update"] = lambda properties, context: [properties.property_unset(name) for name in old] and None
     default: Any = f.default
     if meta["choices"]:
         return EnumProperty(items=[tuple(choice) for choice in meta["choices"]], default=default, **common)
@@ -53,12 +50,11 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
     if cls not in _groups:
         hints = get_type_hints(cls)
         annotations: dict[str, Any] = {}
-        were: dict[str, dict[str, Any]] = getattr(cls, "WERE", {})
         for f in fields(cls):
             inner: type = hints[f.name]
-            annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f, were)
-        # kept for files and presets of earlier versions; changing what stands for it now turns it on again
-        for name in were:
+            annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
+        # kept for files and presets of earlier versions; read() lets what stands for it now, once set, win
+        for name in getattr(cls, "WERE", {}):
             annotations[name] = BoolProperty(default=True, options={"HIDDEN"})
         made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
         bpy.utils.register_class(made)
@@ -85,7 +81,7 @@ def read(properties: Any, cls: type[T]) -> T:
             values[f.name] = value
     for name, instead in getattr(cls, "WERE", {}).items():
         if not getattr(properties, name):
-            values |= instead
+            values |= {key: value for key, value in instead.items() if not properties.is_property_set(key)}
     return cls(**values)
 
 
