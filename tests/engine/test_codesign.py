@@ -189,7 +189,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     # it is the simulated object that is nearer, and fitting it again changes nothing
     before = simulate(fitted(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams())
     after = simulate(better, mesh, VERO, SimulateParams(), start=found.equilibrium.pose)
-    assert after.report()["laplacian_rmse_mm"] < 0.9 * before.report()["laplacian_rmse_mm"]
+    assert after.report()["laplacian_rmse_mm"] < 0.95 * before.report()["laplacian_rmse_mm"]
     assert fitted(flat, better.params, better.width, better.twist).twist == pytest.approx(better.twist, abs=1e-6)
     report = codesign.flat_report(design.flat, flat)
     assert 0.0 < report["flat_strain_median"] < 0.1
