@@ -64,3 +64,14 @@ def exponential(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     out[..., 2, 1] += x
     out[..., range(3), range(3)] += (1.0 - cosine * square)[..., None]
     return out
+
+
+def right_jacobian(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
+    """J with exp(turn + d) = exp(turn) exp(J d) to first order, of rotation vectors (..., 3); exp(J^T d) exp(turn) is the same."""
+    angle = np.linalg.norm(turn, axis=-1)[..., None, None]
+    across = skew(turn)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    once = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    twice = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
+    return np.eye(3) - once * across + twice * (across @ across)

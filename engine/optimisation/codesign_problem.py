@@ -26,7 +26,7 @@ from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .costs import Cost
 from .inverse import Point, Problem
-from .open_slots import Narrow, Opening
+from .open_slots import Closing, Opening
 from .work import GEOMETRY
 
 
@@ -224,15 +224,11 @@ class FlatPoint(Point):
         known, flat = self.problem.opening, self.problem.flat
         return None if known is None else known.moved(replace(flat.flat, points=flat.points(self.flat_x)))
 
-    @cached_property
-    def _narrow(self) -> Narrow | None:
-        closing = self._closing
-        if closing is None:
-            return None
+    def _slots_by_x(self, closing: Closing) -> csr_array:
         by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
         by_points = closing.by_flat(self._by_geometry[:, -12:], self._by_points)
         by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
-        return Narrow(closing, closing.by_pose, csr_array(hstack([by_spirals, by_flats])))
+        return csr_array(hstack([by_spirals, by_flats]))
 
     @cached_property
     def _by_points(self) -> csr_array:

@@ -28,7 +28,7 @@ from .factors import Factors
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
 from .terms import WEIGHT, Apart, Bearing, Change, Excess, Term, total, turning
-from .work import EQUILIBRIUM, ITERATION, PRODUCT, Work
+from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,6 +234,7 @@ class Point:
     def _closing(self) -> Closing | None:
         if self._opening is None or not isinstance(self.model, ArmModel):
             return None
+        self.problem.work.add(OPENING, self.problem.assembly.size)
         found = self._opening.at(self.model, self.equilibrium.pose)
         return found if len(found.found.values) else None
 
@@ -243,10 +244,11 @@ class Point:
 
     @cached_property
     def _narrow(self) -> Narrow | None:
-        closing = self._closing
-        if closing is None:
-            return None
-        return Narrow(closing, closing.by_pose, closing.by_design @ self.problem.by_coordinates(self.x))
+        return None if self._closing is None else Narrow(self._closing, self._slots_by_x)
+
+    def _slots_by_x(self, closing: Closing) -> csr_array:
+        """(K, coordinates) how widths of slots change with the coordinates where the hubs stand still."""
+        return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
     def _changes(self) -> JointChanges:

@@ -5,6 +5,7 @@ Elastic models know nothing of contact, so what they find where arms run through
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -184,12 +185,15 @@ class Closing:
 class Narrow(Term):
     """What too narrow slots cost, as a term of the objective of a point.
 
-    by_pose : (K, 6 n) of their widths by the increments of the hubs; by_x : (K, coordinates) at a fixed pose
+    slopes : (K, coordinates) of their widths by the coordinates at a fixed pose, asked for when there are derivatives
     """
 
     closing: Closing
-    by_pose: csr_array
-    by_x: csr_array
+    slopes: Callable[[Closing], csr_array]
+
+    @cached_property
+    def by_x(self) -> csr_array:
+        return self.slopes(self.closing)
 
     @property
     def value(self) -> float:
@@ -200,7 +204,7 @@ class Narrow(Term):
         return self._back(self.closing.slope)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return self._back(self.closing.curvature * (self.by_pose @ moves.ravel() + self.by_x @ change))
+        return self._back(self.closing.curvature * (self.closing.by_pose @ moves.ravel() + self.by_x @ change))
 
     def _back(self, weight: Float[np.ndarray, " k"]) -> Change:
-        return Change((weight @ self.by_pose).reshape(-1, 6), weight @ self.by_x)
+        return Change((weight @ self.closing.by_pose).reshape(-1, 6), weight @ self.by_x)

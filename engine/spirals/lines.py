@@ -43,7 +43,7 @@ class Lines:
         return cls(centre, radius, angle, wind[:, 0], width[:, 0], blends(width, wind, lean, radius, angle, shortest))
 
     def at(
-        self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]
+        self, i: Int[np.ndarray, "*arms"], t: Float[np.ndarray, "*m"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Points of the arms i at t and their first and second derivatives by t; half of the width there and its own."""
         end = self.end
@@ -93,3 +93,42 @@ class Lines:
         half[:, :NUMBERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
         half[:, OWN_WIDTH] += 0.5 * (1.0 - joint)
         return point, half
+
+    def pulled(
+        self,
+        t: Float[np.ndarray, "n m"],
+        point: Complex[np.ndarray, "n m"],
+        velocity: Complex[np.ndarray, "n m"],
+        half: Float[np.ndarray, "n m"],
+    ) -> tuple[Float[np.ndarray, "n numbers"], Float[np.ndarray, "n m"]]:
+        """Derivatives by the arms' numbers, without their centres, and by t, of what changes with all arms' points at t, seen
+        from their centres, with the derivatives of these by t and with half of the width there (``at``) as told."""
+        end, rest, i = self.end, 1.0 - t, np.arange(len(t))[:, None]
+        share, slope = end.share[:, None], end.slope[:, None]
+        _, d1, d2, _, half1, _ = self.at(i, t)
+        u = np.minimum(t / share, 1.0)
+        uu = u * u
+        value, change = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))), 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
+        again, joint = u * (-36.0 + u * (96.0 - 60.0 * u)) * u, 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
+        # turned back by the spiral's own turn: of the points and their derivatives along its spokes
+        back = np.exp(-1j * (self.angle[:, None] + self.wind[:, None] * t))
+        own, pace = back * point, back * velocity
+        wound = 1j * self.wind[:, None] * rest - 1.0
+        radial = _seen(own, rest) + _seen(pace, wound)
+        turned = self.radius[:, None] * (_seen(own, 1j * rest) + _seen(pace, 1j * wound))
+        by_slope = (point * (share * value) + velocity * change).sum(1)
+        by_share = (
+            _seen(point, slope) * (value - u * change) - _seen(velocity, slope) * (again / share) - half * half1 * u
+        )
+        out = by_slope.real[:, None] * end.slope_by.real + by_slope.imag[:, None] * end.slope_by.imag
+        out += by_share.sum(1)[:, None] * end.share_by + 0.5 * (half * joint).sum(1)[:, None] * end.width_by
+        out[:, OWN_WIDTH] += 0.5 * (half * (1.0 - joint)).sum(1)
+        out[:, RADIUS] += radial.sum(1)
+        out[:, ANGLE] += turned.sum(1)
+        out[:, OWN_WIND] += (t * turned + self.radius[:, None] * _seen(pace, 1j * rest)).sum(1)
+        return out, _seen(point, d1) + _seen(velocity, d2) + half * half1
+
+
+def _seen(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of vectors in the plane."""
+    return (np.conj(a) * b).real

@@ -10,8 +10,9 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.slot_estimate import PLACES, hub_ends
+from flexmaps.engine.mechanics.arms.slot_estimate import PLACES
 from flexmaps.engine.mechanics.arms.slots_in_space import slots_in_space
+from flexmaps.engine.mechanics.arms.tip_beams import hub_ends
 from flexmaps.engine.mechanics.arms.tip_motion import TipMotions, tip_motions
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.optimisation.open_slots import Opening
@@ -184,7 +185,7 @@ def test_the_cost_begins_smoothly_and_goes_on_straight(dome) -> None:
 def test_hubs_end_where_the_slots_of_regular_spirals_do() -> None:
     away = np.array([0.001])
     for wind in (0.0, 3.0, -3.0):
-        t = hub_ends(np.array([0.01]), np.array([wind]), away)[0] / 0.985
+        t = hub_ends(np.array([0.01]), np.array([wind]), away)[0][0] / 0.985
         # the slots' width of regular spirals at that radius, from both middles
         radius = 0.01 * (1.0 - t)
         assert 0.25 * np.pi * 0.02 / np.hypot(wind, 0.01 / radius) == pytest.approx(2.0 * away[0], rel=1e-9)

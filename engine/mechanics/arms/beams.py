@@ -71,14 +71,14 @@ def _series() -> tuple[np.ndarray, np.ndarray]:
     return series, cheb.chebder(series) * (2.0 / LARGEST_TWIST)
 
 
-def torsion_constant(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def torsion_constant(height: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
     """Saint-Venant torsion constant J of a 1 x height rectangle, and dJ/dheight (both of the shape of ``height``).
 
     J = height (1/3 - (64 height / pi^5) sum over odd k of tanh(k pi / (2 height)) / k^5), Timoshenko and Goodier; with
-    sides swapped so that the series is taken along the shorter side.
+    sides swapped so that the series is taken along the shorter side. Two terms are within 3e-4.
     """
     height = np.asarray(height, dtype=float)
-    k = 2.0 * np.arange(_TERMS) + 1.0
+    k = 2.0 * np.arange(terms) + 1.0
     flip = height > 1.0
     # for height > 1 the width is the shorter side: J(1, height) = height J'(ratio 1 / height), else height^4 J'(height)
     ratio = np.where(flip, 1.0 / height, height)

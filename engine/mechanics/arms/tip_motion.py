@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Float
 from ..assembly import Assembly, Pose
-from ..vectors import exponential, skew, times
+from ..vectors import exponential, right_jacobian, skew, times
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion
 from .sensitivity import PARAMETERS, of_spirals
@@ -67,7 +67,7 @@ class TipMotions:
             values[:, side] = times(frame, moved)
             by_pose[:, side] = frame @ share @ motion_by_pose
             # the shift is turned back by half of the turn
-            swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ _right(half))
+            swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ right_jacobian(half))
             by_pose[:, side, :3] += swing @ motion_by_pose[:, 3:]
             by_design[:, side] = of_spirals(times(frame[:, None, None], by_arms), assembly.sides).transpose(0, 3, 1, 2)
         return cls(values, by_pose, by_design)
@@ -90,14 +90,3 @@ def tip_motions(
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
     """Of the joint itself: its hubs carry it to one place at rest."""
     return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))
-
-
-def _right(turn: Float[np.ndarray, "joints 3"]) -> Float[np.ndarray, "joints 3 3"]:
-    """J with exp(turn + d) = exp(turn) exp(J d) to first order (right Jacobian of the rotations)."""
-    angle = np.linalg.norm(turn, axis=1)[:, None, None]
-    across = skew(turn)
-    small = angle < 1e-3
-    safe = np.where(small, 1.0, angle)
-    once = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    twice = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
-    return np.eye(3) - once * across + twice * (across @ across)

@@ -1,0 +1,133 @@
+"""Sections of arms that motions of their tips bend: where they stand in space, and how they change with the bent arm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Complex, Float, Int
+from ..vectors import exponential, right_jacobian, times
+from .tip_beams import BentByTips, Pair, Pull
+
+
+@dataclass(eq=False)
+class SectionPull:
+    """How numbers change with the sections of as many places: derivatives by their members."""
+
+    middle: Float[np.ndarray, "n places 3"]
+    along: Float[np.ndarray, "n places 3"]
+    across: Float[np.ndarray, "n places 3"]
+    off: Float[np.ndarray, "n places 3"]
+    half: Float[np.ndarray, "n places"]
+
+    @classmethod
+    def none(cls, like: Float[np.ndarray, "n places 3"]) -> SectionPull:
+        zero = np.zeros_like(like)
+        return cls(zero, zero, zero, zero, zero[..., 0])
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """Of arms at places t: middles in metres, unit vectors along (inwards), across and off the sheet; half width in metres, and
+    how it changes with t; how the middle (metres) and, in the plane of the flat arm, its direction (radians) change with t.
+
+    piece, share : the piece of the arm that the place lies on, and how far; rate : by which the share changes with t, 0 within
+    the hub; turn, chord : radians that it has turned by, metres from the station before it, flat; pace : flat velocity
+    bend, stretch, halfway : of the piece, and half of the turns at the station and at the place
+    """
+
+    t: Float[np.ndarray, "n places"]
+    hub: Float[np.ndarray, "n 1"]
+    middle: Float[np.ndarray, "n places 3"]
+    along: Float[np.ndarray, "n places 3"]
+    across: Float[np.ndarray, "n places 3"]
+    off: Float[np.ndarray, "n places 3"]
+    half: Float[np.ndarray, "n places"]
+    widening: Float[np.ndarray, "n places"]
+    velocity: Float[np.ndarray, "n places 3"]
+    curving: Float[np.ndarray, "n places"]
+    piece: Int[np.ndarray, "n places"]
+    share: Float[np.ndarray, "n places"]
+    rate: Float[np.ndarray, "n places"]
+    turn: Float[np.ndarray, "n places 3"]
+    chord: Float[np.ndarray, "n places 3"]
+    pace: Complex[np.ndarray, "n places"]
+    bend: Float[np.ndarray, "n places 3"]
+    stretch: Float[np.ndarray, "n places 3"]
+    halfway: Float[np.ndarray, "n places 3"]
+
+    @classmethod
+    def of(cls, field: BentByTips, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
+        beams, every = field.beams, arm[:, None]
+        pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
+        point, velocity, change, half, widening = beams.lines.at(every, t)[:5]
+        point, size = point - beams.lines.centre[every], np.abs(velocity)
+        tangent = velocity / size
+        way = np.clip(1.0 - t / hub, 0.0, 1.0) * pieces
+        piece = np.minimum(way.astype(int), pieces - 1)
+        share = (way - piece)[..., None]
+        bend, stretch, turn, shift = (
+            x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
+        )
+        # a hub's own part stays where it is
+        chord = _space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
+        halfway, whole = turn + 0.5 * share * bend, turn + share * bend
+        frame = exponential(whole)
+        rate = np.where(way > 0.0, -pieces / hub, 0.0)
+        going = _space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
+        return cls(
+            t, hub, _space(point) + shift + share * stretch + np.cross(halfway, chord),
+            times(frame, _space(tangent)), times(frame, _space(-1j * tangent)), frame[..., 2], half, widening,
+            going + np.cross(halfway, _space(velocity)), (np.conj(velocity) * change).imag / size**2,
+            piece, share[..., 0], rate, whole, chord, velocity, bend, stretch, halfway,
+        )  # fmt: skip
+
+    @property
+    def turning(self) -> Float[np.ndarray, "n places 3"]:
+        """How the vector along changes with t, to first order in the bend."""
+        return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
+
+    def by_place(self, pull: SectionPull) -> Float[np.ndarray, "n places"]:
+        """How numbers change with t."""
+        turn, aside = self._turned(pull)
+        return (
+            dot(pull.middle, self.velocity)
+            + self.rate * dot(turn, self.bend)
+            + self.curving * aside
+            + pull.half * self.widening
+        )
+
+    def pulled(self, pull: SectionPull) -> tuple[Pull, Int[np.ndarray, " n"]]:
+        """How numbers, of one place of each arm, change with the bent arms; and the pieces that the places lie on."""
+        turn, aside = self._turned(pull)
+        share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
+        within = (self.rate < 0.0)[..., None]
+        chord = Pair.of(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
+        by_share = dot(pull.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
+        rates = by_share * -self.rate * self.t / self.hub
+        spin = aside * 1j * self.pace / np.abs(self.pace) ** 2
+        vectors = (pull.middle, halfway + turn, share * (0.5 * halfway + turn), share * pull.middle)
+        shift, turns, bend, stretch = (Pair.of(x[:, 0]) for x in vectors)
+        flat = Pair.of(pull.middle).flat
+        return Pull(
+            shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
+        ), self.piece[:, 0]
+
+    def _turned(self, pull: SectionPull) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
+        """How numbers change with the turn of the sections, and with the direction of the flat arm."""
+        torque = sum(
+            np.cross(axis, by)
+            for axis, by in ((self.along, pull.along), (self.across, pull.across), (self.off, pull.off))
+        )
+        aside = dot(pull.across, self.along) - dot(pull.along, self.across)
+        return times(right_jacobian(self.turn), torque), aside
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,...i->...", a, b)
+
+
+def _space(flat: np.ndarray) -> np.ndarray:
+    """(..., 3) of complex numbers (...)."""
+    return np.stack([flat.real, flat.imag, np.zeros_like(flat.real)], axis=-1)
