@@ -254,7 +254,7 @@ class BentByTips:
         (as far as they decide how long the pieces are), by velocities, widths and ways to the tip."""
         beams, load = self.beams, self.load
         lever, along = beams.lever, beams._along
-        p, r, off, _, aside, slide, twist_by, level_by = beams._yielding
+        _, r, off, _, aside, _, twist_by, level_by = beams._yielding
         turned, stretched = beams._turned(bend), beams._stretched(stretch)
         virtual = beams.wrenches(
             Pair((off * bend.off * lever + stretched.flat).sum(1), (stretched.off - _seen(lever, turned.flat)).sum(1)),
