@@ -32,14 +32,17 @@ from .tip_beams import BentByTips, Pair, Pull, TipBeams
 
 # t on the outer arm: in four optimised pieces all 98 slots that close do so within the first sixth of its way
 PLACES = np.array([0.0, 0.05, 0.1, 0.15, 0.22, 0.3])
-STATIONS = 12  # pieces of an arm: not measured against more, 16 gave the same errors against what is measured in space
-# of the search for the facing place: with exact slopes, derivatives of a thousand places are within 3e-8 of differences
+# pieces of an arm: on three optimised surfaces, one of 150 spirals and one of 986 among them, half of the narrow places are within
+# 0.004 mm of what 48 pieces give, 99 of 100 within 0.04 mm, all within 0.06 mm
+STATIONS = 12
+# of the search for the facing place: with them 95 of 100 derivatives are within 1e-6 of differences
 ROUNDS = 3
 # sine of the tilt of two sections against each other below which it counts less and less: 0.02 mm of a sheet of 2 mm
 _TILT = 0.02
 _EITHER = 5e-5  # metres; over which the better of two ways to part two sections passes from one to the other
 PAST = 1e-4  # metres; an arm that ends this much before the place faces nothing there
-# of the search for slots that may be too narrow: pieces of an arm, stations at its outer end, and metres by which it may be wrong
+# of the rough look for slots that may be too narrow: pieces of an arm, stations at its outer end, and metres by which it may be
+# wrong. With 0.3 mm it missed one narrow place of 250, with 6 and 3 up to five of 40; like this none on those surfaces
 SCREEN, SCREENED, MARGIN = 8, 4, 4e-4
 
 
