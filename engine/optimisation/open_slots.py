@@ -26,11 +26,12 @@ from ..spirals.slots import slot_needed
 from .terms import Change, Term
 
 # Share of the smallest flat slot below which a slot in space begins to cost something. From half of it the search ended on a
-# sphere of 150 spirals at 1.03 times the error, and the deepest of its closed slots, all between different spirals, closed by 0.44 instead of 0.38 mm.
+# sphere of 150 spirals at 1.03 times the error, and the deepest of its closed slots, all between different spirals, closed by
+# 0.44 instead of 0.38 mm.
 OPEN = 1.0
 # Of slots that are too narrow against the mismatch. On that sphere 0.02 to 0.2 change neither the error, by more than 0.1 %, nor
-# how many slots end closed: none within spirals, 4 between them. On a body of 986 spirals with three holes 0.2 ends, after as much work, at 1.13 times the
-# error, with 2 closed instead of 3.
+# how many slots end closed: none within spirals, 4 between them. On a body of 986 spirals with three holes 0.2 ends, after as
+# much work, at 1.13 times the error, with 2 closed instead of 4.
 SLOT_WEIGHT = 0.05
 
 
