@@ -184,6 +184,14 @@ class SpiralParams(Params):
     slot_min: float = setting(
         0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m"
     )
+    slot_seam: float = setting(
+        0.0012,
+        "Slot at seams",
+        "Narrowest gap beside arms that meet across a cut, where they are too short for a connector to find room farther along them; no more than half of what straight arms leave",
+        low=0.0,
+        high=0.02,
+        unit="m",
+    )
     blend: float = setting(
         0.15, "Blend", "Share of an arm's end over which two neighbours merge smoothly", low=0.01, high=0.5
     )

@@ -56,7 +56,7 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
 def without(made: Connections, params: ConnectorParams) -> list[str]:
     """Warnings where joints have no connector, or ends for glue that were not asked for; faces are numbered as in Blender."""
     found, whole = [], len(made.unsolved) + len(made.connectors)
-    remedy = "make the object larger, or the thinnest part of the connectors smaller"
+    remedy = "make the object larger, the slot at seams wider, or the thinnest part of the connectors smaller"
     glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
     if glued:
         found.append(f"{len(glued)} of {whole} joints have room for ends to be glued only ({_named(glued)}): {remedy}")

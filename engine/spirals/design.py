@@ -208,7 +208,8 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
-    room = Room.of(design.flat, design.params)
+    # where connectors have no room, ends can be glued
+    room = Room.of(design.flat, replace(design.params, slot_seam=0.0))
     terms = room.terms(np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None), below=-slack)
     fits[terms.arms[:, [0, 2]] // 4] = False
     return np.flatnonzero(~(known & fits))

@@ -8,6 +8,7 @@ settings.spiral.thickness = 2.0
 settings.spiral.width_min = 1.2
 settings.spiral.width_max = 2.4
 settings.spiral.slot_min = 0.5
+settings.spiral.slot_seam = 2.5
 settings.spiral.fillet = 0.25
 settings.material.material = "pla"
 settings.connect.connector = "dovetail"

@@ -8,6 +8,7 @@ settings.spiral.thickness = 2.0
 settings.spiral.width_min = 1.0
 settings.spiral.width_max = 2.0
 settings.spiral.slot_min = 0.3
+settings.spiral.slot_seam = 1.2
 settings.spiral.fillet = 0.15
 settings.material.material = "pom"
 settings.connect.connector = "dovetail"

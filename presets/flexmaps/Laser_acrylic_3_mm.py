@@ -8,6 +8,7 @@ settings.spiral.thickness = 3.0
 settings.spiral.width_min = 1.5
 settings.spiral.width_max = 3.0
 settings.spiral.slot_min = 0.4
+settings.spiral.slot_seam = 1.8
 settings.spiral.fillet = 0.25
 settings.material.material = "acrylic"
 settings.connect.connector = "dovetail"

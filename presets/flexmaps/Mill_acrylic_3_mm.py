@@ -8,6 +8,7 @@ settings.spiral.thickness = 3.0
 settings.spiral.width_min = 2.0
 settings.spiral.width_max = 3.5
 settings.spiral.slot_min = 1.1
+settings.spiral.slot_seam = 1.8
 settings.spiral.fillet = 0.55
 settings.material.material = "acrylic"
 settings.connect.connector = "dovetail"

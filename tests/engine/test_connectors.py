@@ -88,6 +88,32 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
         assert gaps.overlap.max() == 0.0
 
 
+@pytest.mark.parametrize("share", [0.5, 0.55])
+def test_the_slot_at_seams_leaves_room_for_dovetails_beside_strongly_wound_arms(flat_grid, share):
+    """In oblong quads, whose long arms lie beside the short ones that meet across the cut."""
+    flat = flat_grid(4, 4, 0.022, move=lambda p: p * [share, 1.0], cut=lambda x, _: x == 2)
+    kinds = []
+    for slot in (0.0, SpiralParams.slot_seam):
+        made = design.uniform(flat, SpiralParams(slot_seam=slot), width=0.001, twist=6.0)
+        found = connectors.connect(made, ConnectorParams(connector="dovetail"))
+        kinds.append(found.report["connector_kinds"])
+    assert kinds == [{"tab": 4}, {"dovetail": 4}]
+    assert np.abs(fit(made, found, 0.0001).least - found.clearance).max() < 1e-6
+    # no more is unwound than has to be, and nothing elsewhere
+    plain = design.uniform(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
+    assert (made.twist > 0.75 * plain.twist).all()
+    assert ((made.twist < plain.twist) == (np.arange(16) // 4 % 3 > 0)).all()
+    # what was wound before, or by hand, can still be cut
+    assert not len(design.outside(design.SpiralDesign(flat, SpiralParams(), plain.width, plain.twist)))
+
+
+def test_small_quads_keep_their_spirals_beside_seams(flat_grid):
+    flat = flat_grid(4, 3, 0.008, cut=lambda x, _: x == 2)
+    made = design.uniform(flat, SpiralParams(), width=0.001, twist=6.0)
+    plain = design.uniform(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
+    assert (made.twist > 0.5 * plain.twist).all() and (plain.twist > 1.0).all()
+
+
 def test_fit_sees_a_wrong_gap(flat_grid):
     made = _halves(flat_grid, 0.0)
     tight = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0))
