@@ -14,7 +14,7 @@ from ..engine.params import OptimiseParams
 from .rows import choice_row, fold, more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, look, result
 
-ALWAYS = ("arms",)  # what is always in sight
+ALWAYS = ("arms", "lies")  # what is always in sight
 PLOT = 8.0  # size of the plot, in rows
 
 
@@ -89,5 +89,5 @@ def _limits(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> N
         layout,
         context.window_manager,
         "flexmaps_overlay",
-        (("REACH", "Limits"), ("WIDTH", "Width"), ("TWIST", "Twist")),
+        (("REACH", "Limits"), ("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist")),
     )

@@ -78,5 +78,5 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
         number(grid, iface_("Energy, other shape {}").format(k + 1), f"{1e3 * energy:.4g} mJ")
     if not block.get("converged"):
         number(grid, "Iterations", str(block.get("iterations")), alert=True)
-    kinds = (("DISTANCE", "Distance"), ("STRAIN_ENERGY", "Energy"), ("SAFETY", "Safety"))
+    kinds = (("DISTANCE", "Distance"), ("STRAIN_ENERGY", "Energy"), ("SAFETY", "Safety"), ("SLOT", "Slots"))
     choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)

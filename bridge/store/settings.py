@@ -42,7 +42,9 @@ def _property(f: Field) -> Any:
     if isinstance(default, int):
         return IntProperty(default=default, **{k: int(v) for k, v in bounds.items()}, **common)
     step = {"mm": 10, "\N{DEGREE SIGN}": 500}.get(unit, 1)
-    return FloatProperty(default=default * factor, precision=3, step=step, **bounds, **common)
+    # a share of something is drawn as a slider
+    subtype = "FACTOR" if (meta["low"], meta["high"]) == (0.0, 1.0) else "NONE"
+    return FloatProperty(default=default * factor, precision=3, step=step, subtype=subtype, **bounds, **common)
 
 
 def group(cls: type) -> type[bpy.types.PropertyGroup]:

@@ -22,12 +22,8 @@ from .live_shape import LIGHT, LiveShape
 EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
 SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
 NO_SEAM = -2  # of an edge that is no seam; -1 is a seam without a number
-CROSS = (
-    0.05,
-    0.05,
-    0.05,
-    1.0,
-)  # sRGB of the bars that show which way a spiral is the stiffer; read well on all of the scale
+# sRGB of the bars that show which way a spiral is the stiffer
+CROSS = (0.05, 0.05, 0.05, 1.0)
 BAR = 0.8  # of a quad, length of the longest bar; chosen by eye
 LIFT = 0.005  # in edges: the colours float above the surface, or both flicker; not measured
 
