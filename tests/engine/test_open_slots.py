@@ -195,6 +195,6 @@ def test_optimised_spirals_keep_their_slots_open() -> None:
     found = job.run(PolygonMesh.of(shapes.make("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     physics, closed = SimulateParams(), {}
     for keep in (False, True):
-        params = OptimiseParams(codesign=False, strain_share=0.0, open_slots=keep, iterations=15)
+        params = OptimiseParams(codesign=False, strain_share=0.0, open_slots=keep, iterations=30)
         closed[keep] = optimise(found.design, found.mesh, VERO, params, physics).after.slots().width.min()
     assert closed[True] > 0.0 and closed[True] > closed[False]
