@@ -146,3 +146,10 @@ def test_for_researchers(tmp_path: Path) -> None:
     lines = (tmp_path / "sweep.csv").read_text().splitlines()
     assert len(lines) == 3 and lines[0].startswith("thickness_mm")
     assert (tmp_path / "3mm" / "report.html").is_file()
+
+
+def test_four_widths(capsys: pytest.CaptureFixture[str]) -> None:
+    found = example(16)["main"](["shape:strip"], {"optimise.iterations": 2})
+    # what bends along x are the arms along x: those across hardly count
+    assert found["softer along"] > 1.3 * found["even"] and found["softer across"] < 1.1 * found["even"]
+    assert "sags by" in capsys.readouterr().out

@@ -159,6 +159,28 @@ def test_widths_that_cannot_be_name_their_face(dome: Any, value: float, button: 
     assert notes.read(dome.data)["spirals"]
 
 
+@pytest.mark.parametrize(
+    ("button", "said"), [("optimise", "spirals were changed by hand"), ("export", "spirals do not fit their quads")]
+)
+def test_a_design_whose_slots_close_names_its_faces(dome: Any, button: str, said: str, tmp_path: Any) -> None:
+    """Each number for itself could be: it is the wide arms of a strongly wound spiral that touch."""
+    dome.flexmaps.export.folder = str(tmp_path)
+    press("flatten")
+    press("spirals")
+    width, twist = (dome.data.attributes[f"flexmaps_{name}"].data for name in ("width", "twist"))
+    for loop in dome.data.polygons[7].loop_indices:
+        width[loop].value = 2.0
+    twist[7].value = 355.0
+    before = attributes.get(dome.data, "flexmaps_width"), attributes.get(dome.data, "flexmaps_twist")
+    with pytest.raises(RuntimeError, match=said):
+        press(button)
+    named = [face.index for face in dome.data.polygons if face.select]
+    assert 7 in named and len(named) <= 5  # and those beside it whose slots it closes
+    after = attributes.get(dome.data, "flexmaps_width"), attributes.get(dome.data, "flexmaps_twist")
+    assert all(np.array_equal(a, b) for a, b in zip(after, before, strict=True))
+    assert not list(tmp_path.iterdir())
+
+
 def test_overlay_of_anisotropy(dome: Any) -> None:
     press("flatten")
     made, _ = _unlike(dome)
