@@ -21,7 +21,7 @@ from ..mechanics.elastic import summed
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
-from .bounds import Rooms, Within, lowest, restored
+from .bounds import Rooms, lowest
 from .codesign_cost import FlatCost, FlatLimits
 from .codesign_geometry import by_geometry, geometry_by_points
 from .costs import Cost
@@ -111,11 +111,6 @@ class FlatProblem(Problem):
 
     flat: FlatRange
 
-    @property
-    def own(self) -> int:
-        """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
-        return self.space.each * self.assembly.size
-
     def rooms(self, x: np.ndarray) -> Rooms:
         if self.room is None:
             return Rooms.none(len(x))
@@ -125,25 +120,18 @@ class FlatProblem(Problem):
         return Rooms.of(terms.value, csr_array(hstack([by_spirals, by_points])))
 
     def _room(self, x: np.ndarray) -> Room:
-        assert self.room is not None
-        return self.room.moved(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
+        return super()._room(x).moved(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
 
     def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
-        n, flat, space = self.own, self.flat.flat, self.space
+        n = self.own
         inside = self.flat.within(x[n:].reshape(-1, 2), inner.x[n:].reshape(-1, 2))
-        x = np.concatenate([x[:n], inside.ravel()])
-        if self.room is None:
-            return x
+        return super().within(np.concatenate([x[:n], inside.ravel()]), inner)
 
-        def spread(share: np.ndarray) -> np.ndarray:
-            at_points = np.ones(len(flat.points))
-            np.minimum.at(at_points, flat.layout.flat_corners, share[:, None])
-            return np.concatenate([np.repeat(share, space.each), np.repeat(at_points, 2)])
-
-        within = Within(
-            self.rooms, lambda y, quads: self._room(y).closed(*space.design(y), quads), spread, len(space.low), n
-        )
-        return restored(x, inner.x, within)
+    def _spread(self, share: np.ndarray) -> np.ndarray:
+        flat = self.flat.flat
+        at_points = np.ones(len(flat.points))
+        np.minimum.at(at_points, flat.layout.flat_corners, share[:, None])
+        return np.concatenate([super()._spread(share), np.repeat(at_points, 2)])
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
         cost = self.flat.cost(x[self.own :].reshape(-1, 2))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Float
+from ..arrays import Bool, Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
 from ..mechanics.assembly import Assembly, Pose
@@ -29,6 +29,8 @@ from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
 from .terms import WEIGHT, Apart, Bearing, Change, Excess, Term, total, turning
 from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, Work
+
+NEARLY = 1e-3  # room, in smallest slots, below which rooms are looked at where some are closed
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,11 @@ class Problem:
         return self.shared[-1]
 
     @property
+    def own(self) -> int:
+        """How many of the coordinates are those of the spirals; those of the flat vertices follow, where these may move."""
+        return self.space.each * self.assembly.size
+
+    @property
     def joint_sum(self) -> JointSum:
         """For the change of the hubs' forces with the design."""
         if not self.sums:
@@ -95,17 +102,28 @@ class Problem:
 
     def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
         """Coordinates near to x of a design that can be cut; those of ``inner`` can."""
-        room, space = self.room, self.space
-        if room is None:
+        if self.room is None:
             return x
-        within = Within(
-            self.rooms,
-            lambda y, quads: room.closed(*space.design(y), quads),
-            lambda share: np.repeat(share, space.each),
-            len(space.low),
-            len(x),
-        )
+        within = Within(self._closing, self._shut, self._spread, self.assembly.size, self.own)
         return restored(x, inner.x, within)
+
+    def _room(self, x: np.ndarray) -> Room:
+        """What keeps designs in the flat shapes with these coordinates such that they can be cut."""
+        assert self.room is not None
+        return self.room
+
+    def _closing(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
+        """The rooms that are closed or nearly, by the spirals' coordinates; those in which some quads have a part, if given."""
+        terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads))
+        return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
+
+    def _shut(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
+        """The spirals that have a part in a closed room, likewise."""
+        return self._room(x).closed(*self.space.design(x), quads)
+
+    def _spread(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
+        """For every coordinate what is given for the spirals."""
+        return np.repeat(share, self.space.each)
 
     def at(
         self,

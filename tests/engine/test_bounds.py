@@ -61,7 +61,7 @@ def test_projections_leave_rows_as_they_are_also_where_some_are_alike() -> None:
 def test_what_closes_is_brought_back_and_what_stays_closed_does_not_go() -> None:
     """Three coordinates; the first two may not be more than 1 together, and the third not beyond 0.5, of which the slope is wrong."""
 
-    def rooms(y: np.ndarray) -> Rooms:
+    def rooms(y: np.ndarray, quads: np.ndarray | None) -> Rooms:
         slopes = csr_array(np.array([[-1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
         return Rooms.of(np.array([1.0 - y[0] - y[1], 0.5 - y[2]]), slopes)
 
