@@ -26,13 +26,14 @@ CG_PRECISION = 0.1  # share of the gradient that a step may leave
 # The same where rooms are opened. What nearly alike rows miss unlike much would else take moves that are many times as long as
 # the step: on a surface of 986 quads they took half of every step away, with this 3 to 10 %
 SOFT = 0.1
+MORE = 1.0 + SOFT  # of what is missing is asked for, which opens a room by itself at once
 RESTORED = 8  # times that a step is brought back along the slopes of the rooms that it has closed
 HALVINGS = 6  # of a spiral's own share of the step before it stays where it is
 LONGEST = 50  # rounds in which spirals are found that have to go less far
 # Added to the products of the rows of unit length, so that alike ones, of the four slots of a regular quad, do no harm
 ALIKE = 1e-6
 TOUCHING = 1e-3  # room below which a gap counts as closed by a step towards it; the same unit as of the coordinates
-LEFT = 1e-5  # room that is left where a step has been brought back, likewise
+LEFT = 5e-4  # room that is left where a step has been brought back, likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +174,7 @@ def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -
         rows = rooms.of_rows(closed)
         free = (step > low) & (step < high)
         onto = Projection(_free(rows.slope, free), SOFT)
-        step = np.clip(step + onto.least(-rows.room - rows.slope @ step), low, high)
+        step = np.clip(step + onto.least(-MORE * (rows.room + rows.slope @ step)), low, high)
     return step
 
 
@@ -231,7 +232,7 @@ def restored(
         if not closed.any():
             return x
         rows = near.of_rows(closed)
-        x[:own] = np.clip(x[:own] + Projection(rows.slope, SOFT).least(LEFT - rows.room), 0.0, 1.0)
+        x[:own] = np.clip(x[:own] + Projection(rows.slope, SOFT).least(MORE * (LEFT - rows.room)), 0.0, 1.0)
         # whatever closes now has a part in what was moved
         quads = (abs(rows.slope).sum(axis=0) > 0.0).reshape(within.spirals, -1).any(axis=1)
     share, quads, found = np.ones(within.spirals), None, x

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array, diags_array, hstack
 
-from ..arrays import Float
+from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.tip_motion import tip_motions
@@ -27,6 +27,7 @@ from .codesign_geometry import by_geometry, geometry_by_points
 from .costs import Cost
 from .inverse import Point, Problem
 from .open_slots import Closing, Opening
+from .terms import Rows
 from .work import GEOMETRY
 
 
@@ -178,6 +179,10 @@ class FlatPoint(Point):
         """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
         return self.problem.own
 
+    def eased(self, weight: float) -> FlatPoint:
+        """The same point with another weight of the barriers."""
+        return replace(self, problem=replace(self.problem, flat=replace(self.problem.flat, weight=weight)))
+
     @property
     def flat_x(self) -> Float[np.ndarray, "points 2"]:
         """Coordinates of the flat vertices."""
@@ -247,9 +252,12 @@ class FlatPoint(Point):
         """Change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
         return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2)).ravel()
 
-    def strains_by_geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-        return (self._by_geometry[:, 12:14] @ self._geometry(change))[..., 0]
-
-    def from_strains(self, weight: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " coordinates"]:
-        by_flats = self._from_geometry(weight[:, None] @ self._by_geometry[:, 12:14])
-        return np.concatenate([np.zeros(self.own), by_flats])
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
+        rows, e = super()._strain_rows(arms), arms // 2
+        by_geometry = self._by_geometry[e, 12 + arms % 2]
+        column = 6 * e[:, None] + np.arange(6)
+        start = np.arange(0, column.size + 1, 6)
+        shape = (len(arms), self._by_points.shape[0])
+        by_points = csr_array((by_geometry.ravel(), column.ravel(), start), shape=shape) @ self._by_points
+        by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
+        return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))

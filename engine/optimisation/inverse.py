@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Bool, Float
+from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
 from ..mechanics.assembly import Assembly, Pose
-from ..mechanics.elastic import ElasticModel, JointSum, summed
+from ..mechanics.elastic import ElasticModel, JointSum
 from ..mechanics.equilibrium import Equilibrium, solve
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
@@ -27,7 +27,7 @@ from .design_space import DesignSpace
 from .factors import Factors
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
-from .terms import WEIGHT, Apart, Bearing, Change, Excess, Term, total, turning
+from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, total, turning
 from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, Work
 
 NEARLY = 1e-3  # room, in smallest slots, below which rooms are looked at where some are closed
@@ -182,7 +182,7 @@ class Point:
         """What there is to say about the equilibrium."""
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
-            found.append(Excess(self.problem.bearing, self.strains.values, StrainRows(self, self.strains)))
+            found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
         return (*found, *([] if self._narrow is None else [self._narrow]))
 
     @cached_property
@@ -299,10 +299,15 @@ class Point:
         """Change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
         return -(self._back_forces @ self.system.solve(pull).ravel())
 
-    def _gathered(self, share: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Sums over the spirals of what their joints (m, 2, K), by side, contribute to their coordinates."""
-        index = self.problem.assembly.pairs[..., None] * self.problem.space.each + np.arange(share.shape[2])
-        return np.bincount(index.ravel(), share.ravel(), len(self.x))
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
+        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        found, problem = self.strains, self.problem
+        assert found is not None
+        e, side = arms // 2, arms % 2
+        pairs = problem.assembly.pairs[e]
+        hubs = _sparse(found.by_pose[e, side].reshape(-1, 2, 6), 6 * pairs, 6 * problem.assembly.size)
+        by_spirals = (found.by_design[e, side][:, :, None] @ self._slopes[e])[:, :, 0]
+        return Rows(hubs, _sparse(by_spirals, problem.space.each * pairs, problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
@@ -324,39 +329,9 @@ class Point:
         hubs, own = total(parts, len(self.problem.assembly.width), len(self.x))
         return self.adjoint(hubs) + own
 
-    def by_spirals(self, change: np.ndarray) -> Float[np.ndarray, "joints 2 5"]:
-        """(m, 2, 5) how widths and twist of the spirals of every joint change with the coordinates."""
-        own = self.problem.space.by_spiral(change)[self.problem.assembly.pairs]
-        return (self._slopes @ own[..., None])[..., 0]
 
-    def from_spirals(self, by_spirals: Float[np.ndarray, "joints 2 5"]) -> Float[np.ndarray, " coordinates"]:
-        """Its transpose."""
-        return self._gathered(np.einsum("eks,ekst->ekt", by_spirals, self._slopes))
-
-    def strains_by_geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 2"] | float:
-        """(m, 2) how the arms' strains change with the flat shapes, where these may change."""
-        return 0.0
-
-    def from_strains(self, weight: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " coordinates"] | float:
-        """Its transpose."""
-        return 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class StrainRows:
-    """The arms' strains (m, 2) at a point to first order."""
-
-    point: Point
-    found: StrainChanges
-
-    def forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-        pairs, found = self.point.problem.assembly.pairs, self.found
-        through = (found.by_pose @ moves[pairs].reshape(-1, 12, 1))[..., 0]
-        direct = np.einsum("eaks,eks->ea", found.by_design, self.point.by_spirals(change))
-        return through + direct + self.point.strains_by_geometry(change)
-
-    def backward(self, weight: np.ndarray) -> Change:
-        assembly, found = self.point.problem.assembly, self.found
-        hubs = summed((weight[:, None] @ found.by_pose)[:, 0], assembly.pairs, len(assembly.width))
-        own = self.point.from_spirals(np.einsum("ea,eaks->eks", weight, found.by_design))
-        return Change(hubs, own + self.point.from_strains(weight))
+def _sparse(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
+    """(K, columns) rows with two runs of values each, from these columns on."""
+    column = first[..., None] + np.arange(values.shape[2])
+    start = np.arange(0, column.size + 1, column[0].size if len(column) else 1)
+    return csr_array((values.ravel(), column.ravel(), start), shape=(len(values), columns))

@@ -5,13 +5,15 @@ A point sums them up, and takes the way through the equilibrium once for all of 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from ..arrays import Float
+from ..arrays import Float, Int
 from ..materials import Material
 from .objective import Mismatch
 
@@ -23,6 +25,7 @@ STIFF = 1.0
 # so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. About 1
 # on that sphere; with 1 everywhere a dome of 56 quads, seven times as far away, ended beyond its limit
 WEIGHT = 400.0
+NEAR = 0.3
 HOPELESS = 1.0  # the largest multiplier, by eye: a few arms that no spirals could save would else outweigh all the rest
 # By so much the logarithm of a design's merit grows with the largest relative excess: on the way, where the next steps still
 # push it back, and in the end. With the last alone, no move of flat shapes was taken that strained an arm by 1 % too much.
@@ -50,14 +53,23 @@ class Term(Protocol):
         """Of its Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates."""
 
 
-class Rows(Protocol):
-    """Quantities at an equilibrium to first order."""
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Derivatives of K quantities at an equilibrium.
 
-    def forward(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+    hubs : (K, 6 n) by the increments of the hubs; own : (K, coordinates) at hubs that stay
+    """
+
+    hubs: csr_array
+    own: csr_array
+
+    def forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
         """How they change with moves (n, 6) of the hubs and a change of the coordinates."""
+        return self.hubs @ moves.ravel() + self.own @ change
 
-    def backward(self, weight: np.ndarray) -> Change:
+    def backward(self, weight: Float[np.ndarray, " k"]) -> Change:
         """Its transpose."""
+        return Change((weight @ self.hubs).reshape(-1, 6), weight @ self.own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,17 +126,31 @@ class Excess(Term):
     """Strains (m, 2) beyond what arms bear, as a mean over all arms: half of the square of what pushes them back.
 
     Beyond ``HOPELESS`` it goes on in a straight line (Huber's loss).
+
+    changes : derivatives of some of the strains, by their numbers when those of both arms of one joint follow each other
     """
 
     bearing: Bearing
     strains: Float[np.ndarray, "joints 2"]
-    rows: Rows
+    changes: Callable[[np.ndarray], Rows]
 
     @cached_property
-    def _push(self) -> Float[np.ndarray, "joints 2"]:
-        """Before it is bounded from above."""
+    def _push(self) -> Float[np.ndarray, " k"]:
+        """Of the arms that are pushed back, before it is bounded from above."""
+        return self._pushes[self._felt]
+
+    @cached_property
+    def _pushes(self) -> Float[np.ndarray, " arms"]:
         known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
-        return np.maximum(known + STIFF * self.bearing.excess(self.strains), 0.0)
+        return (known + STIFF * self.bearing.excess(self.strains)).ravel()
+
+    @cached_property
+    def _felt(self) -> Int[np.ndarray, " k"]:
+        return np.flatnonzero(self._pushes > -NEAR)
+
+    @cached_property
+    def _rows(self) -> Rows:
+        return self.changes(self._felt)
 
     @property
     def _unit(self) -> float:
@@ -136,19 +162,21 @@ class Excess(Term):
 
     @property
     def value(self) -> float:
-        near = np.minimum(self._push, HOPELESS)
-        return self._unit / STIFF * float((near * (self._push - 0.5 * near)).sum())
+        push = np.maximum(self._push, 0.0)
+        near = np.minimum(push, HOPELESS)
+        return self._unit / STIFF * float((near * (push - 0.5 * near)).sum())
 
     @property
     def gradient(self) -> Change:
-        return self.rows.backward(self._unit * self._by_strain * np.minimum(self._push, HOPELESS))
+        return self._rows.backward(self._unit * self._by_strain * np.clip(self._push, 0.0, HOPELESS))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        near = np.minimum(self._push, HOPELESS)
         # the curvature of the parabola with the same slope: so Gauss-Newton steps go down
-        share = np.divide(near, self._push, out=np.zeros_like(near), where=self._push > 0.0)
+        share = np.where(
+            self._push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(self._push, HOPELESS)), 1.0 + self._push / NEAR
+        )
         curvature = self._unit * STIFF * self._by_strain**2 * share
-        return self.rows.backward(curvature * self.rows.forward(moves, change))
+        return self._rows.backward(curvature * self._rows.forward(moves, change))
 
 
 def turning(weight: float, moves: np.ndarray) -> Change:

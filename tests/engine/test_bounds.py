@@ -37,7 +37,7 @@ def test_a_step_keeps_the_bounds_and_comes_near_to_the_best_one(seed: int) -> No
     assert (rooms.room + rooms.slope @ step > -0.02).mean() > 0.9
     value = float(gradient @ step + 0.5 * step @ hessian @ step)
     # a few rounds do not find every bound that counts in the end, the outer iteration does
-    assert value < 0.5 * solved(x, gradient, hessian, rooms) < 0.0
+    assert value < 0.4 * solved(x, gradient, hessian, rooms) < 0.0
 
 
 def test_without_bounds_in_the_way_it_is_newton_s_step() -> None:
