@@ -477,7 +477,7 @@ class OptimiseParams(Params):
     )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
     cg_iterations: int = setting(
-        20, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
+        60, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
     )
     restart: bool = setting(
         True,

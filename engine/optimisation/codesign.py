@@ -26,8 +26,9 @@ from .optimisers import INNER_ITERATIONS, Accepted, Trace
 
 SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
+PRESSES, GAIN = 3, 0.03
 MOVING = "Flat shapes"
-WEIGHT = 0.05  # of the barriers, as a share of the mismatch at the start
+WEIGHT = 0.5  # of the barriers, as a share of the mismatch at the start
 
 
 def refine(
@@ -55,8 +56,12 @@ def refine(
     flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    found = method(whole, here, params, trace, accepted, progress)
-    assert isinstance(found, FlatPoint)
+    for k in range(PRESSES):
+        found = method(here.problem, here, params, trace, accepted, progress.part(k / PRESSES, (k + 1) / PRESSES))
+        assert isinstance(found, FlatPoint)
+        if problem.work.over or not found.value < (1.0 - GAIN) * here.value:
+            break
+        here = found.pressed().eased(WEIGHT * found.mismatch.value)
     return found
 
 

@@ -34,7 +34,7 @@ from .inverse import Point, Problem
 from .objective import Target
 from .open_slots import Opening
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
-from .terms import LENIENT, STRICT, Bearing
+from .terms import STRICT, Bearing
 from .work import CURVING, SPACE, Work
 
 Stage = Callable[["Held", Progress], "Held"]
@@ -42,12 +42,13 @@ GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # of arms with one width, by the s
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 TOLERANCE = 1e-6  # of the equilibria on the way, where the settings ask for a finer one; not measured
 ALIKE = 1e-6  # relative differences of lengths, and radians
-FLAT_STEPS, FLAT_STOP = 20, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
-FLATS, FLAT_GAIN = 3, 0.1  # how often at the most, and the share of the objective that another time must promise
+FLAT_STEPS, FLAT_STOP = 8, 5e-3  # with the flat shapes: half of the time, and nearly all of the gain
+FIRST_STOP = 0.03
+FLATS, FLAT_GAIN = 3, 0.03  # how often at the most, and the share of the objective that another time must promise
 # shares of the way that are tried where a patch has come to overlap itself, or the piece to lie too far away
 BACK = 0.5, 0.2
 POLISH_STEPS, POLISHES, GAIN = 8, 6, 0.01  # of the spirals alone afterwards, and how often, as above
-ALONE, WITH_FLATS = 0.3, 0.8  # shares of the time by which these stages are over
+ALONE, WITH_FLATS = 0.4, 0.8  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
 NEAR, FARTHER = 0.2, 1.1
@@ -132,9 +133,18 @@ class Held:
     farthest: float
 
     @property
+    def sound(self) -> bool:
+        """Whether it is in equilibrium, and the piece does not lie too far away."""
+        return self.point.equilibrium.converged and self.point.distance <= self.farthest
+
+    @property
     def value(self) -> float:
-        """To compare designs on the way; infinite without an equilibrium, and where the piece has come to lie too far away."""
-        return self.merit(LENIENT)
+        """The objective, to compare designs on the way, whose strains weigh alike; infinite where they are not sound."""
+        return self.point.value if self.sound else np.inf
+
+    def pressed(self) -> Held:
+        """The same where strains push back as they ask for by now."""
+        return replace(self, point=self.point.pressed())
 
     @property
     def strained(self) -> bool:
@@ -143,9 +153,8 @@ class Held:
         return bearing is not None and strains is not None and bool(strains.values.max() > bearing.limit)
 
     def merit(self, strictness: float) -> float:
-        """The same; ``STRICT`` for results."""
-        sound = self.point.equilibrium.converged and self.point.distance <= self.farthest
-        return self.point.merit(strictness) if sound else np.inf
+        """To compare results, as ``Point.merit``; infinite likewise."""
+        return self.point.merit(strictness) if self.sound else np.inf
 
 
 @dataclass(eq=False)
@@ -173,7 +182,8 @@ class Search:
         codesigned = params.codesign and isinstance(start.model, ArmModel)
         here = self.hold(design, start)
         work.share = ALONE if codesigned else WITH_FLATS
-        other = self.improved(here, params, progress.part(0.0, 0.3 if codesigned else 0.8))
+        first = replace(params, stop=max(params.stop, FIRST_STOP)) if codesigned else params
+        other = self.improved(here, first, progress.part(0.0, 0.3 if codesigned else 0.8))
         ended = self.trace.ended
         here = other if other.value < here.value else here
         work.share = WITH_FLATS
@@ -194,18 +204,19 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            found = step(here, progress.part(k / most, (k + 1) / most))
-            if not found.value < here.value:
+            start = here.pressed()
+            found = step(start, progress.part(k / most, (k + 1) / most))
+            if not found.value < start.value:
                 break
-            here, last = found, here.value
-            if not (here.value < (1.0 - gain) * last or here.strained):
+            here = found
+            if not (here.value < (1.0 - gain) * start.value or here.strained):
                 break
         return here
 
     def polished(self, here: Held, progress: Progress) -> Held:
         """A few more steps of the spirals alone."""
         short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
-        return self.improved(replace(here, point=here.point.pressed()), short, progress)
+        return self.improved(here, short, progress)
 
     def improved(self, here: Held, params: OptimiseParams, progress: Progress) -> Held:
         """The best spirals near to a design."""
@@ -215,7 +226,7 @@ class Search:
 
     def moved(self, here: Held, progress: Progress) -> Held:
         """The best spirals and flat shapes near to a design."""
-        params, start = self.task.params, here.point.pressed()
+        params, start = self.task.params, here.point
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method, part = METHODS[params.method], progress.part(0.0, 0.9)
         found = codesign.refine(

@@ -24,7 +24,7 @@ MARGIN = 0.02
 STIFF = 1.0
 # so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. About 1
 # on that sphere; with 1 everywhere a dome of 56 quads, seven times as far away, ended beyond its limit
-WEIGHT = 400.0
+WEIGHT = 100.0
 NEAR = 0.3
 HOPELESS = 1.0  # the largest multiplier, by eye: a few arms that no spirals could save would else outweigh all the rest
 # By so much the logarithm of a design's merit grows with the largest relative excess: on the way, where the next steps still
