@@ -452,7 +452,7 @@ class OptimiseParams(Params):
         ),
     )
     lies: float = setting(
-        0.3,
+        0.2,
         "Bends or lies alike",
         "What shall be alike: 0 compares how the surface bends, which keeps small features, 1 where it lies; in between, both",
         low=0.0,

@@ -22,14 +22,16 @@ from .objective import Mismatch
 MARGIN = 0.02
 # of the squares of relative excesses. With 5 the first stage on a sphere of 150 spirals came to its last step half as far on
 STIFF = 1.0
-# so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. About 1
-# on that sphere; with 1 everywhere a dome of 56 quads, seven times as far away, ended beyond its limit
+# so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. On a
+# surface of 986 quads the error ended at 0.33 mm with 400, 0.28 with 100 and with 30, where the limit was not kept any more
 WEIGHT = 100.0
+# Excess below the limit from which on arms damp steps, which would else strain many of them beyond it at once. On that surface
+# 3 of 32 steps were refused instead of 11, and the error ended at 0.24 mm instead of 0.27; with 1.0 at 0.26
 NEAR = 0.3
 HOPELESS = 1.0  # the largest multiplier, by eye: a few arms that no spirals could save would else outweigh all the rest
-# By so much the logarithm of a design's merit grows with the largest relative excess: on the way, where the next steps still
-# push it back, and in the end. With the last alone, no move of flat shapes was taken that strained an arm by 1 % too much.
-# Where somebody stops a search that has not come to hold its strains yet, what was in sight is kept
+# By so much the logarithm of a design's merit grows with the largest relative excess: where somebody stops a search that has not
+# come to hold its strains yet, and what was in sight is kept; where a result is compared with the design that was given; and
+# among results
 LOOSE, LENIENT, STRICT = 0.0, 5.0, 50.0
 
 
