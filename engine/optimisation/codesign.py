@@ -64,10 +64,12 @@ def refine(
     for k in range(PRESSES):
         found = method(here.problem, here, params, trace, accepted, progress.part(k / PRESSES, (k + 1) / PRESSES))
         assert isinstance(found, FlatPoint)
-        if problem.work.over or not found.value < (1.0 - GAIN) * here.value:
+        gained = found.value < (1.0 - GAIN) * here.value
+        here = found
+        if problem.work.over or not gained:
             break
-        here = found.pressed().eased(WEIGHT * found.mismatch.value)
-    return found
+        here = here.pressed().eased(WEIGHT * here.mismatch.value)
+    return here
 
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -209,7 +209,7 @@ class Point:
         bearing = replace(self.problem.bearing, weight=WEIGHT * self.mismatch.value)
         return replace(self, problem=replace(self.problem, bearing=bearing))
 
-    def pressed(self) -> Point:
+    def pressed(self) -> Self:
         """The same point, where what is still strained too much is pushed back with more force."""
         bearing = self.problem.bearing
         if self.strains is None or bearing is None:

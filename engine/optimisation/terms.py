@@ -32,7 +32,7 @@ HOPELESS = 1.0  # the largest multiplier, by eye: a few arms that no spirals cou
 # By so much the logarithm of a design's merit grows with the largest relative excess: where somebody stops a search that has not
 # come to hold its strains yet, and what was in sight is kept; where a result is compared with the design that was given; and
 # among results
-LOOSE, LENIENT, STRICT = 0.0, 5.0, 50.0
+LOOSE, LENIENT, STRICT = 0.0, 5.0, 20.0
 
 
 class Change(NamedTuple):
