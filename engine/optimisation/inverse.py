@@ -195,7 +195,9 @@ class Point:
 
         With another mismatch and another largest strain: of the same design, simulated.
         """
-        value = (found or self.mismatch).value + sum(cost.value for cost in self.costs)
+        # barriers keep the way within its bounds and say nothing of where it has come to
+        costs = Problem.costs(self.problem, self.x)
+        value = (found or self.mismatch).value + sum(cost.value for cost in costs)
         value += 0.0 if self._closing is None else self._closing.value
         if self.strains is None or self.problem.bearing is None:
             return value

@@ -49,7 +49,11 @@ FLAT_STEPS, FLAT_STOP = 8, 5e-3  # with the flat shapes, until strains and barri
 FLATS, FLAT_GAIN = 3, 0.03  # how often at the most, and the share of the objective that another time must promise
 # shares of the way that are tried where a patch has come to overlap itself, or the piece to lie too far away
 BACK = 0.5, 0.2
-POLISH_STEPS, POLISHES, GAIN = 4, 12, 0.01  # of the spirals alone afterwards, between two pushes, and how often, as above
+POLISH_STEPS, POLISHES, GAIN = (
+    4,
+    12,
+    0.01,
+)  # of the spirals alone afterwards, between two pushes, and how often, as above
 ALONE, WITH_FLATS = 0.4, 0.8  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.

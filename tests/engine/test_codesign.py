@@ -181,7 +181,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     points: list[FlatPoint] = []
     found = codesign.refine(alone, spirals, design, params, gauss_newton, trace, points.append)
     assert points[-1] is found and len(points) == len(trace.rows)
-    assert found.value < 0.9 * spirals.value and found.mismatch.rmse < spirals.mismatch.rmse
+    assert found.mismatch.value < 0.9 * spirals.mismatch.value and found.mismatch.rmse < spirals.mismatch.rmse
     better = codesign.designed(found, design)
     flat = better.flat
     assert flat.energy.max() < LIMIT and seam_mismatch(flat).max() < max(SEAM, 1.02 * seam_mismatch(design.flat).max())
