@@ -54,6 +54,7 @@ FILLET_REACH = 0.55
 # cut among them
 POINTS = 8
 ROOT_POINTS = 3  # over the way between both roots: within 4e-6 of 8 in all of them
+STEP = 3e-5  # of the differences by the shapes, in radii and radians: what cutting off and rounding cost is alike
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 
 
@@ -87,20 +88,19 @@ class CutArms:
     share_by: Float[np.ndarray, "n 4"]
 
     @classmethod
-    def of(cls, assembly: Assembly) -> CutArms:
-        """Both arms of every joint, one joint after the other."""
+    def of(cls, assembly: Assembly, shape: Float[np.ndarray, "n 3"] | None = None) -> CutArms:
+        """Both arms of every joint, one joint after the other; of these shapes instead of their own (see ``shapes``)."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
-        radius, cut = assembly.radius.ravel(), assembly.cut
+        shape, cut = shapes(assembly) if shape is None else shape, assembly.cut
+        radius, leans = shape[:, 0], shape[:, 1:]
         known = (radius, width.ravel(), twist.ravel(), beside.ravel())
         if cut is None:
             n, none = len(radius), np.zeros((len(radius), 4))
             pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
             return cls(*known, np.zeros(n), np.zeros(n), *pure)
-        out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
-        lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
-        widths, twists, leans = (np.stack([v, v[:, ::-1]], axis=-1).reshape(-1, 2) for v in (width, twist, lean))
+        widths, twists = (_with_mates(v) for v in (width, twist))
         end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
         slope_by, joint_by, share_by = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
@@ -116,6 +116,37 @@ class CutArms:
         own = HUB * self.width / self.radius
         moved = HUB * self.beside + FILLET_REACH * self.fillet
         return np.minimum(own, LAST_ROOT), np.minimum(moved / self.radius, LAST_ROOT)
+
+
+def shapes(assembly: Assembly) -> Float[np.ndarray, "n 3"]:
+    """(2 m, 3) what the rest geometry gives to both arms of every joint: radius (metres), own lean and that of the arm beyond
+    the joint (radians, in the sense of the spirals, see ``spirals.blends``)."""
+    out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
+    lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
+    return np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
+
+
+def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:
+    """(2 m, 2) of both arms of every joint, and of those beyond it."""
+    return np.stack([values, values[:, ::-1]], axis=-1).reshape(-1, 2)
+
+
+def by_shapes(
+    assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
+) -> Float[np.ndarray, "n 3 6 6"]:
+    """Central differences of what both arms of every joint are more compliant than the table's, by their ``shapes``."""
+    shape, parts = shapes(assembly), []
+    for k in range(3):
+        step = STEP * shape[:, 0] if k == 0 else np.full(len(shape), STEP)
+        found = []
+        for sign in (1.0, -1.0):
+            moved = shape.copy()
+            moved[:, k] += sign * step
+            arms = CutArms.of(assembly, moved)
+            more = more_compliant(arms, assembly.thickness, material, slopes=False)[0]
+            found.append(more * believable(arms, table, more)[:, None, None])
+        parts.append((found[0] - found[1]) / (2.0 * step[:, None, None]))
+    return np.stack(parts, axis=1)
 
 
 def more_compliant(

@@ -25,7 +25,7 @@ from ..elastic import Expansion, summed
 from ..vectors import skew, times
 from . import stiffness
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
-from .cut import TWIST, WIDTH, CutArms, believable, more_compliant
+from .cut import TWIST, WIDTH, CutArms, believable, by_shapes, more_compliant, shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
@@ -53,13 +53,12 @@ class ArmCompliances:
     table_by_scale: Float[np.ndarray, "joints 2 6 6"]
     by: Float[np.ndarray, "joints 2 numbers 6 6"]
 
-    def varied(self, before: Assembly, after: Assembly, material: Material) -> ArmCompliances:
-        """On a rest geometry that differs a little: the table's to first order. The derivatives stay as they are."""
-        table = self.table + 2.0 * (after.radius - before.radius)[..., None, None] * self.table_by_scale
-        arms = CutArms.of(after)
-        added, flat = more_compliant(arms, after.thickness, material, slopes=False)[0], table.reshape(-1, 6, 6)
-        added = added * believable(arms, flat, added)[:, None, None]
-        return replace(self, table=table, values=table + added.reshape(table.shape))
+    def varied(self, change: Float[np.ndarray, "n 3"], by_shapes: Float[np.ndarray, "n 3 6 6"]) -> ArmCompliances:
+        """To first order where the shapes of the arms change, of which ``by_shapes`` is what the cut adds; see ``cut``."""
+        shape = self.table.shape
+        table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
+        added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
+        return replace(self, table=table, values=self.values + (table - self.table) + added)
 
     def part(self, joints: np.ndarray) -> ArmCompliances:
         return ArmCompliances(*(getattr(self, one.name)[joints] for one in fields(self)))
@@ -104,9 +103,14 @@ class ArmModel:
 
         The strains' second order stays as it is at the joints.
         """
-        compliance = self.compliance.varied(self.assembly, assembly, self.material)
+        change = shapes(assembly) - shapes(self.assembly)
+        compliance = self.compliance.varied(change, self._by_shapes) if change.any() else self.compliance
         found = self._with(assembly, compliance, _bends(self.assembly), self.material, False)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
+
+    @cached_property
+    def _by_shapes(self) -> Float[np.ndarray, "n 3 6 6"]:
+        return by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material)
 
     @cached_property
     def curving_at_joint(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
