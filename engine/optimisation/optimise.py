@@ -146,7 +146,7 @@ def optimise(
         )
     task = Task(target, material, params, physics, supports, force, Work.of(len(design.width), params.patience))
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = _starts(problem, design, target, params, progress.part(0.0, 0.1))
+    points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
     start = start.weighed()
     # now rather than at the end, where somebody who stopped it would have to wait for this
@@ -222,7 +222,7 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
     return min(found, key=lambda one: one.merit(LOOSE))
 
 
-def _starts(
+def starts(
     problem: Problem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, Point]:
     """The starts that have an equilibrium, by name; only the given design if it is to be improved further.

@@ -1,0 +1,96 @@
+"""Whether every design that a search for spirals comes through can be cut, on the surfaces of the zoo.
+
+python3 tools/dev.py bench cuttable [--only PATTERNS] [--most SPIRALS] [--patience P] [--json FILE]
+
+Of every surface five of the steps are drawn, at random and the last one among them, and their panels judged by shapely: outlines
+that do not touch themselves, slots that do not close and arms that do not part where a cutter as wide as the smallest slot,
+or the thinnest arm, is run along them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+from pathlib import Path
+
+import numpy as np
+import shapely
+import zoo
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.optimisation import codesign, optimise
+from flexmaps.engine.optimisation.inverse import Point
+from flexmaps.engine.optimisation.optimisers import Trace
+from flexmaps.engine.optimisation.search import FARTHER, Search, Task
+from flexmaps.engine.optimisation.work import Work
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.progress import SILENT
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.threads import one_thread
+from rows import Row, Table, at_most, row
+
+STEPS = 5  # of every search
+TRUE = 1e-6  # metres that the drawn lines may be off the arcs
+MOST = 0.98  # of the smallest slot and of the thinnest arm that the cutter is wide
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench cuttable")
+    parser.add_argument("--only", default="*", help="patterns of names, with commas")
+    parser.add_argument("--most", type=int, default=400, help="largest number of spirals")
+    parser.add_argument("--patience", type=float, default=0.3)
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    table = Table(32)
+    for name, surface in zoo.SURFACES.items():
+        asked = any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(","))
+        if asked and not surface.refused and surface.remesh is None:
+            try:
+                found = job.run(
+                    surface.polygons(), Settings(), edge=0.02, supports=surface.supports, stop_after="spirals"
+                )
+                if len(found.mesh.quads) <= options.most:
+                    table.add(*measure(name, found, options.patience))
+            except FlexMapsError as error:
+                table.add(row(name, "refused", "", str(error)[:80], None))
+    table.finish(options.json)
+    return 0
+
+
+@one_thread
+def measure(name: str, found: job.Result, patience: float) -> list[Row]:
+    """Searches with the usual settings, and counts what cannot be cut."""
+    design, params = found.design, OptimiseParams(patience=patience)
+    assert design is not None
+    task = Task(
+        found.mesh,
+        Settings().material.chosen,
+        params,
+        SimulateParams(),
+        found.supports,
+        None,
+        Work.of(len(design.twist), patience),
+    )
+    problem, points = task.problem(design), list[Point]()
+    starts = optimise.starts(problem, design, found.mesh, params, SILENT)
+    start = min(starts.values(), key=lambda point: point.value).weighed()
+    Search(task, Trace(), points.append, FARTHER * start.distance, design.flat).run(start, design, SILENT)
+    rng = np.random.default_rng(len(points))
+    chosen = (
+        {len(points) - 1, *rng.choice(len(points), min(STEPS - 1, len(points)), replace=False)} if points else set()
+    )
+    designs = [codesign.designed(points[k], design) for k in sorted(chosen)]
+    faults = [0 if made is None else uncuttable(made) for made in designs]
+    return [at_most(name, "panels that cannot be cut", 0, sum(faults), {"steps": f"{len(designs)} of {len(points)}"})]
+
+
+def uncuttable(design: SpiralDesign) -> int:
+    """How many panels touch themselves, close a slot or part an arm for a cutter a little thinner than these."""
+    slot, arm = design.params.slot_min, float(design.width.min())
+    count = 0
+    for outline in design.outlines():
+        panel = shapely.Polygon(outline.outer.sampled(TRUE), [hole.sampled(TRUE) for hole in outline.holes])
+        whole = panel.is_valid and len(panel.buffer(0.5 * MOST * slot).interiors) == len(outline.holes)
+        count += not (whole and panel.buffer(-0.5 * MOST * arm).geom_type == "Polygon")
+    return count
