@@ -190,8 +190,8 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of their strains where these count, and of
-        their tips' motions (12) where slots close."""
+        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of the parts of their strains (12) where these
+        count, and of their tips' motions (12) where slots close."""
         bearing = None if self.strains is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
         # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
@@ -202,7 +202,7 @@ class FlatPoint(Point):
             state = model.start(pose)
             found = [model.joint_gradients(state)]
             if bearing is not None:
-                found.append(model.strains(state, bearing.material, signs))
+                found.append(model.strains(state, bearing.material, signs).reshape(-1, 12))
             if self._closing is not None:
                 tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
                 found.append(tips.reshape(-1, 12))
@@ -254,10 +254,11 @@ class FlatPoint(Point):
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         rows, e = super()._strain_rows(arms), arms // 2
-        by_geometry = self._by_geometry[e, 12 + arms % 2]
-        column = 6 * e[:, None] + np.arange(6)
+        parts = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
+        by_geometry = self._by_geometry[e[:, None], parts]
+        column = np.repeat(6 * e[:, None] + np.arange(6), 6, axis=0)
         start = np.arange(0, column.size + 1, 6)
-        shape = (len(arms), self._by_points.shape[0])
+        shape = (len(column), self._by_points.shape[0])
         by_points = csr_array((by_geometry.ravel(), column.ravel(), start), shape=shape) @ self._by_points
         by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
         return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))

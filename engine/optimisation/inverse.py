@@ -182,7 +182,7 @@ class Point:
         """What there is to say about the equilibrium."""
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
-            found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
+            found.append(Excess(self.problem.bearing, self.strains.parts, self._strain_rows))
         return (*found, *([] if self._narrow is None else [self._narrow]))
 
     @cached_property
@@ -216,8 +216,7 @@ class Point:
         bearing = self.problem.bearing
         if self.strains is None or bearing is None:
             return self
-        pushes = bearing.pushed(self.strains.values)
-        return replace(self, problem=replace(self.problem, bearing=replace(bearing, pushes=pushes)))
+        return replace(self, problem=replace(self.problem, bearing=bearing.pressed(self.strains.values)))
 
     @cached_property
     def distance(self) -> float:
@@ -302,13 +301,14 @@ class Point:
         return -(self._back_forces @ self.system.solve(pull).ravel())
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        """Derivatives of the six parts of the strains of some arms, 2 e + side of the joint e."""
         found, problem = self.strains, self.problem
         assert found is not None
         e, side = arms // 2, arms % 2
-        pairs = problem.assembly.pairs[e]
+        pairs = np.repeat(problem.assembly.pairs[e], 6, axis=0)
         hubs = _sparse(found.by_pose[e, side].reshape(-1, 2, 6), 6 * pairs, 6 * problem.assembly.size)
-        by_spirals = (found.by_design[e, side][:, :, None] @ self._slopes[e])[:, :, 0]
+        by_spirals = found.by_design[e, side].transpose(0, 2, 1, 3) @ self._slopes[e]
+        by_spirals = by_spirals.transpose(0, 2, 1, 3).reshape(len(pairs), 2, problem.space.each)
         return Rows(hubs, _sparse(by_spirals, problem.space.each * pairs, problem.own))
 
     @cached_property

@@ -22,7 +22,7 @@ from ..threads import one_thread
 from . import codesign
 from .inverse import Point, Problem
 from .optimisers import Trace
-from .search import FARTHER, NEAR, Search, Task
+from .search import FARTHER, NEAR, Held, Search, Task
 from .terms import LENIENT, LOOSE, STRICT
 from .work import FIT, Work
 
@@ -194,7 +194,9 @@ class Found:
 def _proved(search: Search, progress: Progress) -> Found | None:
     """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
     found: list[Found] = []
-    for held in sorted(search.held, key=lambda one: one.merit(STRICT))[:TRIES]:
+    # a search whose time was over before its strains were down goes on from here when somebody asks for more
+    strictness = LENIENT if search.trace.ended == "time" else STRICT
+    for held in _unlike(search.held, strictness)[:TRIES]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
@@ -202,9 +204,18 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         except FlexMapsError:
             continue
         found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
-        if found[-1].merit(STRICT) <= (1.0 + SAME) * held.merit(STRICT):
+        if found[-1].merit(strictness) <= (1.0 + SAME) * held.merit(strictness):
             break
-    return min(found, key=lambda one: one.merit(STRICT), default=None)
+    return min(found, key=lambda one: one.merit(strictness), default=None)
+
+
+def _unlike(held: list[Held], strictness: float) -> list[Held]:
+    """The designs, the best first, without those nearly as good as the one before: where that loses its shape they do too."""
+    unlike: list[Held] = []
+    for one in sorted(held, key=lambda one: one.merit(strictness)):
+        if not unlike or one.merit(strictness) > (1.0 + SAME) * unlike[-1].merit(strictness):
+            unlike.append(one)
+    return unlike
 
 
 def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:

@@ -75,7 +75,7 @@ class Simulation:
         if not isinstance(self.model, ArmModel):
             return None
         found = (
-            self.model.strains(self.model.start(self.equilibrium.pose), self.material).max(axis=1)
+            self.model.strains(self.model.start(self.equilibrium.pose), self.material).sum(axis=2).max(axis=1)
             / self.material.strain_limit
         )
         worst = np.zeros(self.assembly.size)

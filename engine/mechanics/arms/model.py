@@ -196,9 +196,10 @@ class ArmModel:
 
     def strains(
         self, state: ArmState, material: Material, signs: np.ndarray | None = None
-    ) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) peak strain of both arms of every joint, a safe estimate; signs (m, 2, 6): see ``peak_strain``."""
-        return arm_strains(self.assembly, self.wrenches(state), material, signs).values.reshape(-1, 2)
+    ) -> Float[np.ndarray, "joints 2 6"]:
+        """(m, 2, 6) what wrenches add to the peak strain of both arms of every joint; signs (m, 2, 6): see ``peak_strain``."""
+        found = arm_strains(self.assembly, self.wrenches(state), material, signs)
+        return found.parts.reshape(-1, 2, 6)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly

@@ -12,15 +12,19 @@ from .stiffness import SCALE_RANGE, Table, interpolate, lengths_and_twists, load
 
 @dataclass(frozen=True, eq=False)
 class PeakStrain:
-    """Peak strains of n arms and their derivatives.
+    """Peak strains of n arms, which the six components of a wrench add up to, and the derivatives of these shares.
 
-    values : (n,); by_wrench : (n, 6) per N and N m; by_width : (n,) per metre, by_twist : (n,) per radian
+    parts : (n, 6); by_wrench : (n, 6) each by its component, per N and N m; by_width : (n, 6) per metre, by_twist : (n, 6) per radian
     """
 
-    values: Float[np.ndarray, " arms"]
+    parts: Float[np.ndarray, "arms 6"]
     by_wrench: Float[np.ndarray, "arms 6"]
-    by_width: Float[np.ndarray, " arms"]
-    by_twist: Float[np.ndarray, " arms"]
+    by_width: Float[np.ndarray, "arms 6"]
+    by_twist: Float[np.ndarray, "arms 6"]
+
+    @property
+    def values(self) -> Float[np.ndarray, " arms"]:
+        return self.parts.sum(axis=1)
 
 
 def peak_strain(
@@ -52,12 +56,7 @@ def peak_strain(
     signs = np.sign(wrench) if signs is None else signs
     size = (signs * wrench).T * unit
     by_width = slopes[1] - np.where(stub, 0.0, slopes[0]) - power
-    return PeakStrain(
-        size.sum(axis=0),
-        signs * unit.T,
-        (size * by_width).sum(axis=0) / width,
-        (size * slopes[2]).sum(axis=0),
-    )
+    return PeakStrain(size.T, signs * unit.T, (size * by_width / width).T, (size * slopes[2]).T)
 
 
 def log_strains(

@@ -106,13 +106,17 @@ class JointChanges:
 class StrainChanges:
     """Peak strains of both arms of m joints, a safe estimate (see ``peak_strain``), with derivatives.
 
-    values : (m, 2); by_pose : (m, 2, 12) by the increments of both hubs
-    by_design : (m, 2, 2, 5) of an arm (first) by the widths and the twist (last) of the spirals on both sides (second)
+    parts : (m, 2, 6) that the components of the wrenches add; by_pose : (m, 2, 6, 12) by the increments of both hubs
+    by_design : (m, 2, 6, 2, 5) by the widths and the twist (last) of the spirals on both sides
     """
 
-    values: Float[np.ndarray, "joints 2"]
-    by_pose: Float[np.ndarray, "joints 2 12"]
-    by_design: Float[np.ndarray, "joints 2 2 5"]
+    parts: Float[np.ndarray, "joints 2 6"]
+    by_pose: Float[np.ndarray, "joints 2 6 12"]
+    by_design: Float[np.ndarray, "joints 2 6 2 5"]
+
+    @property
+    def values(self) -> Float[np.ndarray, "joints 2"]:
+        return self.parts.sum(axis=2)
 
     @classmethod
     def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
@@ -120,14 +124,15 @@ class StrainChanges:
         axes, m = assembly.arm_axes, len(assembly.pairs)
         found = arm_strains(assembly, changes.wrench, material)
         # per unit of the joint's wrench
-        by_wrench = (axes @ found.by_wrench.reshape(m, 2, 6, 1))[..., 0]
-        through = by_wrench @ changes.wrench_by_design.reshape(m, -1, 6).transpose(0, 2, 1)
-        by_design = through.reshape(m, 2, 2, PARAMETERS)
+        by_wrench = found.by_wrench.reshape(m, 2, 6, 1) * np.swapaxes(axes, 2, 3)
+        through = by_wrench.reshape(m, 12, 6) @ changes.wrench_by_design.reshape(m, -1, 6).transpose(0, 2, 1)
+        by_design = through.reshape(m, 2, 6, 2, PARAMETERS)
         for side in (0, 1):
-            by_design[:, side, side, WIDTH] += found.by_width.reshape(m, 2)[:, side]
-            by_design[:, side, side, TWIST] += found.by_twist.reshape(m, 2)[:, side]
-        by_design = np.stack([of_spirals(by_design[:, side], assembly.sides) for side in (0, 1)], axis=1)
-        return cls(found.values.reshape(m, 2), by_wrench @ changes.wrench_by_pose, by_design)
+            by_design[:, side, :, side, WIDTH] += found.by_width.reshape(m, 2, 6)[:, side]
+            by_design[:, side, :, side, TWIST] += found.by_twist.reshape(m, 2, 6)[:, side]
+        spread = of_spirals(by_design.transpose(0, 3, 4, 1, 2), assembly.sides).transpose(0, 3, 4, 1, 2)
+        by_pose = (by_wrench.reshape(m, 12, 6) @ changes.wrench_by_pose).reshape(m, 2, 6, 12)
+        return cls(found.parts.reshape(m, 2, 6), by_pose, spread)
 
 
 def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
