@@ -31,7 +31,7 @@ ESCAPES = 5  # saddles that are left before the search is given up; not measured
 # bent, where the convex part makes steps far too short: then shares of it are tried from the least one on. A piece of 196 spirals
 # just beyond a bifurcation took 500 steps without coming to rest
 CREEPING, STEPS = 1e-5, 8
-LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # these shares; by eye
 GROWN, PATIENCE = 1e6, 6  # a decrement so much above its least, after so many steps, does not come down again; by eye
 TRIALS = 12  # of a damped step before the search ends: 8 ** 12 times the damping leaves nothing of it
 FIRST = 0.3  # of a box of size 1 that a first step along the gradient uses
