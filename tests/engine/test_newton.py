@@ -123,6 +123,18 @@ def test_an_indefinite_start_and_a_saddle_are_left() -> None:
     assert run.ended == newton.CONVERGED and np.abs(run.state) == pytest.approx([1.0, 0.0], abs=1e-8)
 
 
+def test_it_does_not_creep_along_a_ridge_that_is_hardly_bent() -> None:
+    """x^4 / 4 - a x^2 / 2 + y^2 / 2, whose minima lie at the root of a: with the convex part alone, steps grow by a share of a."""
+    a = 1e-5
+    ridge = Dense(
+        lambda x: 0.25 * x[0] ** 4 - 0.5 * a * x[0] ** 2 + 0.5 * x[1] ** 2,
+        lambda x: np.array([x[0] ** 3 - a * x[0], x[1]]),
+        lambda x: np.diag([3.0 * x[0] ** 2 - a, 1.0]),
+    )
+    run = minimise(ridge, np.array([1e-4, 1e-3]), LineSearch(1e-13, 100))
+    assert run.ended == newton.CONVERGED and run.state == pytest.approx([np.sqrt(a), 0.0], rel=1e-6, abs=1e-9)
+
+
 def test_full_steps_take_the_convex_part_and_say_so() -> None:
     run = minimise(well(), np.array([0.2, 0.0]), FullSteps(1e-10, 50, (0.0, 1.0), 1e-12))
     assert run.history[0].modified == 1.0 and run.ended == newton.CONVERGED
