@@ -60,6 +60,7 @@ class Equilibrium:
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one plain sentence
+    steady : whether it would also be a minimum without the share of its stiffness that was asked for as a margin
     """
 
     pose: Pose
@@ -72,6 +73,7 @@ class Equilibrium:
     negative_eigenvalues: int
     torsion_max: float
     status: str
+    steady: bool = True
 
     def placed(self, pose: Pose) -> Equilibrium:
         """The same equilibrium, moved as a whole to a pose."""
@@ -93,17 +95,19 @@ def solve(
     system: NewtonSystem | None = None,
     iterations: int | None = None,
     step: Float[np.ndarray, "spirals 6"] | None = None,
+    margin: float = 0.0,
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
 
-    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else predicts.
+    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else predicts;
+    ``margin`` is the share of the convex part of the Hessian by which it should be positive definite (see ``Equilibrium.steady``).
 
     Raises FlexMapsError if forces would carry an unsupported piece away. Where it does not converge, the result says so.
     """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
-    problem, state = _Balance(model, loads, params.tolerance, system, progress), model.start(start)
+    problem, state = _Balance(model, loads, params.tolerance, system, progress, margin), model.start(start)
     if step is not None:
         # so near to the end, the convex part is wanted for one step at the most
         rule.decay, state = 0.0, model.moved(state, step)
@@ -119,6 +123,8 @@ class _Balance:
     tolerance: float
     system: NewtonSystem
     progress: Progress
+    margin: float = 0.0
+    steady: bool = True
     scale: float = 0.0  # newtons, the largest forces so far
 
     def expand(self, state: Any) -> Local:
@@ -158,7 +164,11 @@ class _Balance:
         return float((here.gradient * step).sum())
 
     def stable(self, state: Any) -> bool:
-        return self.system.factor(self.system.values(self.model.expand(state).hessian))
+        here = self.model.expand(state)
+        values = self.system.values(here.hessian)
+        if self.margin:
+            self.steady = self.system.factor(values - self.margin * self.system.values(here.convex))
+        return self.system.factor(values)  # the last one, as its owner solves with it
 
     def exits(self, state: Any) -> list[Any]:
         here = self.model.expand(state)
@@ -195,7 +205,9 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
         )
     energy, residual = float(history[-1, 0]), float(history[-1, 1])
     joints = run.here.own.per_joint
-    return Equilibrium(state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence)
+    return Equilibrium(
+        state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence, problem.steady
+    )
 
 
 def other_minima(

@@ -17,6 +17,7 @@ from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
 from ..spirals.room import Terms
 
+Product = Callable[[np.ndarray], np.ndarray]
 ROUNDS = 2  # how often a step is sought again after it has run into bounds
 TURNS = 1  # looks at where its direction leads before it is followed
 LOOK = 5  # rounds of conjugate gradients that tell what a direction would run into
@@ -49,7 +50,7 @@ class Rooms:
     @classmethod
     def of(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> Rooms:
         """From rooms and slopes in any unit; what no coordinate changes is left out."""
-        length = np.sqrt(np.asarray((slope.multiply(slope)).sum(axis=1)).ravel())
+        length = _lengths(slope)
         kept = length > 0.0
         return cls(value[kept] / length[kept], csr_array(diags_array(1.0 / length[kept]) @ slope[kept]))
 
@@ -58,12 +59,20 @@ class Rooms:
         """For so many coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
+    def scaled(self, units: Float[np.ndarray, " coordinates"]) -> Rooms:
+        """The same, by coordinates in these units; rows are not of unit length any more."""
+        return Rooms(self.room, csr_array(self.slope @ diags_array(units)))
+
     def of_rows(self, rows: np.ndarray) -> Rooms:
         return Rooms(self.room[rows], self.slope[rows])
 
     def part(self, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
         """The slopes with zeros for coordinates that are not free."""
         return csr_array(self.slope @ diags_array(free.astype(float)))
+
+
+def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
+    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
 
 
 def lowest(terms: Terms) -> Terms:
@@ -81,8 +90,11 @@ class Projection:
     """Onto the steps that leave rows as they are; the least step that changes them by so much."""
 
     def __init__(self, rows: csr_array, soft: float = ALIKE):
-        self._rows, self._back = rows, csr_array(rows.T)
-        square = coo_array(rows @ self._back)
+        length = _lengths(rows)
+        self._length = np.where(length > 0.0, length, 1.0)
+        self._rows = csr_array(diags_array(1.0 / self._length) @ rows)
+        self._back = csr_array(self._rows.T)
+        square = coo_array(self._rows @ self._back)
         rows_of, columns_of = square.coords
         pattern = Pattern(rows_of, columns_of, square.shape[0])
         self._factor = SparseCholesky(pattern)
@@ -91,7 +103,7 @@ class Projection:
         self._factor.factor(values)
 
     def multipliers(self, way: np.ndarray) -> Float[np.ndarray, " rows"]:
-        """The combination of the rows that is nearest to a way."""
+        """The combination of the rows, in rows of unit length, that is nearest to a way."""
         return self._factor.solve(self._rows @ way)
 
     def along(self, way: np.ndarray) -> np.ndarray:
@@ -100,24 +112,29 @@ class Projection:
 
     def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
         """The shortest way that changes the rows by so much."""
-        return self._back @ self._factor.solve(change)
+        return self._back @ self._factor.solve(change / self._length)
 
 
 def bounded_step(
     x: Float[np.ndarray, " coordinates"],
     gradient: Float[np.ndarray, " coordinates"],
-    product: Callable[[np.ndarray], np.ndarray],
+    product: Product,
     rooms: Rooms,
     most: int,
+    units: Float[np.ndarray, " coordinates"] | None = None,
 ) -> Float[np.ndarray, " coordinates"]:
     """The step that nearly minimises a convex quadratic model within the bounds.
 
     product : of the model's matrix; most : rounds of conjugate gradients
+    units : of the coordinates, in which it is sought and in which what a bound takes away is least; those of the box if None
     Conjugate gradients among the coordinates and rooms that are free, a search along the way that is bent at the bounds, and
     again with what is free then (Moré and Toraldo 1991). The model falls in every round.
     """
-    low, high = -x, 1.0 - x
-    step, slope, fallen = np.zeros_like(x), gradient, 0.0
+    if units is not None:
+        product, rooms = _scaled(product, units), rooms.scaled(units)
+    unit = np.ones_like(x) if units is None else units
+    low, high = -x / unit, (1.0 - x) / unit
+    step, slope, fallen = np.zeros_like(x), unit * gradient, 0.0
     for _ in range(ROUNDS):
         ends = np.where(step <= low, -1.0, np.where(step >= high, 1.0, 0.0))
         way = _way(slope, ends, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
@@ -132,11 +149,15 @@ def bounded_step(
         step, slope, fallen = trial, slope + pulled, fallen + fall
         if fall > WORTH * fallen:
             break
-    return step
+    return np.clip(unit * step, -x, 1.0 - x)  # without what rounding adds
+
+
+def _scaled(product: Product, units: np.ndarray) -> Product:
+    return lambda way: units * product(units * way)
 
 
 def _way(
-    slope: np.ndarray, ends: Float[np.ndarray, " coordinates"], closed: csr_array, product: Callable, most: int
+    slope: np.ndarray, ends: Float[np.ndarray, " coordinates"], closed: csr_array, product: Product, most: int
 ) -> Float[np.ndarray, " coordinates"]:
     """The way to the model's minimum that leaves the box nowhere and closes none of the closed rooms further.
 
@@ -179,7 +200,7 @@ def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -
 
 
 def conjugate_gradients(
-    product: Callable[[np.ndarray], np.ndarray],
+    product: Product,
     along: Callable[[np.ndarray], np.ndarray],
     rhs: np.ndarray,
     most: int,

@@ -18,6 +18,7 @@ from ..progress import SILENT, Progress
 from ..threads import one_thread
 from .bounds import bounded_step
 from .inverse import Point, Problem
+from .scaling import Bending
 
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
@@ -64,7 +65,7 @@ def gauss_newton(
 
     The next equilibrium is sought from the pose that the tangent predicts; where none is found, turns are damped more.
     """
-    search = _Search(params, trace, accepted, progress, start)
+    search = _Search(params, trace, accepted, progress, start, Bending(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
     if params.iterations and not problem.work.over:
         goal = 0.5 * ENOUGH**2 if params.stop else -np.inf
@@ -83,13 +84,17 @@ class _Proposal:
 
 @dataclass(eq=False)
 class _Search:
-    """The objective as a function of designs with their equilibria (a ``newton.Problem``); best : the best one so far."""
+    """The objective as a function of designs with their equilibria (a ``newton.Problem``).
+
+    best : the best one so far; bending : how the objective bends along its coordinates
+    """
 
     params: OptimiseParams
     trace: Trace
     note: Accepted
     progress: Progress
     best: Point
+    bending: Bending
     step_number: int = 0
 
     @property
@@ -104,7 +109,10 @@ class _Search:
         pass  # every equilibrium on the way asks whether to stop
 
     def expand(self, point: Point) -> Local:
-        point.prepare(self.within(point))
+        within = self.within(point)
+        point.prepare(within)
+        within(0.0)
+        self.bending.refine(point.gauss_newton)
         return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
     def energy(self, point: Point) -> float:
@@ -118,7 +126,8 @@ class _Search:
             within(0.0)
             return point.gauss_newton(way, following) + damping * way
 
-        step = bounded_step(point.x, point.gradient, product, point.rooms, self.params.cg_iterations)
+        units = self.bending.units(point.value, damping)
+        step = bounded_step(point.x, point.gradient, product, point.rooms, self.params.cg_iterations, units)
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
             return None
@@ -147,7 +156,7 @@ class _Search:
 
 
 def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:
-    """The point one step on; None where no stable equilibrium is found near what the tangent predicts."""
+    """The point one step on; None where no equilibrium that is safely stable is found near what the tangent predicts."""
     trace.evaluations += 1
     turn = np.linalg.norm(moves[:, 3:], axis=1).max()
     if turn > 4.0 * TURN_MOST:
@@ -156,7 +165,8 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
-    if not trial.equilibrium.converged or (jumped(here, trial, moves) and not _nearer(trial, here)):
+    lost = not trial.equilibrium.converged or (here.equilibrium.steady and not trial.equilibrium.steady)
+    if lost or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None
     return trial

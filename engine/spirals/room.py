@@ -13,6 +13,7 @@ fold. All are counted as rooms: 0 where there is just as much as needed, 1 where
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -92,6 +93,7 @@ class Room:
     sharpest: Float[np.ndarray, " arms"]
 
     @classmethod
+    @lru_cache(maxsize=2)  # the starts of a search, and its stages, ask for those of the same patches again and again
     def of(cls, flat: FlatPatches, params: SpiralParams) -> Room:
         """Looks once which arms could come near each other, whatever the design.
 

@@ -28,10 +28,14 @@ def solved(x: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, rooms: Room
     return float(solvers.qp(matrix(hessian), matrix(gradient), matrix(sides), matrix(bounds))["primal objective"])
 
 
+@pytest.mark.parametrize("decades", [0.0, 3.0])
 @pytest.mark.parametrize("seed", range(6))
-def test_a_step_keeps_the_bounds_and_comes_near_to_the_best_one(seed: int) -> None:
+def test_a_step_keeps_the_bounds_and_comes_near_to_the_best_one(seed: int, decades: float) -> None:
     x, gradient, hessian, rooms = quadratic(60, 40, seed)
-    step = bounded_step(x, gradient, lambda v: hessian @ v, rooms, 100)
+    # coordinates that bend by so many decades more and less than others, and units that make up for that
+    bend = 10.0 ** np.random.default_rng(seed).uniform(-0.5 * decades, 0.5 * decades, len(x))
+    gradient, hessian = np.sqrt(bend) * gradient, np.sqrt(bend)[:, None] * hessian * np.sqrt(bend)
+    step = bounded_step(x, gradient, lambda v: hessian @ v, rooms, 100, 1.0 / np.sqrt(bend) if decades else None)
     assert (x + step >= 0.0).all() and (x + step <= 1.0).all()
     # what it runs into in the last round is brought back later
     assert (rooms.room + rooms.slope @ step > -0.02).mean() > 0.9

@@ -157,6 +157,24 @@ def test_a_dome_snaps_through_and_back() -> None:
     assert down and down[0].energy == pytest.approx(found.energy, rel=1e-6)
 
 
+def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
+    count = 12
+    start = straight(count)
+    start.centres[:, 0] *= 0.9
+    start.centres[:, 2] = 0.02 * np.sin(np.pi * np.arange(count) / (count - 1))
+    loads = Loads.of(count, supports=np.array([0, count - 1]))
+    model = ArmModel.of(row(count), VERO)
+    found = solve(model, start, loads, SimulateParams())
+    system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
+    here = model.expand(model.start(found.pose))
+    rise = system.softest(system.values(here.hessian), system.values(here.convex))[1][0]
+    assert 0.0 < rise < 1.0 and found.steady
+    for share in (0.9, 1.1):
+        again = solve(model, start, loads, SimulateParams(), margin=share * rise)
+        assert again.steady == (share < 1.0)
+        np.testing.assert_array_equal(again.pose.centres, found.pose.centres)
+
+
 def test_few_free_increments_have_the_eigenvectors_of_the_dense_matrix() -> None:
     model, start = ArmModel.of(row(30, twist=1.0), VERO), straight(30)
     found = {}

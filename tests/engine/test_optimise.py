@@ -13,7 +13,7 @@ from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
-from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
@@ -148,6 +148,21 @@ def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
         slope = (8 * (value(point, h) - value(point, -h)) - value(point, 2 * h) + value(point, -2 * h)) / (12 * h)
         assert float(point.gradient @ direction) == pytest.approx(slope, rel=1e-6)
         assert point.moves(direction) == pytest.approx(move, rel=1e-9, abs=1e-12 * np.abs(move).max())
+
+
+def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, here = problem()
+    step = np.full_like(here.x, 1e-3)
+    assert here.equilibrium.steady
+    trace = Trace()
+    assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
+    monkeypatch.setattr(
+        inverse, "MARGIN", 1.1
+    )  # no equilibrium under load is stiffer than its convex part in every way
+    assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
+    # but where the present one has no more to spare either, as at a start, there is no other way
+    edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, steady=False))
+    assert optimisers._predicted(edge, step, here.moves(step), trace, SILENT) is not None
 
 
 def test_a_factor_that_was_being_made_when_it_was_stopped_is_nobodys() -> None:
