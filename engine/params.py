@@ -477,7 +477,7 @@ class OptimiseParams(Params):
     )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
     cg_iterations: int = setting(
-        60, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
+        40, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
     )
     restart: bool = setting(
         True,
@@ -495,7 +495,7 @@ class OptimiseParams(Params):
     patience: float = setting(
         1.0,
         "Patience",
-        "How long the search may last: with 1 it ends with the best so far after about 20 s for 1,500 quads and 60 s for 6,000; 2 doubles that, 0 sets no limit",
+        "How long the search may last: with 1 it ends with the best so far after about 25 s for 1,500 quads and 90 s for 6,000; 2 doubles that, 0 sets no limit",
         low=0.0,
         high=1000.0,
     )

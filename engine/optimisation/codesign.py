@@ -30,10 +30,6 @@ MOVING = "Flat shapes"
 # of the barriers, as a share of the mismatch. With 0.05 quads came so near to their limits in the first steps that the next ones
 # hardly moved them: a surface of 986 quads ended at 0.28 mm instead of 0.26
 WEIGHT = 0.5
-PRESSES, GAIN = (
-    3,
-    0.03,
-)  # how often strains and barriers are weighed anew, and the share of the objective that each time must bring
 
 
 def refine(
@@ -61,15 +57,9 @@ def refine(
     flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    for k in range(PRESSES):
-        found = method(here.problem, here, params, trace, accepted, progress.part(k / PRESSES, (k + 1) / PRESSES))
-        assert isinstance(found, FlatPoint)
-        gained = found.value < (1.0 - GAIN) * here.value
-        here = found
-        if problem.work.over or not gained:
-            break
-        here = here.pressed().eased(WEIGHT * here.mismatch.value)
-    return here
+    found = method(here.problem, here, params, trace, accepted, progress)
+    assert isinstance(found, FlatPoint)
+    return found
 
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:

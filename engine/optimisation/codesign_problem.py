@@ -10,14 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, hstack
+from scipy.sparse import csr_array, dia_array, diags_array, hstack
 
 from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
-from ..mechanics.elastic import summed
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
@@ -179,10 +178,6 @@ class FlatPoint(Point):
         """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
         return self.problem.own
 
-    def eased(self, weight: float) -> FlatPoint:
-        """The same point with another weight of the barriers."""
-        return replace(self, problem=replace(self.problem, flat=replace(self.problem.flat, weight=weight)))
-
     @property
     def flat_x(self) -> Float[np.ndarray, "points 2"]:
         """Coordinates of the flat vertices."""
@@ -220,8 +215,7 @@ class FlatPoint(Point):
     def _slots_by_x(self, closing: Closing) -> csr_array:
         by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
         by_points = closing.by_flat(self._by_geometry[:, -12:], self._by_points)
-        by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
-        return csr_array(hstack([by_spirals, by_flats]))
+        return csr_array(hstack([by_spirals, by_points @ self._per_coordinate]))
 
     @cached_property
     def _by_points(self) -> csr_array:
@@ -229,28 +223,24 @@ class FlatPoint(Point):
         flat = self.problem.flat
         return geometry_by_points(flat.flat.layout, flat.points(self.flat_x))
 
-    def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) how the hubs move, to first order, when the coordinates change."""
-        by_geometry = self._by_geometry[:, :12] @ self._geometry(change)
-        force = (self._forces @ change[: self.own]).reshape(-1, 6)
-        force += summed(by_geometry, self.assembly.pairs, self.assembly.size)
-        return -self.system.solve(force)
+    @property
+    def _per_coordinate(self) -> dia_array:
+        """(2 P, 2 P) metres that the flat vertices move with their coordinates."""
+        return diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
 
-    def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Change with the coordinates of a quantity that changes with the hubs by (n, 6)."""
-        answer = self.system.solve(pull)
-        at_joints = answer[self.assembly.pairs].reshape(-1, 1, 12)
-        by_flats = self._from_geometry(at_joints @ self._by_geometry[:, :12])
-        return -np.concatenate([self._back_forces @ answer.ravel(), by_flats])
+    @cached_property
+    def _by_flats(self) -> csr_array:
+        """(6 m, 2 P) change of the rest geometry with the coordinates of the flat vertices."""
+        return csr_array(self._by_points @ self._per_coordinate)
 
-    def _geometry(self, change: np.ndarray) -> Float[np.ndarray, "joints 6 1"]:
-        """(m, 6, 1) change of the joints' rest geometry with the coordinates."""
-        shift = self.problem.flat.shift(change[self.own :].reshape(-1, 2))
-        return (self._by_points @ shift.ravel()).reshape(-1, 6, 1)
-
-    def _from_geometry(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Change with the flat vertices' coordinates of what changes with the rest geometry by (6 m,)."""
-        return self.problem.flat.shift((self._by_points.T @ change.ravel()).reshape(-1, 2)).ravel()
+    @cached_property
+    def _forces(self) -> csr_array:
+        pairs, joints = self.assembly.pairs, np.arange(len(self.assembly.pairs))
+        row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
+        column = 6 * joints[:, None, None] + np.arange(6)
+        entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
+        by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.size, 6 * len(pairs)))
+        return csr_array(hstack([self._forces_by_spirals(), by_geometry @ self._by_flats]))
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         rows, e = super()._strain_rows(arms), arms // 2
@@ -258,7 +248,6 @@ class FlatPoint(Point):
         by_geometry = self._by_geometry[e[:, None], parts]
         column = np.repeat(6 * e[:, None] + np.arange(6), 6, axis=0)
         start = np.arange(0, column.size + 1, 6)
-        shape = (len(column), self._by_points.shape[0])
-        by_points = csr_array((by_geometry.ravel(), column.ravel(), start), shape=shape) @ self._by_points
-        by_flats = by_points @ diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
+        shape = (len(column), self._by_flats.shape[0])
+        by_flats = csr_array((by_geometry.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
         return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))

@@ -28,7 +28,7 @@ from .factors import Factors
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
 from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, total, turning
-from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, Work
+from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, ROOMS, Work
 
 # Share of its stiffness that an equilibrium has to spare (see ``Equilibrium.steady``): a piece nearer to where it snaps is thrown
 # into another shape by the hundredth part of a millimetre that proving it may change. Most surfaces end at 0.3 to 0.8
@@ -107,6 +107,7 @@ class Problem:
         """Coordinates near to x of a design that can be cut; those of ``inner`` can."""
         if self.room is None:
             return x
+        self.work.add(ROOMS, self.assembly.size)
         within = Within(self._closing, self._shut, self._spread, self.assembly.size, self.own)
         return restored(x, inner.x, within)
 
@@ -279,7 +280,11 @@ class Point:
 
     @cached_property
     def _forces(self) -> csr_array:
-        """(6 n, K n) change of the hubs' forces with the spirals' coordinates."""
+        """(6 n, coordinates) change of the hubs' forces with the coordinates."""
+        return self._forces_by_spirals()
+
+    def _forces_by_spirals(self) -> csr_array:
+        """(6 n, K n) the same with those of the spirals."""
         arms = isinstance(self.model, ArmModel)
         by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
         blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
@@ -287,7 +292,7 @@ class Point:
 
     @cached_property
     def _back_forces(self) -> csr_array:
-        """Its transpose."""
+        """The transpose of ``_forces``."""
         return csr_array(self._forces.T)
 
     @cached_property

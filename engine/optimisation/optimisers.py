@@ -36,6 +36,7 @@ class Trace:
     rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found, or another
         one than the nearest
     ended : why the last search ended, a word of ``newton``
+    bending : how the objective bends, by the number of coordinates: what one stage has learned serves the next
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -44,9 +45,14 @@ class Trace:
     rejected: int = 0
     unstable: int = 0
     ended: str = "converged"
+    bending: dict[int, Bending] = field(default_factory=dict)
 
     def note(self, point: Point) -> None:
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
+
+    def bending_of(self, size: int) -> Bending:
+        """Along so many coordinates."""
+        return self.bending.setdefault(size, Bending(size))
 
 
 Accepted = Callable[[Point], None]
@@ -65,7 +71,7 @@ def gauss_newton(
 
     The next equilibrium is sought from the pose that the tangent predicts; where none is found, turns are damped more.
     """
-    search = _Search(params, trace, accepted, progress, start, Bending(len(start.x)))
+    search = _Search(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
     if params.iterations and not problem.work.over:
         goal = 0.5 * ENOUGH**2 if params.stop else -np.inf

@@ -11,15 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-# seconds a spiral, on one core of 2020, measured on 40 surfaces of 150 to 3000 quads
-EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 5e-5, 1.6e-5, 1.5e-6, 1.6e-4
-# the same, for the widths of the slots in space and half of their slopes, measured on 150 and 986 spirals
-OPENING = 5e-5
-# as EQUILIBRIUM
-CURVING, FIT, SPACE = 1e-4, 3e-4, 6e-4
+# seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core
+EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
+CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4
+OPENING = 4.5e-5  # for the widths of the slots in space and half of their slopes
+ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
 # seconds for so many, in proportion beyond; what comes before and after the search takes up to a fifth more, so that
-# the whole stage stays within 20 s for 1,500 spirals and 60 s for 6,000
-SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 17.0, 47.0)
+# the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000
+SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 SLOWEST = 3.0  # times that a machine may be slower than the usual one, by this thread's processor time, before that ends the search
 
 
