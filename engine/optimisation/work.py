@@ -13,6 +13,7 @@ import numpy as np
 
 # seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
+# likewise: building the model, the nearest design that can be cut, the coordinates of designs
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4
 OPENING = 4.5e-5  # for the widths of the slots in space and half of their slopes
 ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them

@@ -12,7 +12,6 @@ from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import Point, Problem
@@ -25,7 +24,7 @@ from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.simulate import build_model, simulate
+from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
 from flexmaps.engine.spirals.slots import twist_bound
 from flexmaps.engine.spirals.spiral import alike
@@ -156,9 +155,8 @@ def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.M
     assert here.equilibrium.steady
     trace = Trace()
     assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
-    monkeypatch.setattr(
-        inverse, "MARGIN", 1.1
-    )  # no equilibrium under load is stiffer than its convex part in every way
+    # no equilibrium under load is stiffer than its convex part in every way
+    monkeypatch.setattr(inverse, "MARGIN", 1.1)
     assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
     # but where the present one has no more to spare either, as at a start, there is no other way
     edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, steady=False))
@@ -311,7 +309,7 @@ def test_the_end_is_told() -> None:
 def test_work_is_counted_not_timed() -> None:
     usual, large = Work.of(1500, 1.0).limit, Work.of(6000, 1.0).limit
     assert usual is not None and large is not None
-    assert 15.0 < usual < 20.0 and 45.0 < large < 60.0  # the whole stage promises 20 and 60 s
+    assert 18.0 < usual < 25.0 and 60.0 < large < 90.0  # the whole stage promises 25 and 90 s
     assert Work.of(12000, 0.5).limit == pytest.approx(large)
     endless, short = Work.of(100, 0.0), Work.of(100, 1.0)
     for work in (endless, short):
@@ -334,61 +332,6 @@ def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
     assert parts.equilibrium.converged and parts.problem is loaded
     if direct.equilibrium.converged:
         assert parts.value == pytest.approx(direct.value, rel=1e-3)
-
-
-def test_stopping_keeps_the_best_so_far() -> None:
-    design, mesh = made()
-    looks = []
-    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 3)
-    found = optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
-    assert not found.finished and len(found.trace.rows) == 2
-    assert found.report()["laplacian_rmse_mm"] < found.report()["laplacian_rmse_mm_before"]
-    with pytest.raises(Cancelled):
-        optimise.optimise(
-            design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=Progress(stopped=lambda: True)
-        )
-
-
-@pytest.mark.parametrize("steps", [2, 14], ids=["before any stage has ended", "later"])
-def test_what_a_stop_leaves_is_what_a_simulation_finds(steps: int) -> None:
-    design, mesh = made()
-    looks: list[optimise.Look] = []
-    progress = Progress(shown=looks.append, stopped=lambda: len(looks) > steps)
-    found = optimise.optimise(design, mesh, VERO, OptimiseParams(stop=1e-6), SimulateParams(), progress=progress)
-    assert not found.finished
-    again = simulate(found.design, mesh, VERO, SimulateParams(), start=found.after.equilibrium.pose).report()
-    left = found.after.report()
-    # the strains' second order is that of the design as it was before neighbours gave way to each other
-    for name in ("rms_mm", "laplacian_rmse_mm"):
-        assert left[name] == pytest.approx(again[name], rel=0.02, abs=1e-3)
-
-
-def test_it_tells_and_listens_between_any_two_factorisations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What takes long on thousands of spirals goes on in parts, each of which is told and hears a stop."""
-    design, mesh = made()
-    since = {"told": 0, "heard": 0}
-    most = dict(since)
-    factor = NewtonSystem.factor
-
-    def counted(system: NewtonSystem, values: np.ndarray) -> bool:
-        for word in since:
-            since[word] += 1
-            most[word] = max(most[word], since[word])
-        return factor(system, values)
-
-    def told(fraction: float, text: str) -> None:
-        assert text
-        since["told"] = 0
-
-    def stopped() -> bool:
-        since["heard"] = 0
-        return False
-
-    monkeypatch.setattr(NewtonSystem, "factor", counted)
-    params = OptimiseParams(iterations=4)
-    optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(told, stopped))
-    # a step of an equilibrium tries up to four: as it is, and its convex part with more and more of its diagonal
-    assert 1 <= most["told"] <= 6 and 1 <= most["heard"] <= 6
 
 
 def test_a_target_with_other_quads_is_refused() -> None:

@@ -1,0 +1,83 @@
+"""Searches that are stopped, and what they tell and hear meanwhile."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.newton_system import NewtonSystem
+from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+VERO = MATERIALS["vero"]
+
+
+@lru_cache(maxsize=1)
+def made() -> tuple[SpiralDesign, QuadMesh]:
+    found = job.run(PolygonMesh.of(shapes.make("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def test_stopping_keeps_the_best_so_far() -> None:
+    design, mesh = made()
+    looks = []
+    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 3)
+    found = optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
+    assert not found.finished and len(found.trace.rows) == 2
+    assert found.report()["laplacian_rmse_mm"] < found.report()["laplacian_rmse_mm_before"]
+    with pytest.raises(Cancelled):
+        optimise.optimise(
+            design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=Progress(stopped=lambda: True)
+        )
+
+
+@pytest.mark.parametrize("steps", [2, 14], ids=["before any stage has ended", "later"])
+def test_what_a_stop_leaves_is_what_a_simulation_finds(steps: int) -> None:
+    design, mesh = made()
+    looks: list[optimise.Look] = []
+    progress = Progress(shown=looks.append, stopped=lambda: len(looks) > steps)
+    found = optimise.optimise(design, mesh, VERO, OptimiseParams(stop=1e-6), SimulateParams(), progress=progress)
+    assert not found.finished
+    again = simulate(found.design, mesh, VERO, SimulateParams(), start=found.after.equilibrium.pose).report()
+    left = found.after.report()
+    # the strains' second order is that of the design as it was before neighbours gave way to each other
+    for name in ("rms_mm", "laplacian_rmse_mm"):
+        assert left[name] == pytest.approx(again[name], rel=0.02, abs=1e-3)
+
+
+def test_it_tells_and_listens_between_any_two_factorisations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What takes long on thousands of spirals goes on in parts, each of which is told and hears a stop."""
+    design, mesh = made()
+    since = {"told": 0, "heard": 0}
+    most = dict(since)
+    factor = NewtonSystem.factor
+
+    def counted(system: NewtonSystem, values: np.ndarray) -> bool:
+        for word in since:
+            since[word] += 1
+            most[word] = max(most[word], since[word])
+        return factor(system, values)
+
+    def told(fraction: float, text: str) -> None:
+        assert text
+        since["told"] = 0
+
+    def stopped() -> bool:
+        since["heard"] = 0
+        return False
+
+    monkeypatch.setattr(NewtonSystem, "factor", counted)
+    params = OptimiseParams(iterations=4)
+    optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(told, stopped))
+    # a step of an equilibrium tries up to four: as it is, and its convex part with more and more of its diagonal
+    assert 1 <= most["told"] <= 6 and 1 <= most["heard"] <= 6
