@@ -162,6 +162,30 @@ class LayoutParams(Params):
 
 
 @dataclass(frozen=True)
+class ChooseParams(Params):
+    """What is wanted of a layout that is chosen by the shape which its panels take."""
+
+    goal: str = setting(
+        "match",
+        "Goal",
+        "What the layout shall be chosen for",
+        choices=(
+            ("match", "Match", "As near to the target as is asked, with as few joints as that takes"),
+            ("panels", "Panels", "As near to the target as so many panels come"),
+            ("least", "Least work", "As few joints as come as near to the target as the present layout does"),
+        ),
+    )
+    match: float = setting(
+        1.0,
+        "Match (%)",
+        "RMS distance from the target that the assembled piece may keep, in percent of its size",
+        low=0.001,
+        high=100.0,
+    )
+    panels: int = setting(4, "Panels", "Most panels that the layout may have", low=1, high=1000)
+
+
+@dataclass(frozen=True)
 class SpiralParams(Params):
     """The fabricable range of the spirals (FlexMaps section 5)."""
 
@@ -510,6 +534,7 @@ class Settings:
 
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
+    choose: ChooseParams = field(default_factory=ChooseParams)
     spiral: SpiralParams = field(default_factory=SpiralParams)
     connect: ConnectorParams = field(default_factory=ConnectorParams)
     cut: CutParams = field(default_factory=CutParams)

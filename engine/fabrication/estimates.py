@@ -65,22 +65,37 @@ class Estimates:
 
 def estimate(sheets: CutSheets, design: SpiralDesign, material: Material) -> Estimates:
     """Estimate what the sheets of a design take in this material."""
-    speed = None
-    for key, known in MATERIALS.items():
-        if known is material and key in SPEEDS:
-            speed = SPEEDS[key].at(sheets.thickness)
     contours = sum(1 + len(p.holes) for p in sheets.panels)
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
-    seconds = None if speed is None else sheets.cut_length / speed + CONTOUR * contours + strokes / ENGRAVING
+    seconds = cut_seconds(material, sheets.thickness, sheets.cut_length, contours, strokes)
     joints = int(design.flat.layout.cut.sum())
     return Estimates(
         mass=material.density * sheets.thickness * sum(p.area for p in sheets.panels),
         sheet_area=float(sheets.packing.sizes.prod(axis=1).sum()),
         cut_seconds=seconds,
-        cut_speed=speed,
+        cut_speed=cut_speed(material, sheets.thickness),
         joints=joints,
-        assembly_seconds=JOINT * joints,
+        assembly_seconds=assembly_seconds(joints),
     )
+
+
+def cut_speed(material: Material, thickness: float) -> float | None:
+    """Metres a second at which a laser cuts a sheet of this thickness, metres; ``None`` for what no laser cuts."""
+    known = next((key for key, one in MATERIALS.items() if one is material), "")
+    return SPEEDS[known].at(thickness) if known in SPEEDS else None
+
+
+def cut_seconds(
+    material: Material, thickness: float, length: float, contours: int, strokes: float = 0.0
+) -> float | None:
+    """Seconds on a laser for so many metres of cuts in so many contours, and of strokes that are engraved, metres."""
+    speed = cut_speed(material, thickness)
+    return None if speed is None else length / speed + CONTOUR * contours + strokes / ENGRAVING
+
+
+def assembly_seconds(joints: int) -> float:
+    """Seconds that one person takes to put so many joints together."""
+    return JOINT * joints
 
 
 def estimates_report(made: Estimates) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Which layout of patches to make: proposals judged by the shape that the assembled panels take."""

@@ -1,0 +1,124 @@
+"""What choosing ends with: a few proposals with their figures, and the one that was taken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..fabrication.estimates import assembly_seconds, cut_seconds
+from ..materials import Material
+from ..patches.flattening.flatten import FlatPatches
+from ..patches.splitting.split import usable
+from ..params import Settings
+from .judge import LONG, Judged
+
+# share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
+FILLED = 0.5
+GIVEN = "as it was"  # the origin of the layout that choosing began with
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A layout with what it leads to and what making it takes.
+
+    judged : what its panels do; rms, largest : distance from the target, as a share of its size, after a whole search: as
+        measured, or estimated from a short one (``proved`` tells)
+    sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts
+    """
+
+    judged: Judged
+    rms: float
+    largest: float
+    sheets: int
+    cut: float | None
+    join: float
+
+    @property
+    def flat(self) -> FlatPatches:
+        return self.judged.laid.flat
+
+    @property
+    def panels(self) -> int:
+        return self.judged.laid.panels
+
+    @property
+    def proved(self) -> bool:
+        """Whether its figures are those of a long search."""
+        return self.judged.share >= LONG
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it keeps one of the surface's symmetries at least."""
+        return self.judged.laid.symmetric > 1
+
+    def report(self) -> dict[str, Any]:
+        """Its row in the ``choose`` block of report.json."""
+        laid = self.judged.laid
+        return {
+            "origin": laid.origin,
+            "panels": laid.panels,
+            "joints": laid.joints,
+            "seams_m": round(laid.seams, 4),
+            "rms_percent": round(100.0 * self.rms, 4),
+            "max_percent": round(100.0 * self.largest, 4),
+            "proved": self.proved,
+            "strain_share_max": round(self.judged.strain, 4),
+            "slots_closed": self.judged.closed,
+            "symmetries_kept": laid.symmetric,
+            "sheets": self.sheets,
+            **({} if self.cut is None else {"cut_minutes": round(self.cut / 60.0, 1)}),
+            "join_minutes": round(self.join / 60.0),
+            "advice": self.judged.advice,
+        }
+
+
+def proposal(judged: Judged, gain: float, settings: Settings, material: Material) -> Proposal:
+    """A judged layout with its estimates; ``gain`` is what a long search makes of a short one's distance, as a factor."""
+    factor = 1.0 if judged.share >= LONG else gain
+    flat, thickness = judged.laid.flat, settings.spiral.thickness
+    corners = flat.corners - np.roll(flat.corners, 2, axis=1)
+    area = 0.5 * float(np.abs(corners[:, 0, 0] * corners[:, 1, 1] - corners[:, 0, 1] * corners[:, 1, 0]).sum())
+    room = float(usable(settings.sheet).prod())
+    return Proposal(
+        judged,
+        factor * judged.rms,
+        factor * judged.largest,
+        max(1, int(np.ceil(area / (FILLED * room)))),
+        cut_seconds(material, thickness, judged.cut_length, judged.contours),
+        assembly_seconds(judged.laid.joints),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The proposals, fewest joints first, and which of them was taken.
+
+    reached : whether that holds the goal; note : a sentence on what was chosen, or on what stands in the way
+    finished : False where somebody stopped the search; judged : how many layouts were judged
+    """
+
+    proposals: tuple[Proposal, ...]
+    taken: int
+    goal: str
+    reached: bool
+    note: str
+    finished: bool
+    judged: int
+
+    @property
+    def best(self) -> Proposal:
+        return self.proposals[self.taken]
+
+    def report(self) -> dict[str, Any]:
+        """The ``choose`` block of report.json."""
+        return {
+            "goal": self.goal,
+            "reached": self.reached,
+            "note": self.note,
+            "finished": self.finished,
+            "layouts_judged": self.judged,
+            "taken": self.taken,
+            "proposals": [one.report() for one in self.proposals],
+        }

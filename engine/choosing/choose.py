@@ -1,0 +1,302 @@
+"""Choosing a layout: many ways to cut a surface are laid flat, the promising ones judged by the shape that they take, and
+changed where that shape says so.
+
+The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue", FlexMaps
+section 10). Geometry alone cannot tell: a layout with less distortion may snap into another shape, and one with more may come
+nearer because its spirals can be softer. So every layout that is compared has been simulated, after a short optimisation.
+What is done is counted, never timed: the result is the same on every machine and with any number of processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..errors import Cancelled, FlexMapsError
+from ..params import ChooseParams
+from ..patches.flattening.flatten import FlatPatches
+from ..patches.merging.merge import merge
+from ..patches.tracing.trace import trace
+from ..progress import SILENT, Progress
+from ..surface.symmetry import keeping
+from .choice import GIVEN, Choice, Proposal, proposal
+from .judge import LONG, SHORT, Idea, Judged, Laid, Piece, judge, lay
+from .lines import drawn, planes
+from .moves import moves
+
+T, U = TypeVar("T"), TypeVar("U")
+Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress], list[Any]]
+
+# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
+LADDER = (0.4, 0.15, 0.06, 0.03)
+MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
+# Core seconds for all short searches together, and what one takes: some seconds, and so much a quad; with these 1,000 quads
+# take some 60 s of two cores
+BUDGET, ONE, QUAD = 75.0, 0.5, 4e-3
+FEWEST, MOST = 8, 32  # layouts that are judged at least and at most
+SETTLED = 0.5  # share of them that are judged before any is changed
+TURNS = 3  # how often the best are changed
+BASES = 2  # layouts that are changed in a turn
+PROVED = 3  # layouts that get a long search, the best first, until one holds the goal
+PROPOSALS = 6  # that are shown at most: more are no choice but a list
+# How much nearer another layout must come with as many panels before the given one gives way: two searches of the same layout
+# differ by as much
+NEARER = 0.03
+LEAST_GAIN = 0.1  # what a long search makes of a short one's distance, at least: the given layout's may be a lucky one
+
+
+def alone(function: Callable[[T], U], items: Sequence[T], progress: Progress) -> list[U]:
+    """The function of every item, one after the other."""
+    return [function(item) for item in progress.each(items, "Judging layouts")]
+
+
+@dataclass(eq=False)
+class _Search:
+    """What is known while layouts are sought."""
+
+    piece: Piece
+    params: ChooseParams
+    together: Together
+    gain: float = 1.0
+    reference: float = np.inf  # of the given layout after a long search
+    known: dict[bytes, Judged | None] = field(default_factory=dict)
+    proved: dict[bytes, Judged] = field(default_factory=dict)
+
+    @property
+    def left(self) -> int:
+        """How many short searches there still may be."""
+        one = ONE + QUAD * len(self.piece.mesh.quads)
+        return int(np.clip(BUDGET / one, FEWEST, MOST)) - len(self.known)
+
+    @property
+    def judged(self) -> list[Judged]:
+        """Everything that takes a shape, as it was judged last, the best first."""
+        found = {key: self.proved.get(key, one) for key, one in self.known.items()}
+        return sorted((one for one in found.values() if one is not None), key=self.key)
+
+    def distance(self, one: Judged) -> float:
+        """The RMS distance that a long search would leave, or left."""
+        return one.rms if one.share >= LONG else self.gain * one.rms
+
+    def key(self, one: Judged) -> tuple[float, ...]:
+        """The smaller the better, by what is wanted."""
+        rms, laid = self.distance(one), one.laid
+        work = (float(laid.joints), float(laid.panels), rms)
+        if self.params.goal == "panels":
+            few = laid.panels <= self.params.panels
+            return (0.0, rms, *work) if few else (1.0, float(laid.panels), *work)
+        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + NEARER) * self.reference
+        return (0.0, *work) if rms <= limit else (1.0, rms, *work)
+
+    def holds(self, one: Judged) -> bool:
+        """Whether a layout holds the goal."""
+        return self.key(one)[0] == 0.0
+
+    def judge(self, laid: Iterable[Laid], progress: Progress) -> None:
+        """Judge layouts that are not known yet by a short search, as many as there still may be."""
+        fresh = list({key(one): one for one in laid if key(one) not in self.known}.values())[: max(self.left, 0)]
+        found = self.together(partial(judge, self.piece), fresh, progress)
+        self.known.update(zip(map(key, fresh), found, strict=True))
+
+    def prove(self, laid: Sequence[Laid], progress: Progress) -> None:
+        """Judge known layouts by a long search."""
+        found = self.together(partial(judge, self.piece, share=LONG), laid, progress)
+        self.proved.update({key(one.laid): one for one in found if one is not None})
+
+
+def key(laid: Laid) -> bytes:
+    """What tells one layout of a surface from another."""
+    return np.packbits(laid.cut).tobytes()
+
+
+def choose(
+    piece: Piece,
+    given: FlatPatches,
+    params: ChooseParams,
+    progress: Progress = SILENT,
+    together: Together = alone,
+) -> Choice:
+    """The layout that serves the goal best, and others worth looking at.
+
+    given : the layout that there is, which is one of the proposals; together : runs a function on many things, perhaps in
+    several processes, and gives the results in the same order. Stopped, it gives the best so far. Raises ``Cancelled`` where
+    it is stopped before anything was judged, and ``FlexMapsError`` where not even the given layout takes a shape.
+    """
+    search = _Search(piece, params, together)
+    first = Laid(given, GIVEN, 1 + len(keeping(list(piece.symmetries), given.layout.cut)))
+    finished = True
+    try:
+        _begin(search, first, progress.part(0.0, 0.15))
+        search.judge(_promising(search, first, progress.part(0.15, 0.35)), progress.part(0.35, 0.6))
+        for turn in range(TURNS):
+            part = progress.part(0.6 + 0.1 * turn, 0.7 + 0.1 * turn)
+            if search.left <= 0 or not _changed(search, part):
+                break
+        _prove(search, progress.part(0.9, 1.0))
+    except Cancelled:
+        if not search.judged:
+            raise
+        finished = False
+    if not search.judged:
+        raise FlexMapsError("No layout of this surface takes a shape: simulate it first and mend what that reports")
+    return _choice(search, first, finished)
+
+
+def _begin(search: _Search, first: Laid, progress: Progress) -> None:
+    """Judge the given layout; what a long search makes of it tells what to expect of the others."""
+    search.judge([first], progress.part(0.0, 0.4))
+    quick = search.known[key(first)]
+    if quick is None:
+        return
+    progress(0.4, f"The present layout: {_short(first, quick.rms)}")
+    search.prove([first], progress.part(0.4, 1.0))
+    slow = search.proved.get(key(first))
+    if slow is not None:
+        search.gain = float(np.clip(slow.rms / max(quick.rms, 1e-12), LEAST_GAIN, 1.0))
+        search.reference = slow.rms
+
+
+def _short(laid: Laid, rms: float) -> str:
+    panels = "1 panel" if laid.panels == 1 else f"{laid.panels} panels"
+    return f"{panels}, RMS distance {100.0 * rms:.2g} %"
+
+
+def _promising(search: _Search, first: Laid, progress: Progress) -> list[Laid]:
+    """Layouts that geometry finds, those first that no other has both fewer joints and less distortion than."""
+    piece, mesh = search.piece, search.piece.mesh
+    ideas = [Idea(cut, name) for name, cut in planes(mesh, piece.symmetries)]
+    ideas += [Idea(cut, name) for name, cut in drawn(mesh, MOST_PARTS, piece.symmetries)]
+    jobs: list[Idea | float] = [*LADDER, *ideas]
+    made = search.together(partial(_laid, piece), jobs, progress)
+    most = search.params.panels if search.params.goal == "panels" else max(3 * first.panels, MOST_PARTS)
+    limit = max(piece.settings.layout.distortion_limit, float(first.flat.energy.max()))
+    found = [
+        one
+        for one in made
+        if one is not None and one.panels <= most and float(one.flat.energy.max()) <= limit and key(one) != key(first)
+    ]
+    ranked: list[Laid] = []
+    while found:
+        front = [one for one in found if not any(_beats(other, one) for other in found)]
+        ranked += sorted(front, key=lambda one: (-one.symmetric, one.joints))
+        found = [one for one in found if one not in front]
+    return ranked[: int(SETTLED * search.left)]
+
+
+def _beats(one: Laid, other: Laid) -> bool:
+    mine, theirs = ((laid.joints, _distortion(laid), -laid.symmetric) for laid in (one, other))
+    return mine != theirs and all(a <= b for a, b in zip(mine, theirs, strict=True))
+
+
+def _distortion(laid: Laid) -> float:
+    areas = laid.flat.layout.mesh.areas
+    return round(float(laid.flat.energy @ areas / areas.sum()), 9)
+
+
+def _laid(piece: Piece, job: Idea | float) -> Laid | None:
+    """An idea laid flat, or the surface merged under a share of the distortion limit."""
+    if isinstance(job, Idea):
+        return lay(piece, job)
+    layout = piece.settings.layout
+    try:
+        tighter = replace(layout, distortion_limit=job * layout.distortion_limit)
+        merged = merge(trace(piece.mesh, tighter), tighter, held=piece.supports is not None)
+    except FlexMapsError:
+        return None
+    return lay(piece, Idea(merged.layout.cut, "merged with less distortion"))
+
+
+def _changed(search: _Search, progress: Progress) -> bool:
+    """Change the best layouts where their shape says so; whether that brought a better one."""
+    before = search.key(search.judged[0])
+    ideas: list[Idea] = []
+    share = max(2, search.left // TURNS)
+    for base in search.judged[:BASES]:
+        holds = search.holds(base)
+        more = not holds or search.params.goal == "panels"
+        ideas += islice(moves(search.piece, base, fewer=holds, more=more), share)
+    made = search.together(partial(lay, search.piece), ideas, progress.part(0.0, 0.2))
+    limit = search.piece.settings.layout.distortion_limit
+    sound = [one for one in made if one is not None and float(one.flat.energy.max()) <= limit]
+    if search.params.goal == "panels":
+        sound = [one for one in sound if one.panels <= search.params.panels]
+    search.judge(sound[:share], progress.part(0.2, 1.0))
+    return search.key(search.judged[0]) < before
+
+
+def _prove(search: _Search, progress: Progress) -> None:
+    """Give the best layouts a long search, until the best one has had it and holds the goal, or enough have."""
+    for turn in range(PROVED):
+        best = search.judged[0]
+        if best.share >= LONG:
+            break
+        search.prove([best.laid], progress.part(turn / PROVED, (turn + 1) / PROVED))
+        if key(best.laid) not in search.proved:
+            search.known[key(best.laid)] = None  # it lost its shape
+
+
+def _choice(search: _Search, first: Laid, finished: bool) -> Choice:
+    settings = search.piece.settings
+    judged = search.judged
+    best = _taken(search, judged, first)
+    made = {id(one): proposal(one, search.gain, settings, settings.material.chosen) for one in judged}
+    shown = _shown([made[id(one)] for one in judged], made[id(best)])
+    reached = search.holds(best)
+    return Choice(
+        tuple(shown),
+        shown.index(made[id(best)]),
+        search.params.goal,
+        reached,
+        _note(search, made[id(best)], reached),
+        finished,
+        len(search.known),
+    )
+
+
+def _taken(search: _Search, judged: list[Judged], first: Laid) -> Judged:
+    """The best; where only the distance counts, the given one unless another comes nearer by more than chance."""
+    given = next((one for one in judged if key(one.laid) == key(first)), None)
+    if given is None or search.params.goal != "panels" or not search.holds(given):
+        return judged[0]
+    return judged[0] if search.distance(judged[0]) < (1.0 - NEARER) * search.distance(given) else given
+
+
+def _shown(made: list[Proposal], best: Proposal) -> list[Proposal]:
+    """The proposals worth showing, fewest joints first: the taken one, the given one, a symmetric one, and the front."""
+    given = [one for one in made if one.judged.laid.origin == GIVEN]
+    symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
+    front = [
+        one
+        for one in made
+        if not any(other.judged.laid.joints <= one.judged.laid.joints and other.rms < one.rms for other in made)
+    ]
+    chosen = list(dict.fromkeys([best, *given, *symmetric]))
+    # as far apart from each other as they can be
+    while len(chosen) < PROPOSALS and (rest := [one for one in front if one not in chosen]):
+        chosen.append(max(rest, key=lambda one: min(_apart(one, other) for other in chosen)))
+    return sorted(chosen, key=lambda one: (one.judged.laid.joints, one.rms))
+
+
+def _apart(one: Proposal, other: Proposal) -> float:
+    """How unlike two proposals are to somebody who chooses, by the ratios of their figures."""
+    joints = np.log((1 + one.judged.laid.joints) / (1 + other.judged.laid.joints))
+    return float(abs(joints) + abs(np.log(max(one.rms, 1e-9) / max(other.rms, 1e-9))))
+
+
+def _note(search: _Search, best: Proposal, reached: bool) -> str:
+    """What was chosen, or what stands in the way."""
+    what = _short(best.judged.laid, best.rms)
+    if search.params.goal == "panels":
+        asked = f"no more than {search.params.panels} panels"
+    elif search.params.goal == "match":
+        asked = f"a match of {search.params.match:g} %"
+    else:
+        asked = "the present match with less work"
+    if reached:
+        return f"Chosen for {asked}: {what}."
+    return f"No layout was found for {asked}; the nearest has {what}. {best.judged.advice}"

@@ -1,0 +1,153 @@
+"""Cuts that a person would draw: equal strips, rings and petals along families of parallel lines, and seams in mirror planes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Bool, Float, Int
+from ..patches.layout import groups, straight_on
+from ..surface.mesh import QuadMesh
+from ..surface.symmetry import Symmetry
+
+FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
+ALIKE = 0.7  # share of its lines that a family may have in common with one before it
+LEAST = 4  # lines of a family: fewer are no family but a coincidence
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Parallel lines that one strip of quads crosses.
+
+    lines : number of every line crossed, in order; at : metres along the strip where that is, from its beginning
+    length : metres of the whole strip; closed : whether it comes back to where it began
+    """
+
+    lines: Int[np.ndarray, " crossed"]
+    at: Float[np.ndarray, " crossed"]
+    length: float
+    closed: bool
+
+    def equal(self, parts: int, first: int = 0) -> Int[np.ndarray, " chosen"]:
+        """The lines nearest to those that divide the strip into equal parts; of a closed one ``first`` is one of them."""
+        if self.closed:
+            places = (self.at[first] + self.length * np.arange(parts) / parts) % self.length
+        else:
+            places = self.length * np.arange(1, parts) / parts
+        apart = np.abs(self.at[:, None] - places)
+        apart = np.minimum(apart, self.length - apart) if self.closed else apart
+        return np.unique(self.lines[apart.argmin(axis=0)])
+
+
+def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
+    """The straight line that every edge belongs to; lines end at irregular vertices and at the border."""
+    inner = np.flatnonzero(~mesh.border)
+    one, two = [], []
+    for way in range(2):
+        quad, side = mesh.edge_quads[inner, way], mesh.edge_sides[inner, way]
+        beyond, across, valid = straight_on(mesh, quad, side)
+        one.append(inner[valid])
+        two.append(mesh.quad_edges[beyond, across][valid])
+    return groups(len(mesh.edges), np.concatenate(one), np.concatenate(two))
+
+
+def families(mesh: QuadMesh) -> list[Family]:
+    """The families of parallel lines of a surface, those that cover most of it first."""
+    line_of = lines_of(mesh)
+    size = np.bincount(line_of)
+    found = [_family(mesh, strip, closed, line_of) for strip, closed in _strips(mesh)]
+    found = [family for family in found if len(np.unique(family.lines)) >= LEAST]
+    found.sort(key=lambda family: -int(size[np.unique(family.lines)].sum()))
+    kept: list[Family] = []
+    for family in found:
+        own = np.unique(family.lines)
+        if all(np.isin(own, other.lines).mean() <= ALIKE for other in kept):
+            kept.append(family)
+        if len(kept) == FAMILIES:
+            break
+    return kept
+
+
+def _strips(mesh: QuadMesh) -> Iterator[tuple[list[int], bool]]:
+    """The edges that every strip of quads crosses, in order, and whether it is closed."""
+    seen = np.zeros(len(mesh.edges), dtype=bool)
+    # those that begin at the border first, so that none is entered in its middle
+    for edge in (*np.flatnonzero(mesh.border).tolist(), *np.flatnonzero(~mesh.border).tolist()):
+        if seen[edge]:
+            continue
+        way = 0 if mesh.edge_quads[edge, 0] >= 0 else 1
+        quad, side, walk = int(mesh.edge_quads[edge, way]), int(mesh.edge_sides[edge, way]), [edge]
+        seen[edge] = True
+        closed = False
+        while quad >= 0:
+            following = int(mesh.quad_edges[quad, (side + 2) % 4])
+            if following == edge:
+                closed = True
+                break
+            if seen[following]:
+                break  # a strip that crosses itself
+            seen[following] = True
+            walk.append(following)
+            other = 1 if mesh.edge_quads[following, 0] == quad else 0
+            quad, side = int(mesh.edge_quads[following, other]), int(mesh.edge_sides[following, other])
+        yield walk, closed
+
+
+def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray) -> Family:
+    middle = mesh.vertices[mesh.edges[strip]].mean(axis=1)
+    steps = np.linalg.norm(np.diff(middle, axis=0, append=middle[:1]), axis=1)
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    inner = ~mesh.border[strip]
+    length = float(at[-1] if closed else at[-2])
+    return Family(line_of[strip][inner], at[:-1][inner], length, closed)
+
+
+def drawn(mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+    """Equal strips, rings and petals of up to so many parts, each with its name and where it is cut, (E,) bool.
+
+    Closed families begin at a line that lies in a mirror plane, where there is one, so that what is symmetric stays so.
+    A second family's lines, once or twice, open those that would be tubes.
+    """
+    line_of, found = lines_of(mesh), families(mesh)
+    plane = np.zeros(int(line_of.max()) + 1, dtype=bool)
+    for symmetry in symmetries:
+        plane[np.unique(line_of[in_plane(mesh, symmetry)])] = True
+
+    def cut(family: Family, parts: int) -> np.ndarray:
+        first = int(plane[family.lines].argmax()) if len(family.lines) else 0
+        return np.isin(line_of, family.equal(parts, first)) & ~mesh.border
+
+    for family in found:
+        for parts in range(2, min(most, len(family.lines)) + 1):
+            yield f"{parts} equal parts", cut(family, parts)
+    if not mesh.border.any():
+        for one in found:
+            for two in found:
+                if one is not two and not np.isin(one.lines, two.lines).any():
+                    for parts in range(2, min(most, len(one.lines)) + 1):
+                        if two.closed:
+                            yield f"{parts} equal parts, opened", cut(one, parts) | cut(two, 1)
+
+
+def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
+    """The edges that a mirror leaves where they are: those in its plane. None of a rotation."""
+    if np.linalg.det(symmetry.matrix) > 0.0:
+        return np.zeros(0, dtype=np.int64)
+    still = symmetry.vertices == np.arange(len(mesh.vertices))
+    return np.flatnonzero(still[mesh.edges].all(axis=1) & ~mesh.border)
+
+
+def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+    """Cuts in every mirror plane by itself, and in all planes together: a name and (E,) bool each."""
+    found = []
+    for symmetry in symmetries:
+        edges = in_plane(mesh, symmetry)
+        if len(edges):
+            cut = np.zeros(len(mesh.edges), dtype=bool)
+            cut[edges] = True
+            found.append(cut)
+            yield "along a mirror plane", cut
+    if len(found) > 1:
+        yield "along all mirror planes", np.any(found, axis=0)

@@ -1,0 +1,116 @@
+"""Changes of a layout where the shape at rest says that one is needed: cuts, darts and joins, symmetric ones together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..arrays import Bool, Float, Int
+from ..optimisation.reach import NAMES
+from ..patches.layout import PatchLayout, straight_on
+from ..patches.tracing.trace import middle_line
+from ..simulation.shortfall import curvature_within
+from ..surface.symmetry import keeping
+from .judge import Idea, Judged, Piece
+
+PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
+# of what limits a spiral's match, see ``reach``: what another cut mends
+MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
+OTHERWISE = 0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
+
+
+def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[Idea]:
+    """Layouts like a judged one: ``more`` cuts and darts where it is to blame, ``fewer`` cuts where nothing is lost by that.
+
+    Every change comes with its images under the symmetries which the layout keeps.
+    """
+    layout = judged.laid.flat.layout
+    kept = keeping(list(piece.symmetries), layout.cut)
+
+    def changed(edges: np.ndarray, value: bool, origin: str) -> Idea:
+        cut = layout.cut.copy()
+        for image in (edges, *(symmetry.edges[edges] for symmetry in kept)):
+            cut[image] = value
+        return Idea(cut & ~layout.mesh.border, origin)
+
+    if more:
+        for edges, origin in _cuts(layout, _blame(judged)):
+            yield changed(edges, True, origin)
+    if fewer:
+        for edges in _weakest(layout, _blame(judged)):
+            joined = changed(edges, False, "joined")
+            if PatchLayout(layout.mesh, joined.cut).planar.all():
+                yield joined
+
+
+def _blame(judged: Judged) -> Float[np.ndarray, " quads"]:
+    """(F,) how much every quad is to blame, most where another cut would mend it."""
+    mended = np.isin(judged.kind, MENDED)
+    return judged.blame * np.where(mended, 1.0, OTHERWISE)
+
+
+def _cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
+    """Edges to cut: through the middle of the patch to blame, and from its worst vertices to the outline."""
+    worst = int(np.bincount(layout.patch_of, blame).argmax())
+    middle = middle_line(layout, worst)
+    if len(middle):
+        yield middle, "cut in the middle"
+    seen = set[bytes]()
+    for vertex in _places(layout, blame):
+        rays = sorted(_rays(layout, vertex), key=lambda ray: float(layout.mesh.edge_lengths[ray].sum()))
+        if not rays:
+            continue
+        tries = [(rays[0], "a dart")]
+        if len(rays) > 1:
+            tries.append((np.concatenate(rays[:2]), "cut through the worst place"))
+        for edges, origin in tries:
+            if edges.tobytes() not in seen:
+                seen.add(edges.tobytes())
+                yield edges, origin
+
+
+def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
+    """Vertices inside of patches, those first round which most is to blame and most curvature has no way out."""
+    mesh = layout.mesh
+    inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
+    curved = curvature_within(layout)
+    weight = blame / max(float(blame.max()), 1e-300) + curved / max(float(curved.max()), 1e-300)
+    each = np.bincount(mesh.quads.ravel(), np.repeat(weight, 4), len(mesh.vertices)) / np.maximum(mesh.valence, 1)
+    order = np.argsort(np.where(inside, -each, np.inf), kind="stable")[: int(inside.sum())]
+    chosen: list[int] = []
+    for vertex in order.tolist():
+        near = np.linalg.norm(mesh.vertices[chosen] - mesh.vertices[vertex], axis=1) if chosen else np.zeros(0)
+        if (near > 3.0 * mesh.median_edge).all():  # another place, not the same one again
+            chosen.append(vertex)
+        if len(chosen) == PLACES:
+            break
+    return chosen
+
+
+def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]]:
+    """The straight lines from a vertex inside of a patch to its outline; those that end at an irregular vertex are left out."""
+    mesh = layout.mesh
+    outline = (layout.cut_degree > 0) | mesh.on_border
+    for quad, side in np.argwhere(mesh.quads == vertex).tolist():
+        q, k, walk = np.array([quad]), np.array([side]), list[int]()
+        while len(walk) <= len(mesh.edges):
+            walk.append(int(mesh.quad_edges[q[0], k[0]]))
+            if outline[mesh.quads[q[0], (k[0] + 1) % 4]]:
+                yield np.array(walk)
+                break
+            q, k, valid = straight_on(mesh, q, k)
+            if not valid[0]:
+                break
+
+
+def _weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " some"]]:
+    """The seams beside which least is to blame and which let least curvature out, for how long they are."""
+    mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
+    curved = curvature_within(opened)
+    weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)
+
+    def loss(edges: np.ndarray) -> float:
+        return float(weight[np.unique(mesh.edge_quads[edges])].sum()) / len(edges)
+
+    return sorted(layout.seam_edges, key=lambda edges: (round(loss(edges), 12), int(edges.min())))[:PLACES]
