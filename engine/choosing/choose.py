@@ -25,7 +25,7 @@ from ..patches.tracing.trace import trace
 from ..progress import SILENT, Progress
 from ..surface.symmetry import keeping
 from .choice import GIVEN, Choice, Proposal, proposal
-from .judge import LONG, SHORT, Idea, Judged, Laid, Piece, judge, lay
+from .judge import LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
 from .lines import drawn, planes
 from .moves import moves
 
@@ -39,7 +39,9 @@ MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
 # take some 60 s of two cores
 BUDGET, ONE, QUAD = 75.0, 0.5, 4e-3
 FEWEST, MOST = 8, 32  # layouts that are judged at least and at most
-SETTLED = 0.5  # share of them that are judged before any is changed
+MOST_PANELS = 3  # times as many as there are now, where their number is free; not measured, it bounds the time
+CURVED = 2.0  # times the curvature that the given layout's panels take up: over seven surfaces none with more lay flat
+SETTLED = 0.6  # share of them that are judged before any is changed
 TURNS = 3  # how often the best are changed
 BASES = 2  # layouts that are changed in a turn
 PROVED = 3  # layouts that get a long search, the best first, until one holds the goal
@@ -66,6 +68,7 @@ class _Search:
     reference: float = np.inf  # of the given layout after a long search
     known: dict[bytes, Judged | None] = field(default_factory=dict)
     proved: dict[bytes, Judged] = field(default_factory=dict)
+    waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
 
     @property
     def left(self) -> int:
@@ -96,6 +99,10 @@ class _Search:
     def holds(self, one: Judged) -> bool:
         """Whether a layout holds the goal."""
         return self.key(one)[0] == 0.0
+
+    def next(self, share: float) -> list[Laid]:
+        """The most promising layouts, as many as a share of what is left."""
+        return self.waiting[: int(share * self.left)]
 
     def judge(self, laid: Iterable[Laid], progress: Progress) -> None:
         """Judge layouts that are not known yet by a short search, as many as there still may be."""
@@ -131,8 +138,9 @@ def choose(
     first = Laid(given, GIVEN, 1 + len(keeping(list(piece.symmetries), given.layout.cut)))
     finished = True
     try:
-        _begin(search, first, progress.part(0.0, 0.15))
-        search.judge(_promising(search, first, progress.part(0.15, 0.35)), progress.part(0.35, 0.6))
+        _begin(search, first, progress.part(0.0, 0.1))
+        _collect(search, first, progress.part(0.1, 0.4))
+        search.judge(search.next(SETTLED), progress.part(0.4, 0.6))
         for turn in range(TURNS):
             part = progress.part(0.6 + 0.1 * turn, 0.7 + 0.1 * turn)
             if search.left <= 0 or not _changed(search, part):
@@ -148,17 +156,11 @@ def choose(
 
 
 def _begin(search: _Search, first: Laid, progress: Progress) -> None:
-    """Judge the given layout; what a long search makes of it tells what to expect of the others."""
-    search.judge([first], progress.part(0.0, 0.4))
+    """Judge the given layout."""
+    search.judge([first], progress)
     quick = search.known[key(first)]
-    if quick is None:
-        return
-    progress(0.4, f"The present layout: {_short(first, quick.rms)}")
-    search.prove([first], progress.part(0.4, 1.0))
-    slow = search.proved.get(key(first))
-    if slow is not None:
-        search.gain = float(np.clip(slow.rms / max(quick.rms, 1e-12), LEAST_GAIN, 1.0))
-        search.reference = slow.rms
+    if quick is not None:
+        progress(1.0, f"The present layout: {_short(first, quick.rms)}")
 
 
 def _short(laid: Laid, rms: float) -> str:
@@ -166,26 +168,42 @@ def _short(laid: Laid, rms: float) -> str:
     return f"{panels}, RMS distance {100.0 * rms:.2g} %"
 
 
-def _promising(search: _Search, first: Laid, progress: Progress) -> list[Laid]:
-    """Layouts that geometry finds, those first that no other has both fewer joints and less distortion than."""
-    piece, mesh = search.piece, search.piece.mesh
+def _collect(search: _Search, first: Laid, progress: Progress) -> None:
+    """Lay out what geometry finds, and meanwhile give the given layout a long search.
+
+    What that makes of the short one tells what to expect of the others, which start from its spirals.
+    """
+    piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
     ideas = [Idea(cut, name) for name, cut in planes(mesh, piece.symmetries)]
     ideas += [Idea(cut, name) for name, cut in drawn(mesh, MOST_PARTS, piece.symmetries)]
-    jobs: list[Idea | float] = [*LADDER, *ideas]
-    made = search.together(partial(_laid, piece), jobs, progress)
-    most = search.params.panels if search.params.goal == "panels" else max(3 * first.panels, MOST_PARTS)
+    jobs = [first, *LADDER, *ideas] if quick is not None else [*LADDER, *ideas]
+    most = CURVED * taken_up(first.flat.layout)
+    slow, *made = search.together(partial(_done, piece, most), jobs, progress)
+    if quick is None:
+        made.append(slow)
+    elif slow is not None:
+        search.proved[key(first)] = slow
+        search.gain = float(np.clip(slow.rms / max(quick.rms, 1e-12), LEAST_GAIN, 1.0))
+        search.reference = slow.rms
+        search.piece = replace(piece, spirals=slow.spirals)
+    panels = search.params.panels if search.params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
     limit = max(piece.settings.layout.distortion_limit, float(first.flat.energy.max()))
-    found = [
-        one
-        for one in made
-        if one is not None and one.panels <= most and float(one.flat.energy.max()) <= limit and key(one) != key(first)
-    ]
+    search.waiting = _ranked([one for one in made if one is not None and _fits(one, panels, limit)])
+
+
+def _fits(laid: Laid, panels: int, limit: float) -> bool:
+    return laid.panels <= panels and float(laid.flat.energy.max()) <= limit
+
+
+def _ranked(found: list[Laid]) -> list[Laid]:
+    """Layouts in fronts, those first that no other has both fewer joints and less distortion than."""
     ranked: list[Laid] = []
+    found = list({key(one): one for one in found}.values())
     while found:
         front = [one for one in found if not any(_beats(other, one) for other in found)]
         ranked += sorted(front, key=lambda one: (-one.symmetric, one.joints))
         found = [one for one in found if one not in front]
-    return ranked[: int(SETTLED * search.left)]
+    return ranked
 
 
 def _beats(one: Laid, other: Laid) -> bool:
@@ -198,10 +216,12 @@ def _distortion(laid: Laid) -> float:
     return round(float(laid.flat.energy @ areas / areas.sum()), 9)
 
 
-def _laid(piece: Piece, job: Idea | float) -> Laid | None:
-    """An idea laid flat, or the surface merged under a share of the distortion limit."""
+def _done(piece: Piece, most: float, job: Laid | Idea | float) -> Judged | Laid | None:
+    """A layout judged by a long search, an idea laid flat, or the surface merged under a share of the distortion limit."""
+    if isinstance(job, Laid):
+        return judge(piece, job, LONG)
     if isinstance(job, Idea):
-        return lay(piece, job)
+        return lay(piece, job, most)
     layout = piece.settings.layout
     try:
         tighter = replace(layout, distortion_limit=job * layout.distortion_limit)
@@ -221,10 +241,9 @@ def _changed(search: _Search, progress: Progress) -> bool:
         more = not holds or search.params.goal == "panels"
         ideas += islice(moves(search.piece, base, fewer=holds, more=more), share)
     made = search.together(partial(lay, search.piece), ideas, progress.part(0.0, 0.2))
+    panels = search.params.panels if search.params.goal == "panels" else len(search.piece.mesh.quads)
     limit = search.piece.settings.layout.distortion_limit
-    sound = [one for one in made if one is not None and float(one.flat.energy.max()) <= limit]
-    if search.params.goal == "panels":
-        sound = [one for one in sound if one.panels <= search.params.panels]
+    sound = [one for one in made if one is not None and _fits(one, panels, limit)]
     search.judge(sound[:share], progress.part(0.2, 1.0))
     return search.key(search.judged[0]) < before
 
