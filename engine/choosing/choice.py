@@ -23,14 +23,11 @@ GIVEN = "as it was"  # the origin of the layout that choosing began with
 class Proposal:
     """A layout with what it leads to and what making it takes.
 
-    judged : what its panels do; rms, largest : distance from the target, as a share of its size, after a whole search: as
-        measured, or estimated from a short one (``proved`` tells)
+    judged : what its panels do; where it is not ``proved``, after a short search: optimised, it comes nearer
     sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts
     """
 
     judged: Judged
-    rms: float
-    largest: float
     sheets: int
     cut: float | None
     join: float
@@ -42,6 +39,11 @@ class Proposal:
     @property
     def panels(self) -> int:
         return self.judged.laid.panels
+
+    @property
+    def rms(self) -> float:
+        """Distance from the target, as a share of its size."""
+        return self.judged.rms
 
     @property
     def proved(self) -> bool:
@@ -62,7 +64,7 @@ class Proposal:
             "joints": laid.joints,
             "seams_m": round(laid.seams, 4),
             "rms_percent": round(100.0 * self.rms, 4),
-            "max_percent": round(100.0 * self.largest, 4),
+            "max_percent": round(100.0 * self.judged.largest, 4),
             "proved": self.proved,
             "strain_share_max": round(self.judged.strain, 4),
             "slots_closed": self.judged.closed,
@@ -74,17 +76,14 @@ class Proposal:
         }
 
 
-def proposal(judged: Judged, gain: float, settings: Settings, material: Material) -> Proposal:
-    """A judged layout with its estimates; ``gain`` is what a long search makes of a short one's distance, as a factor."""
-    factor = 1.0 if judged.share >= LONG else gain
+def proposal(judged: Judged, settings: Settings, material: Material) -> Proposal:
+    """A judged layout with its estimates."""
     flat, thickness = judged.laid.flat, settings.spiral.thickness
     corners = flat.corners - np.roll(flat.corners, 2, axis=1)
     area = 0.5 * float(np.abs(corners[:, 0, 0] * corners[:, 1, 1] - corners[:, 0, 1] * corners[:, 1, 0]).sum())
     room = float(usable(settings.sheet).prod())
     return Proposal(
         judged,
-        factor * judged.rms,
-        factor * judged.largest,
         max(1, int(np.ceil(area / (FILLED * room)))),
         cut_seconds(material, thickness, judged.cut_length, judged.contours),
         assembly_seconds(judged.laid.joints),

@@ -26,6 +26,7 @@ from ..surface.symmetry import Symmetry, keeping
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.5
+FIRST = 0.05  # of the given layout, so that there is something to see soon
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import queue
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,11 +16,7 @@ from typing import IO, Any
 
 import numpy as np
 
-
-def python() -> str | None:
-    """The Python of this program; inside Blender that is the one that comes with it, never Blender itself."""
-    name = Path(sys.executable or "").name.lower()
-    return sys.executable if name.startswith(("python", "pypy")) else None
+from ...workers import python
 
 
 @dataclass(frozen=True, eq=False)
