@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from .engine.errors import Cancelled, FlexMapsError
 from .engine.fabrication.writers.export import USUAL
 from .engine.mechanics.loads import standing
-from .engine.params import ObjectSettings, changed
+from .engine.params import ObjectSettings, changed, wish
 from .engine.progress import SILENT, Progress
 from .engine.runs import job, stages
 from .engine.runs import report as reporting
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     import bpy
     import numpy as np
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "export", "layout",
-           "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show", "simulate", "spirals"]  # fmt: skip
+__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "export", "layout",
+           "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show", "simulate", "spirals", "take"]  # fmt: skip
 
 SHAPE = "shape:"
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
@@ -226,6 +226,20 @@ def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
     return _to(replace(piece, made=stages.without(piece.result, {"design"})), "design", progress)
 
 
+def choose(piece: Piece, *, panels: int | None = None, match: float | None = None, progress: Tell = None) -> Piece:
+    """Flat patches chosen among many layouts, by the shape that their panels take; the others are in ``result.choice``.
+
+    panels : most panels; match : RMS distance in percent of the size that may be left; with neither, as the settings say
+    """
+    wanted = changed(piece.settings, wish(panels=panels, match=match))
+    return _to(replace(piece, settings=wanted), "flat", progress, "choose")
+
+
+def take(piece: Piece, proposal: int) -> Piece:
+    """The piece in the layout of another proposal of its ``choose``, numbered from 0 on; what came after is dropped."""
+    return replace(piece, made=job.taken(piece.result, proposal))
+
+
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """The shape that the assembled panels take, and what keeps it from the target."""
     held = change(piece, supports=supports)
@@ -256,9 +270,8 @@ def export(
 
     told = _progress(progress)
     ready = piece if piece.result.sheets is not None else sheets(piece, progress=told.part(0.0, 0.8))
-    assert ready.result.sheets is not None
-    base = Path(folder) / name
-    with files.replacing_many(exporting.stale(base, ready.result.sheets.count), base.parent) as new:
+    base, made = Path(folder) / name, stages.needed(ready.result, "sheets")
+    with files.replacing_many(exporting.stale(base, made.count), base.parent) as new:
         title, guide, rest = Path(piece.name).stem, job_folder.guide_of(base), told.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
@@ -298,6 +311,7 @@ def run(
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
     optimised: bool = False,
+    chosen: bool = False,
     stop_after: str = "sheets",
     formats: Sequence[str] = USUAL,
     pictures: bool = True,
@@ -305,13 +319,14 @@ def run(
 ) -> dict[str, Any]:
     """The whole main job: from a source, as ``load`` takes it, to a folder with all its files; returns the report.
 
+    optimised, chosen : spirals are optimised, and layouts compared and one chosen, as the settings of the section choose say.
     Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
     earlier run's files in the folder stay as they are unless everything succeeds.
     """
     from .bridge.hosts import job_folder
 
     told = _progress(progress)
-    names = job.stages(stop_after, optimised)
+    names = job.stages(stop_after, optimised, chosen)
     with job_folder.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
         piece = load(source, edge=edge, height=height, up=up, quads=quads, settings=settings, supports=supports)
         piece = replace(piece, made=stages.without(piece.result, {"layout"}))

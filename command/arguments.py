@@ -11,11 +11,13 @@ from typing import Any, NoReturn, get_type_hints
 from .. import api
 from ..engine.errors import FlexMapsError
 from ..engine.fabrication.writers import export
-from ..engine.params import SHOWN, ObjectSettings, RemeshParams, Settings, shown
+from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.surface import shapes
 from . import summary
+
+CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
 
 class Parser(argparse.ArgumentParser):
@@ -40,6 +42,10 @@ def parser() -> argparse.ArgumentParser:
     whole.add_argument(
         "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
     )
+    whole.add_argument(
+        "--choose", action="store_true",
+        help="compare many layouts by the shape that their panels take, and take the best; so do --match, --panels and --goal",
+    )  # fmt: skip
     whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
     _formats(whole)
     _flags(whole)
@@ -49,9 +55,13 @@ def parser() -> argparse.ArgumentParser:
     flat.add_argument(
         "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
     )
+    _command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
+    for name in ("goal", "match", "panels"):
+        setting = next(f for f in fields(ChooseParams) if f.name == name)
+        _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
     _command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
     _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
-    for name in ("layout", "simulate", "optimise"):
+    for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
@@ -120,7 +130,7 @@ def _flags(made: argparse.ArgumentParser) -> None:
             group.add_argument(f"--{name}", dest=old, action=switch, help=argparse.SUPPRESS)
 
 
-def _flag(group: argparse._ArgumentGroup, name: str, dest: str, f: Field, kind: type) -> None:
+def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
     flag, meta = "--" + name.replace("_", "-"), f.metadata
     help = f"{meta['help']} (default {shown(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
     if kind is bool:
@@ -140,7 +150,8 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
         if not equals:
             raise FlexMapsError(f"--set {text}: give it as section.name=value")
         given[name.strip()] = value.strip()
-    return given
+    wished = {name: given.get(f"choose.{name}") for name in ("goal", "panels", "match")}
+    return given | wish(**wished)
 
 
 # -- what the commands do ----------------------------------------------------------------------------------------------
@@ -161,7 +172,9 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return api.run(args.mesh, args.out, **_source(args), optimised=args.optimise, stop_after=args.stop_after,
+    given = _source(args)
+    chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
+    return api.run(args.mesh, args.out, **given, optimised=args.optimise, chosen=chosen, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
 
 
@@ -175,6 +188,10 @@ def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     piece = api.load(args.mesh, **_source(args))
     return _saved(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
+
+
+def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    return _saved(args, api.choose(api.load(args.mesh, **_source(args)), progress=tell))
 
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

@@ -19,6 +19,14 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         print(f"  {layout['patches']} patches, worst distortion {layout['energy_max']:.4f}")
         for text in layout.get("remarks", ()):
             print(f"  warning: {text}")
+    if "choose" in described:
+        choice = described["choose"]
+        print(f"  {choice['note']} {choice['layouts_judged']} layouts were judged:")
+        for number, one in enumerate(choice["proposals"]):
+            mark, most = "*" if number == choice["taken"] else " ", "" if one["proved"] else "at most "
+            print(f"  {mark} {one['panels']} panels, {one['joints']} joints, RMS {most}{one['rms_percent']:.2g} %, "
+                  f"strain {100 * one['strain_share_max']:.0f} % of the limit, {one['sheets']} sheets, "
+                  f"{one['join_minutes']} min to join: {one['origin']}")  # fmt: skip
     if "spirals" in described:
         spirals = described["spirals"]
         print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")

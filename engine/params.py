@@ -776,6 +776,13 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
     return replace(settings, **made)
 
 
+def wish(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
+    """The settings that a layout be chosen by, as ``changed`` takes them: who names a number means that goal."""
+    named = goal or ("panels" if panels is not None else "match" if match is not None else None)
+    values = {"choose.goal": named, "choose.panels": panels, "choose.match": match}
+    return {name: value for name, value in values.items() if value is not None}
+
+
 def _replaced(section: str, block: Any, given: dict[str, Any]) -> Any:
     try:
         return replace(block, **given)

@@ -21,11 +21,12 @@ from .errors import FlexMapsError
 from .progress import Progress
 from .worker import receive, send
 
-T, U = TypeVar("T"), TypeVar("U")
+T = TypeVar("T")
+U = TypeVar("U")
 TRIES = 2  # how often a task is given to a process before it is said that processes end at it
 WAIT = 0.05  # seconds between two looks whether the user wants to stop
 # numeric libraries must not start a thread a core in every process
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def python() -> str | None:
@@ -60,9 +61,7 @@ class Workers:
             process.stop()
         self._idle.clear()
 
-    def __call__(
-        self, function: Callable[[T], U], items: Sequence[T], progress: Progress, text: str = ""
-    ) -> list[U]:
+    def __call__(self, function: Callable[[T], U], items: Sequence[T], progress: Progress, text: str = "") -> list[U]:
         """The function of every item, in their order; function and items can be pickled.
 
         What the function raises is raised here, of several the one of the first item; ``Cancelled`` when the user wants to stop,

@@ -40,6 +40,7 @@ ROOMS = (
     "engine/fabrication/writers",
     "engine/display",
     "engine/assembling",
+    "engine/choosing",
     "engine/runs",
     "bridge",
     "bridge/store",

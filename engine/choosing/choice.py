@@ -9,9 +9,9 @@ import numpy as np
 
 from ..fabrication.estimates import assembly_seconds, cut_seconds
 from ..materials import Material
+from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.splitting.split import usable
-from ..params import Settings
 from .judge import LONG, Judged
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it

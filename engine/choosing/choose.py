@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -30,15 +30,15 @@ from .judge import FIRST, LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
 from .lines import drawn, planes
 from .moves import moves
 
-T, U = TypeVar("T"), TypeVar("U")
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
-# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
-LADDER = (0.4, 0.15, 0.06, 0.03)
+# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels. The
+# steep ones, which take 10 s for 1,000 quads, only where the others do not lead to the goal
+LADDER, STEEP = (0.4, 0.15), (0.06, 0.03)
 MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
 # Core seconds for all short searches together, and what one takes: some seconds, and so much a quad; with these 1,000 quads
 # take some 60 s of two cores
-BUDGET, ONE, QUAD = 75.0, 0.5, 4e-3
+BUDGET, ONE, QUAD = 75.0, 2.5, 2.2e-3
 FEWEST, MOST = 8, 32  # layouts that are judged at least and at most
 MOST_PANELS = 3  # times as many as there are now, where their number is free; not measured, it bounds the time
 CURVED = 2.0  # times the curvature that the given layout's panels take up: over seven surfaces none with more lay flat
@@ -142,10 +142,12 @@ def choose(
     try:
         _begin(search, first, progress.part(0.0, 0.1))
         _collect(search, first, progress.part(0.1, 0.4))
-        search.judge(search.next(SETTLED), progress.part(0.4, 0.6))
+        search.judge(search.next(SETTLED), progress.part(0.4, 0.55))
+        if not search.judged or (not search.holds(search.judged[0]) and params.goal != "panels"):
+            _steeper(search, first, progress.part(0.55, 0.6))
         for turn in range(TURNS):
             part = progress.part(0.6 + 0.1 * turn, 0.7 + 0.1 * turn)
-            if search.left <= 0 or not _changed(search, part):
+            if search.left <= 0 or not _changed(search, first, part):
                 break
         _prove(search, progress.part(0.9, 1.0))
     except Cancelled:
@@ -187,9 +189,23 @@ def _collect(search: _Search, first: Laid, progress: Progress) -> None:
         search.proved[key(first)] = slow
         search.reference = slow.rms
         search.piece = replace(piece, spirals=slow.spirals)
-    panels = search.params.panels if search.params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
-    limit = max(piece.settings.layout.distortion_limit, float(first.flat.energy.max()))
-    search.waiting = _ranked([one for one in made if one is not None and _fits(one, panels, limit)])
+    search.waiting = _ranked([one for one in made if one is not None and _fits(one, *_limits(search, first))])
+
+
+def _steeper(search: _Search, first: Laid, progress: Progress) -> None:
+    """Lay out and judge the surface in more panels."""
+    most = CURVED * taken_up(first.flat.layout)
+    made = search.together(partial(_done, search.piece, most), STEEP, progress.part(0.0, 0.5), search.said)
+    search.judge(
+        [one for one in made if one is not None and _fits(one, *_limits(search, first))], progress.part(0.5, 1.0)
+    )
+
+
+def _limits(search: _Search, first: Laid) -> tuple[int, float]:
+    """How many panels there may be, and how much the worst quad may be distorted."""
+    params, layout = search.params, search.piece.settings.layout
+    panels = params.panels if params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
+    return panels, max(layout.distortion_limit, float(first.flat.energy.max()))
 
 
 def _fits(laid: Laid, panels: int, limit: float) -> bool:
@@ -232,7 +248,7 @@ def _done(piece: Piece, most: float, job: Laid | Idea | float) -> Judged | Laid 
     return lay(piece, Idea(merged.layout.cut, "merged with less distortion"))
 
 
-def _changed(search: _Search, progress: Progress) -> bool:
+def _changed(search: _Search, first: Laid, progress: Progress) -> bool:
     """Change the best layouts where their shape says so; whether that brought a better one."""
     before = search.key(search.judged[0])
     ideas: list[Idea] = []
@@ -242,9 +258,7 @@ def _changed(search: _Search, progress: Progress) -> bool:
         more = not holds or search.params.goal == "panels"
         ideas += islice(moves(search.piece, base, fewer=holds, more=more), share)
     made = search.together(partial(lay, search.piece), ideas, progress.part(0.0, 0.2), search.said)
-    panels = search.params.panels if search.params.goal == "panels" else len(search.piece.mesh.quads)
-    limit = search.piece.settings.layout.distortion_limit
-    sound = [one for one in made if one is not None and _fits(one, panels, limit)]
+    sound = [one for one in made if one is not None and _fits(one, *_limits(search, first))]
     search.judge(sound[:share], progress.part(0.2, 1.0))
     return search.key(search.judged[0]) < before
 

@@ -104,7 +104,9 @@ def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray)
     return Family(line_of[strip][inner], at[:-1][inner], length, closed)
 
 
-def drawn(mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+def drawn(
+    mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
+) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Equal strips, rings and petals of up to so many parts, each with its name and where it is cut, (E,) bool.
 
     Closed families begin at a line that lies in a mirror plane, where there is one, so that what is symmetric stays so.

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
+from ..arrays import Float, Int
 from ..optimisation.reach import NAMES
 from ..patches.layout import PatchLayout, straight_on
 from ..patches.tracing.trace import middle_line
@@ -17,7 +17,9 @@ from .judge import Idea, Judged, Piece
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
 # of what limits a spiral's match, see ``reach``: what another cut mends
 MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
-OTHERWISE = 0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
+OTHERWISE = (
+    0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
+)
 
 
 def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[Idea]:

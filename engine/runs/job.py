@@ -25,7 +25,7 @@ from .result import Result
 from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
 from .steps import STEPS
 
-__all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "go_to", "run", "stages"]
+__all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "go_to", "run", "stages", "taken"]
 
 CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
@@ -61,28 +61,30 @@ def run(
     height: float | None = None,
     stop_after: str = NAMES[-1],
     optimised: bool = False,
+    chosen: bool = False,
     supports: str | Sequence[int] | None = None,
     progress: Progress = SILENT,
 ) -> Result:
-    """Run the stages in order, up to and including ``stop_after``; "optimise" only if that is the last, or ``optimised``.
+    """Run the stages in order, up to and including ``stop_after``; those that have to be asked for as in ``stages``.
 
     ``edge`` is the wanted median quad edge, ``height`` the wanted extent along z, both in metres; with neither, the mesh
     is taken to be in metres already. ``supports`` names the quads that stand, see ``loads.standing``. Raises
     ``FlexMapsError`` where the input or a setting does not allow a stage, and ``Cancelled`` when the progress asks to stop.
     """
-    wanted = stages(stop_after, optimised)
+    wanted = stages(stop_after, optimised, chosen)
     stage = _Stages(wanted, progress)
     with stage(CHECK):
         result = begin(polygons, edge=edge, height=height, supports=supports)
     return _through(result, settings, wanted[1:], stage, lenient=True)
 
 
-def stages(stop_after: str, optimised: bool = False) -> list[str]:
-    """The stages up to ``stop_after``; one that has to be asked for only if it is the last, or ``optimised``."""
+def stages(stop_after: str, optimised: bool = False, chosen: bool = False) -> list[str]:
+    """The stages up to ``stop_after``; "optimise" only if that is the last or ``optimised``, "choose" likewise if ``chosen``."""
     if stop_after not in NAMES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(NAMES)}")
     first = NAMES[: NAMES.index(stop_after) + 1]
-    return [name for name in first if optimised or name in {CHECK, stop_after} or not STAGES[name].asked]
+    wanted = {CHECK, stop_after} | ({"optimise"} if optimised else set()) | ({"choose"} if chosen else set())
+    return [name for name in first if name in wanted or not STAGES[name].asked]
 
 
 def begin(
@@ -140,6 +142,18 @@ def flattened(
     """The result with the flat patches between cuts (E,) bool that somebody chose, as ``flatten.flatten`` makes them."""
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
     return replace(without(result, {"layout"}), flat=flatten.flatten(layout, params, progress, previous=previous))
+
+
+def taken(result: Result, number: int) -> Result:
+    """The result in the layout of another proposal of its choice; what was made from the former one is dropped.
+
+    Raises ``FlexMapsError`` where there is no such proposal.
+    """
+    choice = needed(result, "choice")
+    if not 0 <= number < len(choice.proposals):
+        raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
+    choice = replace(choice, taken=number)
+    return replace(without(result, {"flat"}), flat=choice.best.flat, choice=choice)
 
 
 def completed(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:

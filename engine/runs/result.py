@@ -8,6 +8,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..assembling.check import AssemblyCheck
+from ..choosing.choice import Choice
 from ..errors import FlexMapsError
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
@@ -34,6 +35,7 @@ class Result:
     seams : where somebody wants the surface to be cut; tracing then begins there
     rest : a pose that was found before, from which simulating starts
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
+    choice : the layouts that were compared, if that was asked for, and which of them flat is
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
     sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
@@ -53,6 +55,7 @@ class Result:
     rest: Pose | None = None
     layout: PatchLayout | None = None
     flat: FlatPatches | None = None
+    choice: Choice | None = None
     design: SpiralDesign | None = None
     optimisation: Optimisation | None = None
     simulation: Simulation | None = None

@@ -69,6 +69,8 @@ TABLE = (
     Stage("trace", 0.05, makes=("layout",), settings=("layout",), blocks=("layout",)),
     Stage("merge", 0.35, ("layout",), makes=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
+    Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
+          blocks=("choose", "layout"), asked=True, optional=True, done="chosen"),
     Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness",), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
@@ -84,6 +86,7 @@ STAGES = {stage.name: stage for stage in TABLE}
 MISSING = {
     "layout": "There are no patches yet; press Trace first",
     "flat": "There are no flat patches yet; press Merge or Flatten first",
+    "choice": "No layouts were compared yet; press Choose first",
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",
     "simulation": "There is no simulated shape yet; press Simulate first",

@@ -11,6 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..assembling import check as assembly_check
+from ..choosing import choose
+from ..choosing.judge import Piece
 from ..fabrication import estimates, sheets
 from ..optimisation import optimise, reach
 from ..params import Settings
@@ -24,6 +26,8 @@ from ..spirals import design
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
+from ..surface.symmetry import symmetries
+from ..workers import Workers
 from .result import Result
 
 
@@ -59,6 +63,15 @@ def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     return replace(result, flat=split.split(result.flat, settings.layout, settings.sheet, progress))
+
+
+def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.flat is not None
+    found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
+    piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found))
+    with Workers() as together:
+        made = choose.choose(piece, result.flat, settings.choose, progress.part(0.02, 1.0), together)
+    return replace(result, flat=made.best.flat, choice=made)
 
 
 def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -125,6 +138,7 @@ STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
     "trace": _trace,
     "merge": _merge,
     "split": _split,
+    "choose": _choose,
     "spirals": _spirals,
     "optimise": _optimise,
     "simulate": _simulate,
