@@ -6,27 +6,29 @@ processes are started by hand, see ``worker``.
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import queue
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from .errors import FlexMapsError
-from .progress import Progress
-from .worker import receive, send
+from .errors import Cancelled, FlexMapsError
+from .progress import SILENT, Progress
 
 T = TypeVar("T")
 U = TypeVar("U")
 TRIES = 2  # how often a task is given to a process before it is said that processes end at it
 WAIT = 0.05  # seconds between two looks whether the user wants to stop
 # numeric libraries must not start a thread a core in every process
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")} | {"VECLIB_MAXIMUM_THREADS": "1"}
+SCRIPT = Path(__file__).with_name("worker.py")
 
 
 def python() -> str | None:
@@ -42,126 +44,192 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-class Workers:
+class Lost(FlexMapsError):
+    """A process ended by itself while it worked on something."""
+
+
+class Workers(Executor):
     """Processes that call functions for this one, started when they are first needed; use it in a ``with`` statement.
 
-    count : how many; as many as there are cores by default. With one, or where no process can be started, everything is done
-    in this process.
+    count : how many; as many as there are cores by default. Functions, arguments and results can be pickled. Where no process
+    can be started, everything is done in this one, and ``note`` says so; else it is "".
     """
 
     def __init__(self, count: int | None = None):
-        self.count = cores() if count is None else count
-        self._idle: list[_Process] = []
+        self.count = max(1, cores() if count is None else count)
+        self.note = ""
+        self._idle: queue.LifoQueue[_Process | None] = queue.LifoQueue()
+        for _ in range(self.count):
+            self._idle.put(None)
+        self._all: set[_Process] = set()
+        self._lock = threading.Lock()
+        self._threads = ThreadPoolExecutor(self.count, "FlexMaps worker")
 
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for process in self._idle:
-            process.stop()
-        self._idle.clear()
-
-    def __call__(self, function: Callable[[T], U], items: Sequence[T], progress: Progress, text: str = "") -> list[U]:
-        """The function of every item, in their order; function and items can be pickled.
+    def __call__(
+        self, function: Callable[[T], U], items: Sequence[T], progress: Progress = SILENT, text: str = ""
+    ) -> list[U]:
+        """The function of every item, in their order; with one process alone, in this one.
 
         What the function raises is raised here, of several the one of the first item; ``Cancelled`` when the user wants to stop,
-        which ends the processes at once. Raises ``FlexMapsError`` where processes end by themselves.
+        which ends the processes at once. Raises ``Lost`` where processes end by themselves.
         """
-        count = min(self.count, len(items))
-        if count < 2 or python() is None:
+        if min(self.count, len(items)) < 2:
             return [function(item) for item in progress.each(items, text)]
-        tasks: queue.SimpleQueue[tuple[int, bytes] | None] = queue.SimpleQueue()
-        answers: queue.SimpleQueue[tuple[int, bool, Any]] = queue.SimpleQueue()
-        for number, item in enumerate(items):
-            tasks.put((number, pickle.dumps((function, item))))
-        for _ in range(count):
-            tasks.put(None)
-        used = [self._idle.pop() if self._idle else _Process() for _ in range(count)]
-        threads = [threading.Thread(target=process.serve, args=(tasks, answers), daemon=True) for process in used]
-        for thread in threads:
-            thread.start()
+        found = dict(as_done(self, function, items, progress, text))
+        return [found[number].result() for number in range(len(items))]
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have the function called in a process: as ``concurrent.futures.Executor`` does, but without keywords."""
+        if kwargs:
+            raise TypeError("workers take no keywords; use functools.partial")
+        return self._threads.submit(self._called, pickle.dumps(function), pickle.dumps(args))
+
+    def stop(self) -> None:
+        """End at once what is under way, which raises ``Cancelled`` then; there are new processes for what comes after."""
+        with self._lock:
+            for process in self._all:
+                process.kill()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes: after what was asked of them, or, with ``cancel_futures``, at once."""
+        if cancel_futures:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            self.stop()
+        self._threads.shutdown(wait=wait)
+        with self._lock:
+            for process in self._all:
+                process.close()
+            self._all.clear()
+
+    def __exit__(self, *failed: Any) -> None:
+        self.shutdown(cancel_futures=failed[0] is not None)
+
+    def _called(self, function: bytes, arguments: bytes) -> Any:
+        process = self._idle.get()
         try:
-            found = _collected(len(items), answers, progress, text)
-        except BaseException:
-            for process in used:
-                process.stop(for_good=True)
-            raise
-        for thread in threads:
-            thread.join()
-        self._idle += used
-        return found
+            for left in reversed(range(TRIES)):
+                if process is not None and not process.running:
+                    self._drop(process)
+                    process = None
+                process = process or self._new()
+                if process is None:
+                    with self._lock:  # one at a time, as if there were no threads
+                        return pickle.loads(function)(*pickle.loads(arguments))
+                try:
+                    return process.call(function, arguments)
+                except Lost:
+                    if not left:
+                        raise
+        finally:
+            self._idle.put(process)
+
+    def _new(self) -> _Process | None:
+        """Another process; None where there never was one, and none can be started."""
+        try:
+            process = _Process()
+        except (OSError, Lost):
+            if self._all:
+                raise
+            self.note = "No Python can be started beside this program: everything is done in one process"
+            return None
+        with self._lock:
+            self._all.add(process)
+        return process
+
+    def _drop(self, process: _Process) -> None:
+        with self._lock:
+            self._all.discard(process)
+        process.close()
 
 
-def _collected(
-    count: int, answers: queue.SimpleQueue[tuple[int, bool, Any]], progress: Progress, text: str
-) -> list[Any]:
-    """All answers in their order, as they come; raises what the first of them raised."""
-    found: dict[int, tuple[bool, Any]] = {}
-    while len(found) < count:
-        progress(len(found) / count, text)
-        with suppress(queue.Empty):
-            number, well, value = answers.get(timeout=WAIT)
-            found[number] = well, value
-    for number in range(count):
-        well, value = found[number]
-        if not well:
-            raise value
-    return [found[number][1] for number in range(count)]
+def as_done(
+    executor: Executor,
+    function: Callable[[Any], Any],
+    items: Sequence[Any],
+    progress: Progress = SILENT,
+    text: str = "",
+) -> Iterator[tuple[int, Future[Any]]]:
+    """(number, future) of every item as soon as it is done, by any executor, such as that of a cluster.
+
+    A future's ``result()`` is the function's value, or raises what it raised, ``Lost`` where its process ended. What is still
+    under way is ended when the progress raises ``Cancelled``, or when nobody asks for more.
+    """
+    numbers = {executor.submit(function, item): number for number, item in enumerate(items)}
+    left = set(numbers)
+    try:
+        while left:
+            progress(1.0 - len(left) / len(items), text)
+            done, left = wait(left, timeout=WAIT, return_when=FIRST_COMPLETED)
+            for future in sorted(done, key=numbers.__getitem__):
+                yield numbers[future], future
+    finally:
+        for future in left:
+            future.cancel()
+        if isinstance(executor, Workers) and not all(future.done() for future in left):
+            executor.stop()
 
 
 class _Process:
-    """One process, started when it is first needed and again when it has ended."""
+    """A Python beside this one that calls one function at a time. Raises OSError and ``Lost`` where none can be started."""
 
     def __init__(self) -> None:
-        self._process: subprocess.Popen[bytes] | None = None
-        self._over = False
-
-    def serve(
-        self,
-        tasks: queue.SimpleQueue[tuple[int, bytes] | None],
-        answers: queue.SimpleQueue[tuple[int, bool, Any]],
-    ) -> None:
-        """Do tasks until there is none left; runs in a thread of its own."""
-        while not self._over and (task := tasks.get()) is not None:
-            number, message = task
-            answers.put((number, *self._answer(message)))
-
-    def _answer(self, message: bytes) -> tuple[bool, Any]:
-        for _ in range(TRIES):
-            try:
-                pipes = self._started()
-                send(pipes.stdin, message)
-                well, value = pickle.loads(receive(pipes.stdout))
-                return well, value
-            except (OSError, EOFError, ValueError):
-                self.stop()
-                if self._over:
-                    break
-        return False, FlexMapsError(
-            "A process that was to work on this ended by itself, twice: there may be too little memory for so many at once"
+        found = python()
+        if found is None:
+            raise FileNotFoundError("this program is no Python")
+        self._stopped = False
+        self._known = b""
+        self._popen = subprocess.Popen(
+            [found, "-I", "-B", str(SCRIPT)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **ONE_THREAD},
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),  # no console window on Windows
         )
+        path = [place for place in sys.path if place]
+        package = __name__.rpartition(".engine.")[0]
+        begin = json.dumps({"package": package, "folder": str(SCRIPT.resolve().parents[1]), "path": path})
+        self._answer(begin.encode() + b"\n")
 
-    def _started(self) -> subprocess.Popen[bytes]:
-        if self._process is None or self._process.poll() is not None:
-            package = __name__.rpartition(".engine.")[0]
-            self._process = subprocess.Popen(
-                [str(python()), "-I", str(Path(__file__).with_name("worker.py"))],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **ONE_THREAD},
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            )
-            send(self._process.stdin, (sys.path, package, str(Path(__file__).resolve().parents[1])))
-        return self._process
+    def call(self, function: bytes, arguments: bytes) -> Any:
+        """The value of a pickled function of pickled arguments. Raises what that raises, and ``Lost`` where the process ends."""
+        given = b"" if function == self._known else function  # a function can hold a whole mesh
+        self._known = function
+        return self._answer(pickle.dumps((given, arguments)))
 
-    def stop(self, *, for_good: bool = False) -> None:
-        """End the process at once; ``for_good``, no other is started."""
-        self._over |= for_good
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
-            for pipe in (process.stdin, process.stdout):
-                with suppress(OSError):
-                    pipe.close()  # type: ignore[union-attr]
+    def _answer(self, message: bytes) -> Any:
+        stdin, stdout = self._popen.stdin, self._popen.stdout
+        assert stdin is not None
+        assert stdout is not None
+        try:
+            stdin.write(message)
+            stdin.flush()
+            well, value = pickle.load(stdout)
+        except (OSError, EOFError, ValueError, pickle.UnpicklingError):
+            if self._stopped:
+                raise Cancelled from None
+            self.kill()
+            raise Lost(
+                "A process that was to work on this ended by itself: there may be too little memory for so many at once"
+            ) from None
+        if not well:
+            raise value
+        return value
+
+    @property
+    def running(self) -> bool:
+        return self._popen.poll() is None
+
+    def kill(self) -> None:
+        """End it at once; what it works on raises ``Cancelled``."""
+        self._stopped = True
+        self._popen.kill()
+        self._popen.wait()
+
+    def close(self) -> None:
+        """End it and let go of its pipes; no call may be under way."""
+        self.kill()
+        for pipe in (self._popen.stdin, self._popen.stdout):
+            assert pipe is not None
+            with suppress(OSError):
+                pipe.close()
