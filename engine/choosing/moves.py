@@ -106,7 +106,7 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
                 break
 
 
-def _weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " some"]]:
+def _weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """The seams beside which least is to blame and which let least curvature out, for how long they are."""
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
     curved = curvature_within(opened)

@@ -30,7 +30,7 @@ GIVEN = {
     "seconds",
 }
 # sections that say how to search, what to draw and where to write, so that no result depends on them
-NO_RESULT = {"optimise", "remesh", "export", "preview", "film", "render"}
+NO_RESULT = {"choose", "optimise", "remesh", "export", "preview", "film", "render"}
 
 
 @pytest.fixture(scope="module")
@@ -130,13 +130,15 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
 
 def test_notes_are_dropped_with_what_they_tell_of() -> None:
     """In a .blend file a note stays true until a stage before its own writes."""
-    assert stages.blocks_after("layout") == {"spirals", "optimise", "equilibrium", "reach", "sheets", "assembly"}
+    made = {"spirals", "optimise", "equilibrium", "reach", "sheets", "assembly"}
+    assert stages.blocks_after("layout") == made | {"choose"}
+    assert stages.blocks_after("choose") == set()  # the layout that is written with it takes them
     assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets", "assembly"}
     assert stages.blocks_after("equilibrium") == stages.blocks_after("optimise") == set()
 
 
 def test_every_block_is_told(made: Result) -> None:
-    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"optimise"}  # which nobody asked for
+    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"choose", "optimise"}  # which nobody asked for
     assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 
@@ -144,6 +146,8 @@ def test_stages_up_to_a_name() -> None:
     assert job.stages("split") == ["check", "regularise", "trace", "merge", "split"]
     assert "optimise" not in job.stages("sheets") and "optimise" in job.stages("sheets", optimised=True)
     assert job.stages("optimise")[-1] == "optimise"
+    assert "choose" not in job.stages("sheets", optimised=True) and "optimise" not in job.stages("sheets", chosen=True)
+    assert job.stages("spirals", chosen=True)[-3:] == ["split", "choose", "spirals"]
     assert not any(STAGES[name].quick for name in job.NAMES[1:])
     with pytest.raises(FlexMapsError, match="no stage 'nest'"):
         job.stages("nest")

@@ -1,0 +1,213 @@
+"""Layouts that a person would draw, changes where the shape says so, and the choice among them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.choosing import lines
+from flexmaps.engine.choosing.choose import choose
+from flexmaps.engine.choosing.judge import Idea, Judged, Laid, Piece, judge, lay
+from flexmaps.engine.choosing.moves import moves
+from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.params import ChooseParams, Settings
+from flexmaps.engine.patches.layout import PatchLayout, groups
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.symmetry import symmetries
+
+
+def torus(around: int = 16, across: int = 8) -> QuadMesh:
+    """A torus of ``around`` times ``across`` quads."""
+    u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    a, b = 2 * np.pi * u / around, 2 * np.pi * v / across
+    r = 0.1 + 0.04 * np.cos(b)
+    points = np.stack([r * np.cos(a), r * np.sin(a), 0.04 * np.sin(b)], axis=2).reshape(-1, 3)
+
+    def at(i: np.ndarray, j: np.ndarray) -> np.ndarray:
+        return (i % around) * across + j % across
+
+    return QuadMesh(points, np.stack([at(u, v), at(u + 1, v), at(u + 1, v + 1), at(u, v + 1)], axis=2).reshape(-1, 4))
+
+
+def grid(n: int = 8, m: int = 6, height: float = 0.02) -> QuadMesh:
+    """A dome over a rectangle of n times m quads."""
+    u, v = np.meshgrid(np.arange(n + 1), np.arange(m + 1), indexing="ij")
+    z = height * np.sin(np.pi * u / n) * np.sin(np.pi * v / m)
+    points = np.stack([0.02 * u, 0.02 * v, z], axis=2).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
+    a = (i * (m + 1) + j).ravel()
+    return QuadMesh(points, np.stack([a, a + m + 1, a + m + 2, a + 1], axis=1))
+
+
+# -- lines -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_lines_of_a_torus_are_its_circles() -> None:
+    mesh = torus()
+    line_of = lines.lines_of(mesh)
+    assert sorted(np.bincount(line_of).tolist()) == [8] * 16 + [16] * 8
+    found = lines.families(mesh)
+    assert sorted(len(np.unique(family.lines)) for family in found) == [8, 16]
+    assert all(family.closed for family in found)
+
+
+def test_equal_parts_of_a_torus_are_equally_large() -> None:
+    mesh = torus()
+    long = max(lines.families(mesh), key=lambda family: len(family.lines))  # the circles the short way round
+    for parts in (2, 4, 8):
+        cut = np.isin(lines.lines_of(mesh), long.equal(parts))
+        a, b = mesh.edge_quads[~cut & ~mesh.border].T
+        assert np.bincount(groups(len(mesh.quads), a, b)).tolist() == [len(mesh.quads) // parts] * parts
+
+
+def test_equal_strips_of_a_sheet() -> None:
+    mesh = grid(8, 6)
+    sizes = set()
+    for name, cut in lines.drawn(mesh, 4, []):
+        layout = PatchLayout(mesh, cut)
+        sizes.add(tuple(len(quads) for quads in layout.patches))
+        assert name.startswith(str(len(layout.patches)))
+        assert layout.planar.all()
+    assert {(24, 24), (12, 12, 12, 12), (16, 16, 16)} <= sizes  # halves both ways, quarters of 8, thirds of 6
+
+
+def test_seams_lie_in_the_mirror_planes() -> None:
+    mesh = grid(8, 6)
+    cuts = dict(lines.planes(mesh, symmetries(mesh)))
+    cut = cuts["along all mirror planes"]
+    middle = mesh.vertices[mesh.edges[cut]].mean(axis=1)
+    off = np.minimum(np.abs(middle[:, 0] - 0.08), np.abs(middle[:, 1] - 0.06))
+    assert cut.sum() == 8 + 6 and off.max() < 1e-9
+    assert len(lines.in_plane(mesh, next(s for s in symmetries(mesh) if np.linalg.det(s.matrix) > 0))) == 0
+
+
+# -- judging and changing ----------------------------------------------------------------------------------------------
+
+
+@cache
+def ball() -> Piece:
+    """A ball of 150 quads, whose one panel a short search leaves at about 1 % of its size."""
+    made = job.run(PolygonMesh.of(shapes.make("cubesphere")), Settings(), stop_after="split")
+    return Piece(made.mesh, Settings(), symmetries=tuple(symmetries(made.mesh)))
+
+
+def test_what_cannot_be_laid_flat_is_no_layout() -> None:
+    piece = Piece(torus(), Settings())
+    nothing = np.zeros(len(piece.mesh.edges), dtype=bool)
+    opened = lay(piece, Idea(nothing, "no cut at all"))
+    assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
+    assert lay(piece, Idea(nothing, "too curved"), most=0.1) is None
+
+
+def judged_of(laid: Laid, blame: np.ndarray) -> Judged:
+    kind = np.zeros(len(blame), dtype=np.int64)
+    return Judged(laid, 0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1, (np.zeros((len(blame), 4)), np.zeros(len(blame))))
+
+
+def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> None:
+    mesh = grid(8, 6, height=0.04)
+    piece = Piece(mesh, Settings())
+    middle = np.isclose(mesh.vertices[mesh.edges][:, :, 0], 0.08).all(axis=1) & ~mesh.border
+    laid = lay(piece, Idea(middle, "halves"))
+    assert laid is not None
+    blame = np.where(mesh.centroids[:, 0] < 0.08, 1.0, 0.0)  # the left half is to blame
+    ideas = list(moves(piece, judged_of(laid, blame), fewer=True, more=True))
+    added = [idea.cut & ~laid.cut for idea in ideas if (idea.cut & ~laid.cut).any()]
+    assert added
+    assert all((mesh.vertices[mesh.edges[cut]][..., 0] <= 0.08 + 1e-9).all() for cut in added[:3])
+    assert any(idea.origin == "joined" and not idea.cut.any() for idea in ideas)
+    assert all(PatchLayout(mesh, idea.cut).planar.all() for idea in ideas)
+
+
+def test_changes_keep_the_symmetry_of_a_layout() -> None:
+    mesh = grid(8, 6)
+    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    cut = dict(lines.planes(mesh, piece.symmetries))["along all mirror planes"]
+    laid = lay(piece, Idea(cut, "quarters"))
+    assert laid is not None and laid.symmetric == 1 + len(piece.symmetries) == 4
+    rng = np.random.default_rng(2)
+    for idea in moves(piece, judged_of(laid, rng.random(len(mesh.quads))), fewer=True, more=True):
+        assert all((idea.cut[s.edges] == idea.cut).all() for s in piece.symmetries)
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer layouts than anybody would compare, which is quicker."""
+    monkeypatch.setattr(choosing, "MOST", 6)
+    monkeypatch.setattr(choosing, "FEWEST", 6)
+    monkeypatch.setattr(choosing, "MOST_PARTS", 3)
+    monkeypatch.setattr(choosing, "STEEP", ())
+
+
+# -- choosing ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("few")
+def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
+    """The given layout ends at 0.1 % or more; three panels of a ball are nearer than any one panel, as geometry has it."""
+    piece = ball()
+    given = job.run(PolygonMesh.of(piece.mesh), Settings(), stop_after="split").flat
+    assert given is not None
+    seen: list[str] = []
+    small = replace(piece, settings=replace(piece.settings, optimise=replace(piece.settings.optimise, patience=0.3)))
+    choice = choose(small, given, ChooseParams(match=0.02), Progress(lambda fraction, text: seen.append(text)))
+    rows = [one.report() for one in choice.proposals]
+    first = next(row for row in rows if row["origin"] == "as it was")
+    taken = rows[choice.taken]
+    assert 3 <= len(rows) <= 6 and rows == sorted(rows, key=lambda row: row["joints"])
+    assert choice.best.proved and taken["rms_percent"] < 0.7 * first["rms_percent"]
+    assert any(one.symmetric for one in choice.proposals)
+    assert choice.reached == (taken["rms_percent"] <= 0.02)
+    assert ("Chosen for" in choice.note) == choice.reached and f"{taken['panels']} panel" in choice.note
+    assert any("the best: " in text for text in seen)
+    # what it tells is what the layout does: judged again, it comes out the same
+    again = judge(small, choice.best.judged.laid, choice.best.judged.share)
+    assert again is not None and 50.0 * taken["rms_percent"] < 100.0 * again.rms * 100.0 < 200.0 * taken["rms_percent"]
+
+
+@pytest.mark.usefixtures("few")
+def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
+    piece = Piece(grid(8, 6, height=0.03), Settings())
+    given = lay(piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves"))
+    assert given is not None
+    choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
+    first = next(one for one in choice.proposals if one.judged.laid.origin == "as it was")
+    assert choice.reached and choice.best.panels <= 2
+    assert choice.best.rms <= first.rms
+
+
+@pytest.mark.usefixtures("few")
+def test_a_stop_keeps_the_best_so_far() -> None:
+    piece = Piece(grid(6, 6, height=0.03), Settings())
+    given = job.run(PolygonMesh.of(piece.mesh), Settings(), stop_after="split").flat
+    assert given is not None
+
+    def tell(fraction: float, text: str) -> None:
+        if "the best" in text and fraction > 0.2:
+            raise Cancelled(text)
+
+    choice = choose(piece, given, ChooseParams(match=0.001), Progress(tell))
+    assert not choice.finished and len(choice.proposals) >= 1
+
+    with pytest.raises(Cancelled):
+        choose(piece, given, ChooseParams(), Progress(stopped=lambda: True))
+
+
+@pytest.mark.usefixtures("few")
+def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
+    settings = Settings()
+    quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
+    made = job.run(PolygonMesh.of(grid(6, 6, height=0.03)), quick, stop_after="spirals", chosen=True)
+    assert made.choice is not None and made.flat is made.choice.best.flat and made.design is not None
+    other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
+    changed = job.taken(made, other)
+    assert changed.flat is made.choice.proposals[other].flat and changed.design is None
+    assert changed.choice is not None and changed.choice.taken == other
+    with pytest.raises(Exception, match="no proposal 99"):
+        job.taken(made, 99)
