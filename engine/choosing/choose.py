@@ -47,9 +47,8 @@ TURNS = 3  # how often the best are changed
 BASES = 2  # layouts that are changed in a turn
 PROVED = 3  # layouts that get a long search, the best first, until one holds the goal
 PROPOSALS = 6  # that are shown at most: more are no choice but a list
-# How much nearer another layout must come with as many panels before the given one gives way: two searches of the same layout
-# differ by as much
-NEARER = 0.03
+# Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
+NEARER, ENOUGH = 0.03, 1.05
 # What a long search leaves of the distance that a short one ends with: 0.36 to 0.67 for layouts of 986 quads, less for those of 150
 EXPECTED = 0.67
 
@@ -293,11 +292,15 @@ def _choice(search: _Search, first: Laid, finished: bool) -> Choice:
 
 
 def _taken(search: _Search, judged: list[Judged], first: Laid) -> Judged:
-    """The best; where only the distance counts, the given one unless another comes nearer by more than chance."""
+    """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
+    best = judged[0]
+    if search.params.goal != "panels" and search.holds(best):
+        return best
     given = next((one for one in judged if key(one.laid) == key(first)), None)
-    if given is None or search.params.goal != "panels" or not search.holds(given):
-        return judged[0]
-    return judged[0] if search.distance(judged[0]) < (1.0 - NEARER) * search.distance(given) else given
+    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= ENOUGH * search.distance(best)]
+    if search.params.goal == "panels":
+        alike = [given] if given is not None and search.holds(given) and given in alike else []
+    return min([best, *alike], key=lambda one: (one.laid.joints, one.laid.panels))
 
 
 def _shown(made: list[Proposal], best: Proposal) -> list[Proposal]:

@@ -204,6 +204,7 @@ def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
     made = job.run(PolygonMesh.of(grid(6, 6, height=0.03)), quick, stop_after="spirals", chosen=True)
+    assert made.undone == {}
     assert made.choice is not None and made.flat is made.choice.best.flat and made.design is not None
     other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
     changed = job.taken(made, other)
