@@ -8,6 +8,7 @@ from ..bridge.hosts import background
 from . import (
     animate,
     check,
+    choose,
     export,
     layout,
     optimise,
@@ -27,6 +28,7 @@ MODULES = (
     remesh,
     regularise,
     layout,
+    choose,
     spirals,
     simulate,
     optimise,

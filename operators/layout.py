@@ -37,7 +37,7 @@ class LayoutStage(ContinuedStage):
         return translate("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
 
 
-def _reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
+def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
     """The flat patches and their note; of thousands of quads that takes a moment, so it is no work for the main thread."""
     from ..engine.patches.flattening.report import layout_report
 
@@ -57,7 +57,7 @@ class Trace(LayoutStage, bpy.types.Operator):
 
             made = job.go_on(result, snapshot.settings, ("trace",), progress)
             assert made.layout is not None
-            return _reported(made, **{notes.TRACED: len(made.layout.patches) > 1})
+            return reported(made, **{notes.TRACED: len(made.layout.patches) > 1})
 
         return go_on
 
@@ -74,7 +74,7 @@ class Merge(LayoutStage, bpy.types.Operator):
             from ..engine.runs import job
 
             begun = replace(result, seams=snapshot.seams(result))
-            return _reported(job.go_on(begun, snapshot.settings, ("trace", "merge", "split"), progress))
+            return reported(job.go_on(begun, snapshot.settings, ("trace", "merge", "split"), progress))
 
         return go_on
 
@@ -93,9 +93,7 @@ class FlattenStage(LayoutStage):
             from ..engine.runs import job
 
             previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None
-            return _reported(
-                job.flattened(result, snapshot.seams(result), snapshot.settings.layout, progress, previous)
-            )
+            return reported(job.flattened(result, snapshot.seams(result), snapshot.settings.layout, progress, previous))
 
         return go_on
 

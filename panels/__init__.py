@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.view import plot
+from ..bridge.view import choices, plot
 from . import preview, sidebar, translations
 
 # in the order in which they are seen
@@ -21,4 +21,5 @@ def unregister() -> None:
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
     plot.unregister()
+    choices.unregister()
     translations.unregister()

@@ -37,6 +37,7 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 OURS: dict[str, tuple[str, str, float, float]] = {
     "cut": ("EDGE", "BOOLEAN", 0, 1),
     "seam": ("EDGE", "INT", -1, np.inf),
+    "choices": ("EDGE", "INT", 0, 255),  # bit k: cut in proposal k
     "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
     "patch": ("FACE", "INT", 0, np.inf),
     "energy": ("FACE", "FLOAT", 0, LARGEST),

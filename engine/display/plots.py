@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Float
+from .. import colours
+from ..arrays import Float, Int
 from .drawing import (
     GREY,
     GRID,
@@ -243,6 +244,45 @@ def shape_map(
         drawing.add(Shapes(placed[chunk], shades[chunk]))
         drawing.add(_outlines(placed[chunk], sides[chunk]))
     return _finished(drawing, placed[:0], sides[:0], colouring)
+
+
+def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
+    """(F, 3) sRGB: a colour for every patch."""
+    looks = colours.hexadecimal(colours.of_patches(int(patch.max()) + 1))
+    return np.array([rgb(name) for name in looks])[patch]
+
+
+def thumbnail(
+    vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, patch: Int[np.ndarray, " quads"], size: float
+) -> Drawing:
+    """Patches as ``shape_map`` draws them, without words, in a square of ``size`` pixels."""
+    large = shape_map(vertices, quads, sides, Colouring("", patch_fills(patch)))
+    body = [item for item in large.items if not isinstance(item, Text)]
+    shown = np.concatenate([item.points.reshape(-1, 2) for item in body if isinstance(item, Shapes)])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    factor = 0.94 * size / max(float((high - low).max()), 1e-30)
+    shift = 0.5 * (size - factor * (high + low))
+    drawing = Drawing("", size, size)
+    for item in body:
+        if isinstance(item, Shapes):
+            drawing.add(Shapes(item.points * factor + shift, item.fills))
+        elif isinstance(item, Strokes):
+            drawing.add(Strokes(item.ends * factor + shift, item.colour, item.width))
+    return drawing
+
+
+def front(rows: Sequence[tuple[float, float, str]], taken: int, size: tuple[float, float] = (520, 320)) -> Drawing:
+    """Proposals by their joints and their distance, percent, each with a name; the taken one stands out."""
+    drawing = Drawing("Layouts that were compared", *size)
+    joints, rms = np.array([row[0] for row in rows], dtype=float), np.array([row[1] for row in rows], dtype=float)
+    span, logarithmic = _scale(rms)
+    axes = Axes(drawing, (0.0, 1.12 * max(float(joints.max()), 1.0)), span, logarithmic=logarithmic)
+    axes.frame("Joints", "RMS distance (%)", ticks(*axes.x), decades(*span) if logarithmic else ticks(*span))
+    points = axes.at(joints, rms)
+    drawing.add(Dots(points, 4.0, CURVE), Dots(points[[taken]], 6.0, ACCENT))
+    for point, (_, _, name) in zip(points, rows, strict=True):
+        drawing.add(Text((float(point[0]) + 8, float(point[1]) - 6), name, 11.5, INK))
+    return drawing
 
 
 def _key_width(colouring: Colouring) -> float:

@@ -18,10 +18,10 @@ from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
 from ..surface.mesh import QuadMesh
 from . import arrange, plots
-from .drawing import Drawing, hexes, rgb
+from .drawing import Drawing, hexes
 from .plots import Colouring
 
-NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
+NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
@@ -96,7 +96,7 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
     described : the report of the same run; distortion : the limit of the layout, where the scale of the distortion ends
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
-    return layout | spirals | _history(described) | _match(measured, described)
+    return layout | spirals | _choices(described) | _history(described) | _match(measured, described)
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
@@ -105,8 +105,7 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
     if m.patch is None or m.corners is None or m.distortion is None:
         plain = Colouring("Surface", np.full((count, 3), [0.80, 0.86, 0.86]))
         return {"surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
-    looks = colours.hexadecimal(colours.of_patches(int(m.patch.max()) + 1))
-    fills = np.array([rgb(name) for name in looks])[m.patch]
+    fills = plots.patch_fills(m.patch)
     high = max(distortion, float(m.distortion.max()))
     bent = Colouring.of("Distortion of the flat patches, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high)
     return {
@@ -131,6 +130,14 @@ def _spirals(m: Measured) -> dict[str, Drawing]:
         made = Colouring.of(title, values, unit, colours.MUCH, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
+
+
+def _choices(described: Mapping[str, Any]) -> dict[str, Drawing]:
+    block = described.get("choose")
+    if not block:
+        return {}
+    rows = [(one["joints"], one["rms_percent"], str(one["panels"])) for one in block["proposals"]]
+    return {"choices": plots.front(rows, block["taken"])}
 
 
 def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:

@@ -70,7 +70,7 @@ TABLE = (
     Stage("merge", 0.35, ("layout",), makes=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
-          blocks=("choose", "layout"), asked=True, optional=True, done="chosen"),
+          blocks=("choose",), asked=True, optional=True, done="chosen"),
     Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness",), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),

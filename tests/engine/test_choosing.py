@@ -107,7 +107,9 @@ def test_what_cannot_be_laid_flat_is_no_layout() -> None:
 
 def judged_of(laid: Laid, blame: np.ndarray) -> Judged:
     kind = np.zeros(len(blame), dtype=np.int64)
-    return Judged(laid, 0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1, (np.zeros((len(blame), 4)), np.zeros(len(blame))))
+    return Judged(
+        laid, 0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1, (np.zeros((len(blame), 4)), np.zeros(len(blame)))
+    )
 
 
 def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> None:

@@ -1,0 +1,78 @@
+"""Little pictures of the layouts that were compared, as icons that the sidebar shows large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...engine.arrays import Float
+from ...engine.display import plots, raster
+from ...engine.patches.flattening.flatten import FlatPatches
+from . import images
+
+SIZE = 128  # pixels of an icon
+
+_kept: dict[str, Any] = {}  # Blender's previews, and from which pictures those of an object were made
+
+
+def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 4"]:
+    """All layouts beside each other, every one in a square of ``SIZE`` pixels, the uppermost row first; sRGB with alpha."""
+    drawn = []
+    for flat in layouts:
+        layout, mesh = flat.layout, flat.layout.mesh
+        small = plots.thumbnail(mesh.vertices, mesh.quads, layout.outline_sides, layout.patch_of, SIZE / raster.SCALE)
+        drawn.append(raster.pixels(small, {}, paper=None))
+    return np.concatenate(drawn, axis=1)
+
+
+def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
+    """Keep the pictures in the file, by the name of the object's mesh."""
+    images.image(_name(obj), strip.astype(np.float32))
+    _kept.pop(_name(obj), None)
+
+
+def _name(obj: bpy.types.Object) -> str:
+    return f"{obj.data.name} layouts"
+
+
+def icons(obj: bpy.types.Object, count: int) -> list[int]:
+    """The numbers of icons that show the layouts; 0 for those that have no picture, and without a window."""
+    name = _name(obj)
+    if name not in _kept:
+        _kept[name] = _made(name, count)
+    found = _kept[name]
+    return [*found, *[0] * count][:count]
+
+
+def _made(name: str, count: int) -> list[int]:
+    image = bpy.data.images.get(name)
+    if image is None or bpy.app.background or tuple(image.size) != (SIZE * count, SIZE):
+        return []
+    import bpy.utils.previews
+
+    previews = _kept.setdefault(" previews", bpy.utils.previews.new())
+    strip = np.empty((SIZE, SIZE * count, 4), np.float32)
+    image.pixels.foreach_get(strip.ravel())
+    numbers = []
+    for k in range(count):
+        key = f"{name} {k}"
+        if key in previews:
+            del previews[key]
+        icon = previews.new(key)
+        icon.image_size = (SIZE, SIZE)
+        square = np.ascontiguousarray(np.round(255 * strip[:, k * SIZE : (k + 1) * SIZE]).astype(np.uint8))
+        icon.image_pixels.foreach_set(square.view(np.int32).ravel())
+        numbers.append(int(icon.icon_id))
+    return numbers
+
+
+def unregister() -> None:
+    previews = _kept.pop(" previews", None)
+    _kept.clear()
+    if previews is not None:
+        import bpy.utils.previews
+
+        bpy.utils.previews.remove(previews)

@@ -1,0 +1,89 @@
+"""Choose a layout among many, by the shape that their panels take; and take another one of those that were compared."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.store import notes
+from ..bridge.store.i18n import translate
+from ..engine.progress import Progress
+from .continued import Continuation
+from .layout import LayoutStage, reported
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..engine.runs.result import Result
+
+
+class Choose(LayoutStage, bpy.types.Operator):
+    """Cut the surface in many ways, see which shape the panels of each would take, and keep the best; the others stay at hand. Takes a minute or more"""
+
+    bl_idname = "flexmaps.choose"
+    bl_label = "Choose layout"
+    on_stop = "the best so far is kept"
+    needs = "flat"
+    loaded = True
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..bridge.view import choices
+            from ..engine.runs import job
+
+            made = job.go_on(result, snapshot.settings, ("choose",), progress)
+            assert made.choice is not None
+            strip = choices.pictures([one.flat for one in made.choice.proposals])
+            return reported(made), made.choice, strip
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import choices as stored
+        from ..bridge.view import choices
+
+        flat, choice, strip = result
+        said = super().finish(context, obj, surface, flat)
+        stored.write(obj, surface, [one.flat.layout.cut for one in choice.proposals])
+        choices.keep(obj, strip)
+        notes.write(obj.data, "choose", choice.report())
+        self.level = "INFO" if choice.reached else "WARNING"
+        return f"{said}. {choice.note}"
+
+
+class TakeChoice(LayoutStage, bpy.types.Operator):
+    """Take this layout instead"""
+
+    bl_idname = "flexmaps.take_choice"
+    bl_label = "Take this layout"
+
+    number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return notes.missing(obj.data, "choice")
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..engine.errors import FlexMapsError
+
+        block, number = notes.read(obj.data)["choose"], self.number
+        if number >= len(block["proposals"]):
+            raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 on")
+
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..bridge.store import choices
+            from ..engine.runs import job
+
+            cut = choices.cuts_of(snapshot.surface, number)
+            return reported(job.flattened(result, cut, snapshot.settings.layout, progress)), block | {"taken": number}
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        flat, block = result
+        said = super().finish(context, obj, surface, flat)
+        notes.write(obj.data, "choose", block)
+        return translate("Taken: {}", said)
+
+
+CLASSES = (Choose, TakeChoice)

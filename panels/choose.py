@@ -1,0 +1,66 @@
+"""The panel of the layouts that were compared: what is wanted, and little pictures with their figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.app.translations import pgettext_iface as iface_
+
+from ..bridge.store import notes
+from ..bridge.view import choices
+from ..engine.fabrication.estimates import duration
+from ..engine.params import ChooseParams
+from .rows import settings_rows, wrapped
+from .stages import StagePanel, button, result
+
+PICTURE = 3.4  # size of a picture, in rows: as high as the lines beside it
+
+
+class ChoosePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_choose"
+    bl_label = "Choose a layout"
+    bl_parent_id = "FLEXMAPS_PT_patches"
+    bl_options = {"DEFAULT_CLOSED"}
+    stage = "choose"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        wanted = obj.flexmaps.choose
+        settings_rows(layout.column(align=True), wanted, ChooseParams, ("goal",))
+        if wanted.goal in {"match", "panels"}:
+            layout.prop(wanted, wanted.goal)
+        button(layout, context, "flexmaps.choose", icon="PRESET")
+        block = notes.read(obj.data).get("choose")
+        if block is None:
+            return
+        layout = result(layout, context, "choose")
+        wrapped(layout, context, block["note"], icon="INFO" if block["reached"] else "ERROR")
+        rows = block["proposals"]
+        for number, (row, icon) in enumerate(zip(rows, choices.icons(obj, len(rows)), strict=True)):
+            _proposal(layout.box().row(), number, row, icon, number == block["taken"])
+
+
+def _proposal(layout: Any, number: int, row: dict[str, Any], icon: int, taken: bool) -> None:
+    """One layout: its picture, its figures, and the button that takes it."""
+    if icon:
+        layout.template_icon(icon_value=icon, scale=PICTURE)
+    column = layout.column(align=True)
+    head = column.row(align=True)
+    text = iface_("{} panels, {} joints").format(row["panels"], row["joints"])
+    options = {"text": text, "depress": taken, "translate": False}
+    if row["symmetries_kept"] > 1:
+        options["icon"] = "MOD_MIRROR"
+    head.operator("flexmaps.take_choice", **options).number = number
+    share = f"{row['rms_percent']:.2g} %"
+    match = share if row["proved"] else iface_("at most {}").format(share)
+    strain = iface_("strain {} of its limit").format(f"{100 * row['strain_share_max']:.0f} %")
+    column.label(text=iface_("RMS distance {}, {}").format(match, strain), translate=False)
+    parts = [iface_("about {} sheets").format(row["sheets"])]
+    if "cut_minutes" in row:
+        parts.append(iface_("{} to cut").format(duration(row["cut_minutes"])))
+    parts.append(iface_("{} to join").format(duration(row["join_minutes"])))
+    column.label(text=", ".join(parts), translate=False)
+
+
+CLASSES = (ChoosePanel,)
