@@ -279,8 +279,7 @@ def export(
 def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:
     """The figures of everything that has run, as in report.json; with a folder, writes report.html, report.json and plots there.
 
-    Of an object, instead of a piece: of what was last done to it in Blender. The page and its plots (SVG) open without a
-    network.
+    Of an object, instead of a piece: of what was last done to it in Blender. The page opens without a network.
     """
     from .bridge.view import report as held
     from .engine import files
@@ -391,8 +390,7 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
         return Piece("mesh", polygons, ObjectSettings())
     text = str(source)
     if text.startswith(SHAPE):
-        name = text.removeprefix(SHAPE)
-        return Piece(name, PolygonMesh.of(shapes.make(name)), ObjectSettings())
+        return Piece(text.removeprefix(SHAPE), PolygonMesh.of(shapes.make(text.removeprefix(SHAPE))), ObjectSettings())
     axis = up or ("y" if text.lower().endswith(".obj") else "z")
     turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
     if axis not in turned:

@@ -14,6 +14,7 @@ from ...engine.patches.flattening.flatten import FlatPatches
 from . import images
 
 SIZE = 128  # pixels of an icon
+PREVIEWS = ""  # where Blender's previews are kept, beside the names of objects
 
 _kept: dict[str, Any] = {}  # Blender's previews, and from which pictures those of an object were made
 
@@ -51,17 +52,19 @@ def _made(name: str, count: int) -> list[int]:
     image = bpy.data.images.get(name)
     if image is None or bpy.app.background or tuple(image.size) != (SIZE * count, SIZE):
         return []
-    import bpy.utils.previews
+    from bpy.utils import previews
 
-    previews = _kept.setdefault(" previews", bpy.utils.previews.new())
+    kept = _kept.get(PREVIEWS)
+    if kept is None:
+        kept = _kept[PREVIEWS] = previews.new()
     strip = np.empty((SIZE, SIZE * count, 4), np.float32)
     image.pixels.foreach_get(strip.ravel())
     numbers = []
     for k in range(count):
         key = f"{name} {k}"
-        if key in previews:
-            del previews[key]
-        icon = previews.new(key)
+        if key in kept:
+            del kept[key]
+        icon = kept.new(key)
         icon.image_size = (SIZE, SIZE)
         square = np.ascontiguousarray(np.round(255 * strip[:, k * SIZE : (k + 1) * SIZE]).astype(np.uint8))
         icon.image_pixels.foreach_set(square.view(np.int32).ravel())
@@ -70,9 +73,9 @@ def _made(name: str, count: int) -> list[int]:
 
 
 def unregister() -> None:
-    previews = _kept.pop(" previews", None)
-    _kept.clear()
-    if previews is not None:
-        import bpy.utils.previews
+    from bpy.utils import previews
 
-        bpy.utils.previews.remove(previews)
+    kept = _kept.pop(PREVIEWS, None)
+    _kept.clear()
+    if kept is not None:
+        previews.remove(kept)

@@ -15,9 +15,10 @@ from ...engine.progress import SILENT, Progress
 from ...engine.runs import report
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
+from ..store import choices as stored
 from ..store import equilibrium, mesh, notes, settings, states, supports
 from ..store.surface import Surface
-from . import collection, colouring, flat_panels, materials, meshes
+from . import choices, collection, colouring, flat_panels, materials, meshes
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
@@ -99,6 +100,10 @@ def put(
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, obj, scene, surface, progress.part(0.1, 0.9))
+    if result.choice is not None:
+        layouts = [one.flat for one in result.choice.proposals]
+        stored.write(obj, surface, [flat.layout.cut for flat in layouts])
+        choices.keep(obj, choices.pictures(layouts))
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)

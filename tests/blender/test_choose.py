@@ -1,0 +1,131 @@
+"""Choosing a layout in Blender, in the main job and from a script; taking another one; what the sidebar shows of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps import api
+from flexmaps.bridge.store import mesh, states
+from flexmaps.bridge.view import choices
+from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.surface.checking import check
+from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.panels.choose import ChoosePanel
+from support.bowl import bowl
+from support.buttons import press, report
+from test_sidebar import draw
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few layouts, which is quicker."""
+    monkeypatch.setattr(choosing, "MOST", 5)
+    monkeypatch.setattr(choosing, "FEWEST", 5)
+    monkeypatch.setattr(choosing, "MOST_PARTS", 2)
+    monkeypatch.setattr(choosing, "STEEP", ())
+
+
+@pytest.fixture
+def chosen(add: Any, quick: None) -> Any:
+    obj = add(bowl())
+    obj.flexmaps.choose.match = 0.05
+    obj.flexmaps.optimise.patience = 0.2
+    press("merge")
+    press("choose")
+    return obj
+
+
+def seams(obj: Any) -> np.ndarray:
+    return np.array([edge.use_seam for edge in obj.data.edges])
+
+
+def test_a_layout_is_chosen_and_another_taken(chosen: Any) -> None:
+    block = report(chosen)["choose"]
+    rows = block["proposals"]
+    assert len(rows) >= 2
+    assert report(chosen)["layout"]["patches"] == rows[block["taken"]]["panels"]
+    assert seams(chosen).sum() == rows[block["taken"]]["joints"]
+    press("spirals")
+    other = next(
+        k for k, row in enumerate(rows) if k != block["taken"] and row["joints"] != rows[block["taken"]]["joints"]
+    )
+    press("take_choice", number=other)
+    again = report(chosen)["choose"]
+    assert again["taken"] == other and again["proposals"] == rows
+    assert seams(chosen).sum() == rows[other]["joints"]
+    assert "spirals" not in report(chosen)  # they belonged to the other panels
+    now = states.of(chosen, bpy.context.scene)
+    assert now["choose"].kind == now["layout"].kind == states.DONE
+    press("take_choice", number=block["taken"])
+    assert seams(chosen).sum() == rows[block["taken"]]["joints"]
+
+
+def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: Any) -> None:
+    with pytest.raises(RuntimeError, match="no proposal 9"):
+        bpy.ops.flexmaps.take_choice(number=9)
+    other = add(bowl())
+    assert not bpy.ops.flexmaps.choose.poll() and not bpy.ops.flexmaps.take_choice.poll()
+    bpy.context.view_layer.objects.active = other
+
+
+def test_undoable_settings_and_seams_make_it_out_of_date(chosen: Any) -> None:
+    scene = bpy.context.scene
+    chosen.flexmaps.choose.match = 2.0  # what is wanted says how to search, not what was found
+    assert states.of(chosen, scene)["choose"].kind == states.DONE
+    chosen.data.edges[0].use_seam = not chosen.data.edges[0].use_seam
+    assert states.of(chosen, scene)["choose"].kind == states.OLD
+
+
+def test_the_pictures_show_each_layout_in_its_square(chosen: Any) -> None:
+    count = len(report(chosen)["choose"]["proposals"])
+    strip = bpy.data.images[f"{chosen.data.name} layouts"]
+    assert tuple(strip.size) == (choices.SIZE * count, choices.SIZE) and strip.packed_file is not None
+    pixels = np.array(strip.pixels[:]).reshape(choices.SIZE, -1, 4)
+    for k in range(count):
+        filled = pixels[:, k * choices.SIZE : (k + 1) * choices.SIZE, 3] > 0.5
+        assert 0.2 < filled.mean() < 0.95  # a bowl fills most of its square, and not its corners
+        assert not filled[[0, 0, -1, -1], [0, -1, 0, -1]].any()
+    assert choices.icons(chosen, count) == [0] * count  # there is no window
+
+
+def test_the_sidebar_shows_the_proposals(chosen: Any) -> None:
+    lines = draw(ChoosePanel)
+    block = report(chosen)["choose"]
+    for row in block["proposals"]:
+        assert f"{row['panels']} panels, {row['joints']} joints" in lines
+    assert any(line.startswith("RMS distance") and "strain" in line for line in lines)
+
+
+def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> None:
+    source = tmp_path / "bowl.obj"
+    made = bowl()
+    text = [f"v {x} {y} {z}" for x, y, z in made.vertices] + ["f " + " ".join(map(str, q + 1)) for q in made.quads]
+    source.write_text("\n".join(text), encoding="utf-8")
+    wanted = {"choose.goal": "panels", "choose.panels": 5, "optimise.patience": 0.1, "sheet.nesting": "FAST"}
+    described = api.run(source, tmp_path / "out", settings=wanted, chosen=True, pictures=False)
+    block = described["choose"]
+    assert described["layout"]["patches"] == block["proposals"][block["taken"]]["panels"] <= 5
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["choose"] == block
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Layouts that were compared" in page and block["proposals"][0]["origin"] in page
+    assert (tmp_path / "out" / "plots" / "choices.svg").is_file()
+    api.load(tmp_path / "out" / "model.blend")  # and another one can be taken there
+    obj = bpy.context.object
+    surface = mesh.read_surface(obj, bpy.context.scene)
+    assert {"choices"} <= surface.values.keys()
+    assert len(check.as_quad_mesh(surface.polygons).quads) == len(made.quads)
+
+
+def test_from_a_script_by_a_number_of_panels(quick: None) -> None:
+    piece = api.load(PolygonMesh.of(bowl()), settings={"optimise.patience": 0.1})
+    piece = api.choose(piece, panels=3)
+    assert piece.settings.choose.goal == "panels"
+    choice = piece.result.choice
+    assert choice is not None and piece.result.flat is choice.best.flat
+    other = api.take(piece, (choice.taken + 1) % len(choice.proposals))
+    assert other.result.flat is not piece.result.flat
