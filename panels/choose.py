@@ -9,9 +9,8 @@ from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.store import notes
 from ..bridge.view import choices
-from ..engine.fabrication.estimates import duration
 from ..engine.params import ChooseParams
-from .rows import settings_rows, wrapped
+from .rows import duration, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
 PICTURE = 3.4  # size of a picture, in rows: as high as the lines beside it

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.display import plots, raster
-from ...engine.patches.flattening.flatten import FlatPatches
 from . import images
+
+if TYPE_CHECKING:
+    from ...engine.patches.flattening.flatten import FlatPatches
 
 SIZE = 128  # pixels of an icon
 PREVIEWS = ""  # where Blender's previews are kept, beside the names of objects

@@ -32,7 +32,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def chosen(add: Any, quick: None) -> Any:
-    obj = add(bowl())
+    obj = add(bowl(closed=True))
     obj.flexmaps.choose.match = 0.05
     obj.flexmaps.optimise.patience = 0.2
     press("merge")
@@ -68,7 +68,7 @@ def test_a_layout_is_chosen_and_another_taken(chosen: Any) -> None:
 def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: Any) -> None:
     with pytest.raises(RuntimeError, match="no proposal 9"):
         bpy.ops.flexmaps.take_choice(number=9)
-    other = add(bowl())
+    other = add(bowl(closed=True))
     assert not bpy.ops.flexmaps.choose.poll() and not bpy.ops.flexmaps.take_choice.poll()
     bpy.context.view_layer.objects.active = other
 
@@ -103,7 +103,7 @@ def test_the_sidebar_shows_the_proposals(chosen: Any) -> None:
 
 def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> None:
     source = tmp_path / "bowl.obj"
-    made = bowl()
+    made = bowl(closed=True)
     text = [f"v {x} {y} {z}" for x, y, z in made.vertices] + ["f " + " ".join(map(str, q + 1)) for q in made.quads]
     source.write_text("\n".join(text), encoding="utf-8")
     wanted = {"choose.goal": "panels", "choose.panels": 5, "optimise.patience": 0.1, "sheet.nesting": "FAST"}
@@ -122,7 +122,7 @@ def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> 
 
 
 def test_from_a_script_by_a_number_of_panels(quick: None) -> None:
-    piece = api.load(PolygonMesh.of(bowl()), settings={"optimise.patience": 0.1})
+    piece = api.load(PolygonMesh.of(bowl(closed=True)), settings={"optimise.patience": 0.1})
     piece = api.choose(piece, panels=3)
     assert piece.settings.choose.goal == "panels"
     choice = piece.result.choice

@@ -16,14 +16,14 @@ from .buttons import press
 QUADS, EDGE = 45, 0.02
 
 
-def bowl() -> QuadMesh:
-    """A cube without its bottom, blown up to a ball, three by three quads a side: five patches."""
+def bowl(*, closed: bool = False) -> QuadMesh:
+    """A cube without its bottom, or whole, blown up to a ball, three by three quads a side: five patches, or six."""
     steps = np.tan(np.linspace(-np.pi / 4, np.pi / 4, 4))
     u, v = (x.ravel() for x in np.meshgrid(steps, steps, indexing="ij"))
     index = np.arange(16).reshape(4, 4)
     face = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 4)
     points, quads = [], []
-    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1)):
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1))[: 6 if closed else 5]:
         quads.append((face if sign > 0 else face[:, ::-1]) + 16 * len(points))
         points.append(np.roll(np.stack([np.full(16, sign), u, v], axis=1), axis, axis=1))
     every, same = np.unique(np.round(np.concatenate(points), 9), axis=0, return_inverse=True)
