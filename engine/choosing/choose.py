@@ -46,7 +46,7 @@ SETTLED = 0.6  # share of them that are judged before any is changed
 TURNS = 3  # how often the best are changed
 BASES = 2  # layouts that are changed in a turn
 PROVED = 3  # layouts that get a long search, the best first, until one holds the goal
-PROPOSALS = 6  # that are shown at most: more are no choice but a list
+PROPOSALS, LEAST_SHOWN = 6, 3  # that are shown: more are no choice but a list, and fewer are none either
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 NEARER, ENOUGH = 0.03, 1.05
 # What a long search leaves of the distance that a short one ends with: 0.36 to 0.67 for layouts of 986 quads, less for those of 150
@@ -316,6 +316,7 @@ def _shown(made: list[Proposal], best: Proposal) -> list[Proposal]:
     # as far apart from each other as they can be
     while len(chosen) < PROPOSALS and (rest := [one for one in front if one not in chosen]):
         chosen.append(max(rest, key=lambda one: min(_apart(one, other) for other in chosen)))
+    chosen += [one for one in made if one not in chosen][: max(LEAST_SHOWN - len(chosen), 0)]
     return sorted(chosen, key=lambda one: (one.judged.laid.joints, one.rms))
 
 
