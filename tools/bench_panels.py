@@ -1,0 +1,189 @@
+"""What choosing a layout brings, beside the layout that geometry alone finds: match, panels, symmetry and time.
+
+python3 tools/dev.py bench panels [--meshes DIR] [--zoo PATTERNS] [--most QUADS] [--pictures DIR] [--json FILE]
+
+Every surface is laid out as by default, and a layout is chosen twice: for a match of 1 %, and for as many panels as there are
+now. All figures are those of long searches for spirals, see ``choosing.judge``. Open surfaces stand on their lowest quads.
+What is in the JSON file is not measured again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import json
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zoo
+from flexmaps.engine.choosing.choice import GIVEN, Choice
+from flexmaps.engine.choosing.choose import choose
+from flexmaps.engine.choosing.judge import Piece
+from flexmaps.engine.display import plots, raster
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.mechanics import loads
+from flexmaps.engine.params import ChooseParams, Settings
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.symmetry import symmetries
+from flexmaps.engine.workers import Workers
+from PIL import Image
+from rows import Row, Table, at_least, at_most, row
+
+MATCH = 1.0  # percent, asked of every surface
+EDGE = 0.02  # metres
+WORSE = 1.05  # ratio of distances from which a layout is worse than another
+PICTURE = 160  # pixels
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
+    parser = argparse.ArgumentParser(prog="dev.py bench panels")
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--only", default="*", help="patterns of the files' names, with commas")
+    parser.add_argument("--zoo", default="", help="patterns of names of the zoo, with commas")
+    parser.add_argument("--most", type=int, default=1100, help="largest number of quads")
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of every surface's proposals")
+    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
+    options = parser.parse_args(arguments)
+    table = Table(32)
+    known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
+    table.rows = [one for one in known if one["mesh"] != "all"]
+    done = {one["mesh"] for one in table.rows}
+    for name, polygons in surfaces(options):
+        if name in done:
+            continue
+        try:
+            table.add(*measure(name, polygons, options))
+        except FlexMapsError as error:
+            table.add(row(name, "refused", "", str(error)[:80], None))
+        if options.json:
+            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
+    table.add(*summed(table.rows))
+    table.finish(options.json)
+    return 0
+
+
+def surfaces(options: argparse.Namespace) -> Iterator[tuple[str, PolygonMesh]]:
+    """Names and polygons of what is measured."""
+    for name, surface in zoo.SURFACES.items():
+        asked = any(fnmatch.fnmatch(name, pattern) for pattern in options.zoo.split(","))
+        if asked and not surface.refused and surface.remesh is None:
+            yield name, surface.polygons()
+    for path in sorted(options.meshes.rglob("*.o*")) if options.meshes else ():
+        if path.suffix in {".obj", ".off"} and any(fnmatch.fnmatch(path.stem, p) for p in options.only.split(",")):
+            yield path.stem, meshio.read(str(path))
+
+
+def measure(name: str, polygons: PolygonMesh, options: argparse.Namespace) -> list[Row]:
+    """The rows of one surface; none where it is too large."""
+    try:
+        begun = job.begin(polygons, edge=EDGE)
+    except FlexMapsError:
+        return []  # no mesh of quads
+    if len(begun.mesh.quads) > options.most:
+        return []
+    settings = Settings()
+    open_surface = bool(begun.mesh.border.any())
+    found = job.run(polygons, settings, edge=EDGE, supports="lowest" if open_surface else None, stop_after="split")
+    assert found.flat is not None
+    mesh = found.mesh
+    held = loads.standing(mesh, "lowest") if open_surface else None
+    piece = Piece(mesh, settings, held, None, tuple(symmetries(mesh)))
+    match, first, seconds = _chosen(piece, found.flat, ChooseParams(match=MATCH))
+    panels = len(found.flat.layout.patches)
+    same, _, more = _chosen(piece, found.flat, ChooseParams(goal="panels", panels=panels))
+    given = next(one for one in (*same.proposals, *match.proposals) if one.judged.laid.origin == GIVEN)
+    if options.pictures:
+        _picture(match, options.pictures / f"{name}.png")
+    best, alike = match.best, same.best
+    symmetric = any(one.symmetric for one in (*match.proposals, *same.proposals))
+    return [
+        row(name, "quads", "", len(mesh.quads), None),
+        row(name, "panels today", "", panels, None),
+        row(name, "RMS % today", "", round(100 * given.rms, 3), None),
+        at_most(name, "panels for the match", 2 * panels, best.panels),
+        row(
+            name,
+            "RMS % for the match",
+            f"<= {MATCH:g}",
+            round(100 * best.rms, 3),
+            match.reached,
+            {"note": match.note[:150]},
+        ),
+        at_most(name, "RMS % with today's panels", 100 * WORSE * given.rms, 100 * alike.rms),
+        *(
+            [row(name, "a symmetric proposal", "yes", "yes" if symmetric else "no", symmetric)]
+            if piece.symmetries
+            else []
+        ),
+        at_most(name, "seconds until the first", 5.0, round(first, 1)),
+        at_most(name, "seconds", 60.0, round(seconds, 1), {"panels": round(more, 1)}),
+    ]
+
+
+def _chosen(piece: Piece, flat: Any, params: ChooseParams) -> tuple[Choice, float, float]:
+    """The choice, seconds until something was judged, and in all."""
+    began, first = time.perf_counter(), list[float]()
+
+    def tell(fraction: float, text: str) -> None:
+        if "the best" in text and not first:
+            first.append(time.perf_counter() - began)
+
+    with Workers() as together:
+        made = choose(piece, flat, params, Progress(tell), together)
+    seconds = time.perf_counter() - began
+    return made, first[0] if first else seconds, seconds
+
+
+def _picture(choice: Choice, path: Path) -> None:
+    drawn = []
+    for one in choice.proposals:
+        layout = one.flat.layout
+        mesh = layout.mesh
+        small = plots.thumbnail(mesh.vertices, mesh.quads, layout.outline_sides, layout.patch_of, PICTURE)
+        drawn.append(raster.pixels(small, {}))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.round(255 * np.concatenate(drawn, axis=1)).astype(np.uint8)).save(path)
+
+
+def summed(rows: list[Row]) -> list[Row]:
+    """What holds over all surfaces."""
+    value: dict[str, dict[str, Any]] = {}
+    for one in rows:
+        value.setdefault(one["mesh"], {})[one["row"]] = one["measured"]
+    full = [v for v in value.values() if "RMS % for the match" in v]
+    if not full:
+        return []
+    rms = np.array([v["RMS % for the match"] for v in full])
+    more = np.array([v["panels for the match"] / v["panels today"] for v in full])
+    today, alike = (np.array([v[n] for v in full]) for n in ("RMS % today", "RMS % with today's panels"))
+    return [
+        row("all", "surfaces", "", len(full), None),
+        at_most(
+            "all",
+            "median RMS % for the match",
+            MATCH,
+            float(np.median(rms)),
+            {"today": round(float(np.median(today)), 3)},
+        ),
+        at_most("all", "median panels over today's", 2.0, float(np.median(more))),
+        at_least(
+            "all",
+            "share that reach the match",
+            0.8,
+            float((rms <= MATCH).mean()),
+            {"today": round(float((today <= MATCH).mean()), 2)},
+        ),
+        at_least("all", "share nearer, panels alike", 0.7, float((alike < today - 1e-9).mean())),
+        at_most("all", "farther by 5 %, panels alike", 0, int((alike > WORSE * today + 1e-3).sum())),
+        at_most("all", "median seconds", 60.0, float(np.median([v["seconds"] for v in full]))),
+    ]
