@@ -87,6 +87,11 @@ def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Floa
     return corners
 
 
+# The atlas that was made last: its end waits for threads that may not have begun yet, then for ever. Until another one is made they
+# have had time to begin
+_LAST: list[object] = []
+
+
 def _packed(
     flat: FlatPatches, low: Float[np.ndarray, "patches 2"], gap: float, aspect: float
 ) -> Float[np.ndarray, "patches 2"]:
@@ -96,6 +101,7 @@ def _packed(
     # xatlas fills squares: the patches are squeezed so that a square is a page of the aspect
     scale = PIXELS / gap * np.array([aspect**-0.5, aspect**0.5])
     atlas, kept = xatlas.Atlas(), []
+    _LAST[:] = [atlas]
     for quads, corner in zip(flat.layout.patches, low):
         used, index = np.unique(flat.layout.flat_corners[quads], return_inverse=True)
         faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.uint32)
