@@ -19,19 +19,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .engine.errors import Cancelled, FlexMapsError
+from .engine.exploring.explore import Exploration
+from .engine.exploring.run import explored
+from .engine.exploring.space import GOALS, MINIMISED, SIZES, space
 from .engine.fabrication.writers.export import USUAL
 from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed, wish
 from .engine.progress import SILENT, Progress
 from .engine.runs import job, stages
 from .engine.runs import report as reporting
-from .engine.surface import shapes
+from .engine.runs.piece import Piece
 from .engine.surface.checking import check as checking
 from .engine.surface.checking.check import Finding
 from .engine.surface.files import meshio
@@ -39,48 +42,14 @@ from .engine.surface.mesh import PolygonMesh, QuadMesh
 
 if TYPE_CHECKING:
     import bpy
-    import numpy as np
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "export", "layout",
-           "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show", "simulate", "spirals", "take"]  # fmt: skip
+__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "explore",
+           "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
+           "simulate", "spirals", "take", "use"]  # fmt: skip
 
-SHAPE = "shape:"
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
 Supports = str | Sequence[int] | None
 Tell = Callable[[float, str], None] | Progress | None
-
-
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A surface with its settings and everything that the stages have made of it so far.
-
-    source : the polygons as they came, metres, z up; edge, height : the size that was asked for, metres
-    made : what the stages made (``engine.runs.job.Result``); None where the mesh is none that can be made
-    uid : Blender's id of the object that it was read from and can be shown in again
-    seams : (E,) bool, edges that the object has marked as seams
-    """
-
-    name: str
-    source: PolygonMesh
-    settings: ObjectSettings
-    edge: float | None = None
-    height: float | None = None
-    made: job.Result | None = None
-    uid: int | None = None
-    seams: np.ndarray | None = None
-
-    @property
-    def result(self) -> job.Result:
-        """What the stages made; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made."""
-        if self.made is None:
-            checking.as_quad_mesh(self.source)
-            raise FlexMapsError(f"{self.name} was not checked; load it again")
-        return self.made
-
-    @property
-    def mesh(self) -> QuadMesh:
-        """The quads, metres."""
-        return self.result.mesh
 
 
 # -- from and to Blender and files -------------------------------------------------------------------------------------
@@ -252,6 +221,37 @@ def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     return _to(held, "design", progress, "optimise", "simulate")
 
 
+def explore(
+    piece: Piece,
+    vary: Mapping[str, Any],
+    folder: str | Path | None = None,
+    *,
+    goals: Sequence[str] = GOALS,
+    minimised: Sequence[str] = MINIMISED,
+    progress: Tell = None,
+    **search: Any,
+) -> Exploration:
+    """Try many candidates of a piece beside each other, and say which hold the goals; ``use`` takes one of them.
+
+    vary : settings by "section.name", ``edge`` or ``height`` in millimetres, ``quads``; each "low:high" or a list, see ``space``
+    folder : gets table, plot and pictures; an exploration that was stopped, which gives what it found so far, goes on there
+    goals : as "rms_percent<=1"; minimised : the two measures of the front; search : how many and where, see ``explored``
+    """
+    told, question = _progress(progress), space(vary, piece.settings, goals, minimised)
+    pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
+    laid = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
+    results = {count: one.result for count, one in laid.items()}
+    return explored(results, piece.settings, question, folder, progress=told, **search)
+
+
+def use(piece: Piece, values: Mapping[str, Any]) -> Piece:
+    """The piece with the settings and in the size of a candidate, its ``values``; what they make out of date is dropped."""
+    wanted = change(piece, {name: value for name, value in values.items() if name not in SIZES})
+    wanted = remesh(wanted, quads=values["quads"]) if "quads" in values else wanted
+    sized = {"edge", "height"} & set(values)
+    return _begun(wanted, _metres(values.get("edge")), _metres(values.get("height"))) if sized else wanted
+
+
 def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
     """The panels with connectors and kerf, nested on sheets."""
     return _to(piece, "design", progress, "sheets")
@@ -388,13 +388,4 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
         polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
         return Piece("mesh", polygons, ObjectSettings())
-    text = str(source)
-    if text.startswith(SHAPE):
-        return Piece(text.removeprefix(SHAPE), PolygonMesh.of(shapes.make(text.removeprefix(SHAPE))), ObjectSettings())
-    axis = up or ("y" if text.lower().endswith(".obj") else "z")
-    turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-    if axis not in turned:
-        raise FlexMapsError(f"up is '{axis}'; give x, y or z")
-    polygons = meshio.read(text)
-    name = Path(text).name.encode("utf-8", "replace").decode()  # of bytes that are no text, for the report and Blender
-    return Piece(name, replace(polygons, vertices=polygons.vertices[:, turned[axis]]), ObjectSettings())
+    return Piece(*meshio.named(str(source), up), ObjectSettings())

@@ -10,11 +10,13 @@ from typing import Any, NoReturn, get_type_hints
 
 from .. import api
 from ..engine.errors import FlexMapsError
+from ..engine.exploring.space import GOALS, MEASURES, MINIMISED
 from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.surface import shapes
+from ..engine.surface.files.meshio import SHAPE
 from . import summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
@@ -63,6 +65,9 @@ def parser() -> argparse.ArgumentParser:
     _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
+    _exploring(
+        _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
+    )
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
     _formats(sheets)
@@ -91,7 +96,7 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
     made.set_defaults(run=run, tell=tell)
     made.add_argument(
-        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {api.SHAPE}NAME ({', '.join(shapes.NAMES)})"
+        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
     size = made.add_mutually_exclusive_group()
     size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
@@ -112,6 +117,21 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
 def _formats(made: argparse.ArgumentParser) -> None:
     made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
+
+
+def _exploring(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--out", required=True, metavar="FOLDER",
+                      help="folder for table, plot and pictures; one that was stopped goes on there")  # fmt: skip
+    made.add_argument("--vary", action="append", default=[], metavar="NAME=LOW:HIGH", required=True,
+                      help="a setting, edge, height or quads, with its bounds, or with what is tried: NAME=A,B,C")  # fmt: skip
+    made.add_argument("--goal", action="append", metavar="MEASURE<=NUMBER", dest="goals",
+                      help=f"what a candidate shall hold (default: {' '.join(GOALS)}); of {', '.join(MEASURES)}")  # fmt: skip
+    made.add_argument("--minimise", nargs=2, default=MINIMISED, metavar="MEASURE",
+                      help=f"what is to be small (default: {' '.join(MINIMISED)})")  # fmt: skip
+    made.add_argument("--candidates", type=int, default=64, metavar="NUMBER", help="how many are tried (default: 64)")
+    made.add_argument("--cores", type=int, metavar="NUMBER", help="processes beside this one (default: one a core)")
+    made.add_argument("--scheduler", metavar="ADDRESS", help="work on the Dask cluster there, such as tcp://name:8786")
+    made.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="another number tries others")
 
 
 # -- a flag for every setting, and --set -------------------------------------------------------------------------------
@@ -159,7 +179,7 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def _source(args: argparse.Namespace) -> dict[str, Any]:
     edge = args.edge
-    if edge is None and args.height is None and args.mesh.startswith(api.SHAPE):
+    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
         edge = 1e3 * RemeshParams.edge
     return {
         "edge": edge,
@@ -200,6 +220,19 @@ def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return _saved(args, api.optimise(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    pairs = [text.partition("=") for text in args.vary]
+    wrong = [text for text, (_, equals, _) in zip(args.vary, pairs, strict=True) if not equals]
+    if wrong:
+        raise FlexMapsError(f"--vary {wrong[0]}: give it as NAME=LOW:HIGH or NAME=A,B,C")
+    vary = {name.strip(): given.strip() for name, _, given in pairs}
+    made = api.explore(
+        api.load(args.mesh, **_source(args)), vary, args.out, candidates=args.candidates, goals=args.goals or GOALS,
+        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, progress=tell,
+    )  # fmt: skip
+    return made.report()
 
 
 def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:

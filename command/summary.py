@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+FAULTS = 5  # kinds of faults that are told, so that the rest stays in sight; by eye
+
 
 def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     """What every stage that ran has made, and where it is."""
@@ -47,6 +49,20 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     out = getattr(args, "out", None)
     seconds = sum(described.get("seconds", {}).values())
     print(f"  computed in {seconds:.1f} s" + (f", files and pictures aside; everything is in {out}" if out else ""))
+
+
+def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
+    """The candidates of the front, a line each, and what was found."""
+    rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
+    print(f"{len(rows)} candidates" + ("" if described["finished"] else ", then stopped; call it again to go on"))
+    for number in described["front"]:
+        one, mark = rows[number], "*" if number == described["best"] else " "
+        given = ", ".join(f"{name} {value}" for name, value in one["values"].items())
+        measured = ", ".join(f"{name} {one['measures'].get(name, '-')}" for name in described["minimised"])
+        print(f"  {mark} {number:3d}: {measured}: {given}")
+    for fault in list(dict.fromkeys(faults))[:FAULTS]:
+        print(f"  {faults.count(fault)} could not be made: {fault}")
+    print(f"{described['note']}\n  everything is in {args.out}")
 
 
 def settings(described: dict[str, Any], args: argparse.Namespace) -> None:

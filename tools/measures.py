@@ -42,6 +42,7 @@ ROOMS = (
     "engine/assembling",
     "engine/choosing",
     "engine/runs",
+    "engine/exploring",
     "bridge",
     "bridge/store",
     "bridge/view",

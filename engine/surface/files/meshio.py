@@ -7,11 +7,13 @@ business of ``check``.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import FlexMapsError
+from .. import shapes
 from ..checking.topology import repeated_faces
 from ..mesh import PolygonMesh
 from .obj import parse_obj
@@ -22,6 +24,7 @@ from .text import RawMesh
 
 PARSERS = {".obj": parse_obj, ".off": parse_off, ".ply": parse_ply, ".stl": parse_stl}
 SUFFIXES = tuple(PARSERS)
+SHAPE = "shape:"  # before the name of a built-in surface
 
 
 def read(path: str | Path) -> PolygonMesh:
@@ -98,3 +101,19 @@ def _told(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
     if len(faces) == 1:
         return f"{one[0].upper()}{one[1:]} is left out ({places})"
     return f"{len(faces)} {many} are left out ({places})"
+
+
+def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
+    """A mesh from a file's path or "shape:NAME", z up, with what it is called; ``up`` is the file's axis that points up."""
+    if source.startswith(SHAPE):
+        name = source.removeprefix(SHAPE)
+        return name, PolygonMesh.of(shapes.make(name))
+    axis = up or ("y" if source.lower().endswith(".obj") else "z")
+    turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+    if axis not in turned:
+        raise FlexMapsError(f"up is '{axis}'; give x, y or z")
+    polygons = read(source)
+    name = (
+        Path(source).name.encode("utf-8", "replace").decode()
+    )  # of bytes that are no text, for the report and Blender
+    return name, replace(polygons, vertices=polygons.vertices[:, turned[axis]])

@@ -1,0 +1,139 @@
+"""Functions of the engine called on the machines of a Dask cluster: the same seam as ``workers``."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from .errors import FlexMapsError
+from .workers import Lost
+
+ROOT = Path(__file__).resolve().parents[1]
+PATIENCE = 20  # seconds for scheduler and workers to answer, as for the cluster of database/
+RETRIES = 3  # how often a task whose worker was lost is done elsewhere, as there
+
+
+def version(root: str | Path = ROOT) -> str:
+    """What tells this program's engine from others: all its sources and its table."""
+    told = hashlib.sha256()
+    for path in sorted([*Path(root, "engine").rglob("*.py"), *Path(root, "data").rglob("*.npz")]):
+        told.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
+    return told.hexdigest()
+
+
+def _remote(root: str, package: str, wanted: str, function: bytes, arguments: bytes) -> bytes:
+    """Run on a worker: load the program there once, under the name that it has here, and answer as ``worker.answer``."""
+    import importlib.util
+    import pickle
+    import sys
+    from pathlib import Path
+
+    if "flexmaps_worker" not in sys.modules:
+        place = Path(root, "engine", "worker.py")
+        if not place.exists():
+            return pickle.dumps((False, RuntimeError(f"there is no FlexMaps in {root}")))
+        spec = importlib.util.spec_from_file_location("flexmaps_worker", place)
+        assert spec is not None
+        assert spec.loader is not None
+        worker = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(worker)
+        if package not in sys.modules:
+            worker.load(package, root)
+        cluster = importlib.import_module(f"{package}.engine.cluster")
+        sys.modules["flexmaps_worker"], worker.version = worker, cluster.version(root)  # type: ignore[attr-defined]
+    worker = sys.modules["flexmaps_worker"]
+    if worker.version != wanted:
+        return pickle.dumps(
+            (False, RuntimeError("it has another version of FlexMaps, or was started before it changed"))
+        )
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        return worker.answer(pickle.loads(function), arguments)
+
+
+# a function of the main module travels by value, so that workers need not be able to import this package by name
+_remote.__module__ = "__main__"
+
+
+class Cluster(Executor):
+    """The workers of the Dask cluster whose scheduler is at ``address``; use it in a ``with`` statement.
+
+    root : the folder of this program on the workers. A task whose worker is lost is done elsewhere; where that happens again and
+    again its future raises ``Lost``. Raises ``FlexMapsError`` where Dask is not installed, nobody answers, or workers have
+    another version of the program.
+    """
+
+    def __init__(self, address: str, root: str | Path = ROOT):
+        try:
+            from distributed import Client
+        except ImportError:
+            raise FlexMapsError(
+                "Dask is not installed; install dask and distributed beside this Python, or name no scheduler"
+            ) from None
+        try:
+            self._client = Client(address, timeout=f"{PATIENCE}s")
+        except (OSError, ValueError) as error:
+            raise FlexMapsError(f"No Dask scheduler answers at {address}: {' '.join(str(error).split())}") from None
+        self._remote = partial(_remote, os.fspath(root), __name__.rpartition(".engine.")[0], version())
+        self._pickled: tuple[Any, bytes] = (None, b"")
+        self._executor = self._client.get_executor(retries=RETRIES, pure=False)
+        try:
+            self._client.wait_for_workers(1, timeout=PATIENCE)
+            answers = self._client.run(self._remote, pickle.dumps(os.getpid), pickle.dumps(()))
+        except TimeoutError:
+            self.shutdown()
+            raise FlexMapsError(
+                f"The Dask cluster at {address} has no workers; start some with: dask worker {address}"
+            ) from None
+        except Exception as error:
+            self.shutdown()
+            raise FlexMapsError(f"The workers at {address} cannot be used: {' '.join(str(error).split())}") from None
+        for worker, told in answers.items():
+            well, value = pickle.loads(told)
+            if not well:
+                self.shutdown()
+                raise FlexMapsError(
+                    f"The worker {worker} cannot be used: {value}; install this version there, and start it again"
+                )
+
+    @property
+    def count(self) -> int:
+        """Threads of all workers."""
+        return sum(self._client.ncores().values())
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Have the function called on some worker, as ``Workers.submit`` does."""
+        if self._pickled[0] is not function:  # it can hold a whole mesh
+            self._pickled = function, pickle.dumps(function)
+        wanted: Future[Any] = Future()
+        wanted.set_running_or_notify_cancel()
+        given = self._executor.submit(self._remote, self._pickled[1], pickle.dumps((*args, *kwargs.values())))
+        given.add_done_callback(partial(_settle, wanted))
+        return wanted
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Let go of the cluster, which goes on running; what is under way there is dropped."""
+        self._client.close()
+
+    def __exit__(self, *failed: Any) -> None:
+        self.shutdown()
+
+
+def _settle(wanted: Future[Any], given: Future[bytes]) -> None:
+    """Tell a future what another one brought."""
+    if given.cancelled():
+        wanted.set_exception(Lost("The cluster gave a task up"))
+        return
+    error = given.exception()
+    if error is not None:
+        wanted.set_exception(Lost(f"Workers of the cluster ended again and again while they worked on this: {error}"))
+        return
+    well, value = pickle.loads(given.result())
+    (wanted.set_result if well else wanted.set_exception)(value)

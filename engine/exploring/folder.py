@@ -1,0 +1,132 @@
+"""An exploration in a folder: a line for every candidate as soon as it is known, and at the end table, plot and pictures."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import files
+from ..display.drawing import GREY, INK, Dots, Drawing, Text, svg, ticks
+from ..display.plots import ACCENT, CURVE, Axes
+from ..errors import FlexMapsError
+from .candidate import Base, Candidate
+from .explore import Exploration
+from .space import MEASURES, SECTIONS, Space
+
+TRIED = "tried.jsonl"  # a line of JSON says what is tried; one follows for every candidate
+TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
+SPAN = 0.08  # of an axis, free at its ends; by eye
+
+
+class Folder:
+    """Where an exploration lies. Raises ``FlexMapsError`` where that cannot be, or where another one lies there."""
+
+    def __init__(self, path: str | Path, base: Base, space: Space):
+        self.path = Path(path)
+        self.known: list[Candidate] = []
+        mark = {"of": _mark(base), "varied": [variable.name for variable in space.variables]}
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lines = (self.path / TRIED).read_text(encoding="utf-8").splitlines() if (self.path / TRIED).exists() else []
+        except (OSError, ValueError) as error:
+            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+        if lines and _parsed(lines[0]) != mark:
+            raise FlexMapsError(f"Another piece or other variables were explored in {self.path}; give another folder")
+        for line in lines[1:]:
+            row = _parsed(line)
+            if isinstance(row, dict) and row.keys() == {"values", "measures", "advice", "fault", "picture"}:
+                self.known.append(Candidate(**row))
+        try:
+            self._stream = (self.path / TRIED).open("a", encoding="utf-8")
+        except OSError as error:
+            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+        self._put("" if not lines else "\n")  # after a line that was written by half
+        if not lines:
+            self._put(json.dumps(mark) + "\n")
+
+    def __enter__(self) -> Folder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    def add(self, one: Candidate) -> None:
+        """Keep a candidate that was tried."""
+        self._put(json.dumps(vars(one)) + "\n")
+
+    def write(self, made: Exploration) -> dict[str, Any]:
+        """Table, report, plot of the front and a picture of every candidate; returns the report."""
+        described, front = made.report(), made.front
+        with files.replacing_many(self.path.glob("candidate-*.svg")) as new:
+            names = [variable.name for variable in made.space.variables]
+            with new(self.path / TABLE).open("w", newline="", encoding="utf-8") as stream:
+                table = csv.DictWriter(stream, ["number", "front", *names, *MEASURES, "advice", "fault"])
+                table.writeheader()
+                for number, one in enumerate(made.candidates):
+                    table.writerow({"number": number, "front": int(one in front), **one.row()})
+            new(self.path / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
+            new(self.path / PLOT).write_text(svg(plot(made)), encoding="utf-8")
+            for number, one in enumerate(made.candidates):
+                if one.picture:
+                    new(self.path / f"candidate-{number:03d}.svg").write_text(one.picture, encoding="utf-8")
+        return described
+
+    def _put(self, text: str) -> None:
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except OSError as error:
+            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+
+
+def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
+    """All candidates by the two measures; those of the front stand out with their numbers."""
+    names = made.space.minimised
+    drawing = Drawing("Candidates that were tried", *size)
+    rows = [one for one in made.sound if set(names) <= one.measures.keys()]
+    points = np.array([[one.measures[name] for name in names] for one in rows]).reshape(-1, 2)
+    spans = [_span(points[:, k]) for k in range(2)]
+    axes = Axes(drawing, spans[0], spans[1])
+    axes.frame(MEASURES[names[0]], MEASURES[names[1]], ticks(*spans[0]), ticks(*spans[1]))
+    if not rows:
+        return drawing
+    drawing.add(Dots(axes.at(points[:, 0], points[:, 1]), 3.0, GREY))
+    for one in made.front:
+        here = axes.at(*(np.array([one.measures.get(name, np.inf)]) for name in names))
+        if np.isfinite(here).all():
+            number = made.candidates.index(one)
+            drawing.add(Dots(here, 5.0, ACCENT if number == made.best else CURVE))
+            drawing.add(Text((float(here[0, 0]) + 7, float(here[0, 1]) - 5), str(number), 11.5, INK))
+    return drawing
+
+
+def _span(values: np.ndarray) -> tuple[float, float]:
+    """Of an axis on which these values lie."""
+    if not len(values):
+        return 0.0, 1.0
+    low, high = float(values.min()), float(values.max())
+    free = SPAN * ((high - low) or abs(high) or 1.0)
+    return low - free, high + free
+
+
+def _mark(base: Base) -> str:
+    """By what it is known again that candidates are of the same piece."""
+    told = hashlib.sha256(repr([getattr(base.settings, name) for name in SECTIONS] + [base.effort]).encode())
+    arrays = [base.supports, base.force]
+    for _, start in sorted(base.starts.items()):
+        arrays += [start.mesh.vertices, start.mesh.quads, start.cut]
+    for array in arrays:
+        told.update(b"none" if array is None else np.ascontiguousarray(array).tobytes())
+    return told.hexdigest()
+
+
+def _parsed(line: str) -> Any:
+    try:
+        return json.loads(line)
+    except ValueError:
+        return None

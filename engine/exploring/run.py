@@ -1,0 +1,60 @@
+"""An exploration from beginning to end: on the cores of this machine or a cluster, and in a folder where one is named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from ..cluster import Cluster
+from ..errors import FlexMapsError
+from ..params import Settings
+from ..progress import SILENT, Progress
+from ..runs.result import Result
+from ..runs.stages import needed
+from ..workers import Workers
+from .candidate import EFFORT, Base, Start
+from .explore import Exploration, explore
+from .folder import Folder
+from .space import Space
+
+
+def explored(
+    results: Mapping[int, Result],
+    settings: Settings,
+    question: Space,
+    folder: str | Path | None = None,
+    *,
+    candidates: int = 64,
+    scheduler: str | None = None,
+    cores: int | None = None,
+    effort: float = EFFORT,
+    seed: int = 0,
+    progress: Progress = SILENT,
+) -> Exploration:
+    """Try many candidates of a piece that is laid out.
+
+    results : by the numbers of quads in ``question.quads``
+    folder : gets table, plot and pictures; what was tried there before is known
+    candidates : how many are tried at most; seed : another number tries others
+    scheduler : address of a Dask cluster to work on; else so many ``cores`` of this machine, all by default
+    effort : share of the optimiser's patience that every candidate gets
+
+    Raises ``FlexMapsError`` where the folder or the cluster cannot be used, ``Cancelled`` where it was stopped before
+    anything was found.
+    """
+    first = next(iter(results.values()))
+    if question.quads != (0,) and (first.supports is not None or first.force is not None):
+        raise FlexMapsError(
+            "Supports and forces belong to the quads that are there; vary edge or height instead of quads"
+        )
+    starts = {count: Start(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
+    base = Base(starts, settings, first.supports, first.force, effort)
+    with ExitStack() as stack:
+        kept = None if folder is None else stack.enter_context(Folder(folder, base, question))
+        executor = stack.enter_context(Cluster(scheduler) if scheduler else Workers(cores))
+        if kept is None:
+            return explore(base, question, candidates, executor, progress, seed=seed)
+        made = explore(base, question, candidates, executor, progress, known=kept.known, found=kept.add, seed=seed)
+        kept.write(made)
+    return made
