@@ -183,6 +183,9 @@ class ChooseParams(Params):
         high=100.0,
     )
     panels: int = setting(4, "Panels", "Most panels that the layout may have", low=1, high=1000)
+    near: bool = setting(
+        False, "Only changes", "Try only cuts, darts and joins in the present layout, no other layouts; quicker"
+    )
 
 
 @dataclass(frozen=True)

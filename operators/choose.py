@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -17,11 +18,12 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-class Choose(LayoutStage, bpy.types.Operator):
-    """Cut the surface in many ways, see which shape the panels of each would take, and keep the best; the others stay at hand. Takes a minute or more"""
+NEAREST = 0.001  # percent: the smallest match that can be asked for
 
-    bl_idname = "flexmaps.choose"
-    bl_label = "Choose layout"
+
+class ChooseStage(LayoutStage):
+    """Compares layouts and keeps the best, and the others beside it."""
+
     on_stop = "the best so far is kept"
     needs = "flat"
     loaded = True
@@ -49,6 +51,24 @@ class Choose(LayoutStage, bpy.types.Operator):
         notes.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"
         return f"{said}. {choice.note}"
+
+
+class Choose(ChooseStage, bpy.types.Operator):
+    """Cut the surface in many ways, see which shape the panels of each would take, and keep the best; the others stay at hand. Takes a minute or more"""
+
+    bl_idname = "flexmaps.choose"
+    bl_label = "Choose layout"
+
+
+class CutThere(ChooseStage, bpy.types.Operator):
+    """Cut the present layout where the shape at rest is to blame, as far as that brings the piece nearer; says how near it comes"""
+
+    bl_idname = "flexmaps.cut_there"
+    bl_label = "Cut there"
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        wanted = replace(snapshot.settings.choose, goal="match", match=NEAREST, near=True)
+        return super().continuation(obj, replace(snapshot, settings=replace(snapshot.settings, choose=wanted)))
 
 
 class TakeChoice(LayoutStage, bpy.types.Operator):
@@ -86,4 +106,4 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
         return translate("Taken: {}", said)
 
 
-CLASSES = (Choose, TakeChoice)
+CLASSES = (Choose, CutThere, TakeChoice)

@@ -85,6 +85,8 @@ def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> No
 def _limits(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> None:
     """What keeps the shape from its target, with the button that shows where."""
     wrapped(layout.box(), context, block["advice"], icon="INFO")
+    if "cut" in block["advice"]:  # one of the sentences that advise a cut
+        button(layout, context, "flexmaps.cut_there", icon="MOD_EDGESPLIT")
     choice_row(
         layout,
         context.window_manager,

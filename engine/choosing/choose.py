@@ -142,7 +142,8 @@ def choose(
         _begin(search, first, progress.part(0.0, 0.1))
         _collect(search, first, progress.part(0.1, 0.4))
         search.judge(search.next(SETTLED), progress.part(0.4, 0.55))
-        if not search.judged or (not search.holds(search.judged[0]) and params.goal != "panels"):
+        held = bool(search.judged) and search.holds(search.judged[0])
+        if not held and params.goal != "panels" and not params.near:
             _steeper(search, first, progress.part(0.55, 0.6))
         for turn in range(TURNS):
             part = progress.part(0.6 + 0.1 * turn, 0.7 + 0.1 * turn)
@@ -177,14 +178,15 @@ def _collect(search: _Search, first: Laid, progress: Progress) -> None:
     What that makes of the short one tells what to expect of the others, which start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
-    ideas = [Idea(cut, name) for name, cut in planes(mesh, piece.symmetries)]
-    ideas += [Idea(cut, name) for name, cut in drawn(mesh, MOST_PARTS, piece.symmetries)]
-    jobs = [first, *LADDER, *ideas] if quick is not None else [*LADDER, *ideas]
+    others: list[Idea | float] = []
+    if not search.params.near:
+        others = [*LADDER, *(Idea(cut, name) for name, cut in planes(mesh, piece.symmetries))]
+        others += [Idea(cut, name) for name, cut in drawn(mesh, MOST_PARTS, piece.symmetries)]
+    jobs = others if quick is None else [first, *others]
     most = CURVED * taken_up(first.flat.layout)
-    slow, *made = search.together(partial(_done, piece, most), jobs, progress, search.said)
-    if quick is None:
-        made.append(slow)
-    elif slow is not None:
+    made = search.together(partial(_done, piece, most), jobs, progress, search.said)
+    slow = made.pop(0) if quick is not None else None
+    if slow is not None:
         search.proved[key(first)] = slow
         search.reference = slow.rms
         search.piece = replace(piece, spirals=slow.spirals)
@@ -280,12 +282,13 @@ def _choice(search: _Search, first: Laid, finished: bool) -> Choice:
     made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
     shown = _shown([made[id(one)] for one in judged], made[id(best)])
     reached = search.holds(best)
+    given = next((one for one in made.values() if one.judged.laid.origin == GIVEN), None)
     return Choice(
         tuple(shown),
         shown.index(made[id(best)]),
         search.params.goal,
         reached,
-        _note(search, made[id(best)], reached),
+        _note(search, made[id(best)], given, reached),
         finished,
         len(search.known),
     )
@@ -326,10 +329,14 @@ def _apart(one: Proposal, other: Proposal) -> float:
     return float(abs(joints) + abs(np.log(max(one.rms, 1e-9) / max(other.rms, 1e-9))))
 
 
-def _note(search: _Search, best: Proposal, reached: bool) -> str:
+def _note(search: _Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
     """What was chosen, or what stands in the way."""
     what = _short(best.judged.laid, best.rms)
-    if search.params.goal == "panels":
+    if given is not None and given is not best:
+        what += f" (before: {_short(given.judged.laid, given.rms)})"
+    if search.params.near and search.params.goal == "match":
+        asked = "a nearer match by other cuts"
+    elif search.params.goal == "panels":
         asked = f"no more than {search.params.panels} panels"
     elif search.params.goal == "match":
         asked = f"a match of {search.params.match:g} %"
@@ -337,4 +344,6 @@ def _note(search: _Search, best: Proposal, reached: bool) -> str:
         asked = "the present match with less work"
     if reached:
         return f"Chosen for {asked}: {what}."
+    if search.params.near and given is not None and best.rms < given.rms:
+        return f"Changed for {asked}: {what}."
     return f"No layout was found for {asked}; the nearest has {what}. {best.judged.advice}"

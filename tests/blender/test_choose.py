@@ -73,6 +73,24 @@ def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: 
     bpy.context.view_layer.objects.active = other
 
 
+def test_cut_there_changes_the_layout_that_is_there_and_says_what_it_brought(add: Any, quick: None) -> None:
+    obj = add(bowl())
+    obj.flexmaps.optimise.patience = 0.2
+    press("merge")
+    before = seams(obj)
+    press("cut_there")
+    block = report(obj)["choose"]
+    origins = {row["origin"] for row in block["proposals"]}
+    assert origins <= {"as it was", "cut in the middle", "cut through the worst place", "a dart", "joined"}
+    assert "nearer match by other cuts" in block["note"]
+    taken = block["proposals"][block["taken"]]
+    given = next(row for row in block["proposals"] if row["origin"] == "as it was")
+    assert taken["rms_percent"] <= given["rms_percent"]
+    if taken["origin"] != "joined":
+        assert seams(obj)[before].all()  # cuts were added
+    assert obj.flexmaps.choose.goal == "match" and not obj.flexmaps.choose.near  # the settings are the user's own
+
+
 def test_undoable_settings_and_seams_make_it_out_of_date(chosen: Any) -> None:
     scene = bpy.context.scene
     chosen.flexmaps.choose.match = 2.0  # what is wanted says how to search, not what was found

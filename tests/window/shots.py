@@ -55,6 +55,14 @@ def walk():
     yield from hands.find("operator", "flexmaps.render")
     yield from hands.look_at([obj, made])
     yield from shot("preview")
+    bpy.data.objects.remove(made)
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.flexmaps.choose()
+    bpy.ops.flexmaps.overlay(kind="PATCH")
+    yield from hands.look_at([obj])
+    yield from hands.unfold("FLEXMAPS_PT_choose")
+    yield from hands.find("operator", "flexmaps.take_choice")
+    yield from shot("choose")
 
 
 hands.drive(walk(), FOUND)
