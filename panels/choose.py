@@ -13,7 +13,7 @@ from ..engine.params import ChooseParams
 from .rows import duration, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
-PICTURE = 3.4  # size of a picture, in rows: as high as the lines beside it
+PICTURE = 5.0  # size of a picture, in rows: as high as the lines beside it
 
 
 class ChoosePanel(StagePanel, bpy.types.Panel):
@@ -46,20 +46,24 @@ def _proposal(layout: Any, number: int, row: dict[str, Any], icon: int, taken: b
         layout.template_icon(icon_value=icon, scale=PICTURE)
     column = layout.column(align=True)
     head = column.row(align=True)
-    text = iface_("{} panels, {} joints").format(row["panels"], row["joints"])
+    panels = iface_("1 panel") if row["panels"] == 1 else iface_("{} panels").format(row["panels"])
+    text = iface_("{}, {} joints").format(panels, row["joints"])
     options = {"text": text, "depress": taken, "translate": False}
     if row["symmetries_kept"] > 1:
         options["icon"] = "MOD_MIRROR"
     head.operator("flexmaps.take_choice", **options).number = number
     share = f"{row['rms_percent']:.2g} %"
     match = share if row["proved"] else iface_("at most {}").format(share)
-    strain = iface_("strain {} of its limit").format(f"{100 * row['strain_share_max']:.0f} %")
-    column.label(text=iface_("RMS distance {}, {}").format(match, strain), translate=False)
-    parts = [iface_("about {} sheets").format(row["sheets"])]
-    if "cut_minutes" in row:
-        parts.append(iface_("{} to cut").format(duration(row["cut_minutes"])))
-    parts.append(iface_("{} to join").format(duration(row["join_minutes"])))
-    column.label(text=", ".join(parts), translate=False)
+    lines = [
+        iface_("RMS distance {}").format(match),
+        iface_("Strain {} of its limit").format(f"{100 * row['strain_share_max']:.0f} %"),
+        iface_("{} to join").format(duration(row["join_minutes"])),
+    ]
+    sheets = iface_("{} sheets").format(row["sheets"]) if row["sheets"] > 1 else iface_("1 sheet")
+    cut = iface_("{} to cut").format(duration(row["cut_minutes"])) if "cut_minutes" in row else ""
+    lines.append(", ".join(part for part in (sheets, cut) if part))
+    for line in lines:
+        column.label(text=line, translate=False)
 
 
 CLASSES = (ChoosePanel,)

@@ -216,22 +216,21 @@ def _fits(laid: Laid, panels: int, limit: float) -> bool:
 def _ranked(found: list[Laid]) -> list[Laid]:
     """Layouts in fronts, those first that no other has both fewer joints and less distortion than."""
     ranked: list[Laid] = []
-    found = list({key(one): one for one in found}.values())
-    while found:
-        front = [one for one in found if not any(_beats(other, one) for other in found)]
-        ranked += sorted(front, key=lambda one: (-one.symmetric, one.joints))
-        found = [one for one in found if one not in front]
+    left = {key(one): (one, _worth(one)) for one in found}
+    while left:
+        front = [k for k, (_, worth) in left.items() if not any(_beats(other, worth) for _, other in left.values())]
+        ranked += sorted((left.pop(k)[0] for k in front), key=lambda one: (-one.symmetric, one.joints))
     return ranked
 
 
-def _beats(one: Laid, other: Laid) -> bool:
-    mine, theirs = ((laid.joints, _distortion(laid), -laid.symmetric) for laid in (one, other))
+def _beats(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
     return mine != theirs and all(a <= b for a, b in zip(mine, theirs, strict=True))
 
 
-def _distortion(laid: Laid) -> float:
+def _worth(laid: Laid) -> tuple[float, ...]:
+    """What geometry says of a layout: joints, mean distortion, symmetries lost; the smaller the better."""
     areas = laid.flat.layout.mesh.areas
-    return round(float(laid.flat.energy @ areas / areas.sum()), 9)
+    return laid.joints, round(float(laid.flat.energy @ areas / areas.sum()), 9), -laid.symmetric
 
 
 def _done(piece: Piece, most: float, job: Laid | Idea | float) -> Judged | Laid | None:

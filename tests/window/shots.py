@@ -61,7 +61,7 @@ def walk():
     bpy.ops.flexmaps.overlay(kind="PATCH")
     yield from hands.look_at([obj])
     yield from hands.unfold("FLEXMAPS_PT_choose")
-    yield from hands.find("operator", "flexmaps.take_choice")
+    yield from hands.find("operator", "flexmaps.spirals")  # below all proposals
     yield from shot("choose")
 
 
