@@ -153,3 +153,12 @@ def test_four_widths(capsys: pytest.CaptureFixture[str]) -> None:
     # what bends along x are the arms along x: those across hardly count
     assert found["softer along"] > 1.3 * found["even"] and found["softer across"] < 1.1 * found["even"]
     assert "sags by" in capsys.readouterr().out
+
+
+def test_a_layout_chosen_by_the_shape(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = example(17)["main"](["shape:strip", "3"], {"optimise.patience": 0.1})
+    out = capsys.readouterr().out
+    assert len(rows) >= 3 and "with the least work: 1" in out
+    taken = next(line for line in out.splitlines() if line.startswith("*"))
+    assert numbers(taken)[0] <= 3
+    assert numbers(taken)[2] <= min(row["rms_percent"] for row in rows if row["panels"] == 1) * 1.05 + 1e-3
