@@ -136,7 +136,8 @@ def _choices(described: Mapping[str, Any]) -> dict[str, Drawing]:
     block = described.get("choose")
     if not block:
         return {}
-    rows = [(one["joints"], one["rms_percent"], str(one["panels"])) for one in block["proposals"]]
+    names = ["1 panel" if one["panels"] == 1 else f"{one['panels']} panels" for one in block["proposals"]]
+    rows = [(one["joints"], one["rms_percent"], name) for one, name in zip(block["proposals"], names, strict=True)]
     return {"choices": plots.front(rows, block["taken"])}
 
 
