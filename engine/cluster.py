@@ -34,7 +34,8 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
     import sys
     from pathlib import Path
 
-    if "flexmaps_worker" not in sys.modules:
+    name = f"{package} in {root}"
+    if name not in sys.modules:
         place = Path(root, "engine", "worker.py")
         if not place.exists():
             return pickle.dumps((False, RuntimeError(f"there is no FlexMaps in {root}")))
@@ -45,9 +46,9 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
         spec.loader.exec_module(worker)
         if package not in sys.modules:
             worker.load(package, root)
-        cluster = importlib.import_module(f"{package}.engine.cluster")
-        sys.modules["flexmaps_worker"], worker.version = worker, cluster.version(root)  # type: ignore[attr-defined]
-    worker = sys.modules["flexmaps_worker"]
+        worker.version = importlib.import_module(f"{package}.engine.cluster").version()  # type: ignore[attr-defined]
+        sys.modules[name] = worker
+    worker = sys.modules[name]
     if worker.version != wanted:
         return pickle.dumps(
             (False, RuntimeError("it has another version of FlexMaps, or was started before it changed"))
