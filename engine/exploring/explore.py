@@ -182,8 +182,9 @@ def explore(
             search.count = len(sweep)
             search.ask(sweep)
         else:
-            search.ask(_spread(space, max(1, round(SPREAD * count)), seed))
+            search.ask(_spread(space, max(SMALLEST, round(SPREAD * count)), seed))
             _improve(search, seed)
+            search.ask(_spread(space, 2 * count, seed))  # where batches bring nothing new before as many were tried
     except Cancelled:
         if not search.made():
             raise

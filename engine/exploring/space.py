@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Float
 from ..errors import FlexMapsError
-from ..params import SHOWN, Settings, changed
+from ..params import SHOWN, ExploreParams, Settings, changed, shown_values
 
 Values = dict[str, Any]
 SIZES = ("edge", "height", "quads")  # what is no setting of a stage: millimetres, millimetres, a number
@@ -177,6 +177,38 @@ def space(
     if len(minimised) != 2:
         raise FlexMapsError("Two measures are needed that are to be small, as rms_percent and join_minutes")
     return Space(variables, tuple(goal(text) for text in goals), (minimised[0], minimised[1]))
+
+
+# of ``ExploreParams``: what a switch varies
+SWITCHES = {
+    "vary_thickness": "spiral.thickness",
+    "vary_widths": "spiral.width_max",
+    "vary_twist": "spiral.twist_max",
+    "vary_material": "material.material",
+    "vary_arms": "optimise.arms",
+    "vary_panels": "layout.distortion_limit",
+}
+
+
+def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
+    """The question that the sidebar's switches ask; ``edge`` is the present one, millimetres."""
+    vary: dict[str, Any] = {"edge": (edge / params.ratio, edge * params.ratio)} if params.vary_size else {}
+    present, known = shown_values(settings), _fields(settings)
+    for switch, name in SWITCHES.items():
+        if not getattr(params, switch):
+            continue
+        section, _, short = name.partition(".")
+        f, value = known[name], present[section][short]
+        if f.metadata["choices"]:
+            vary[name] = [choice[0] for choice in f.metadata["choices"] if choice[0] != "custom" or value == "custom"]
+            continue
+        factor = SHOWN[f.metadata["unit"]][0]
+        vary[name] = (
+            max(value / params.ratio, factor * f.metadata["low"]),
+            min(value * params.ratio, factor * f.metadata["high"]),
+        )
+    goals = [f"rms_percent<={params.largest:g}", GOALS[1]] + ([f"sheets<={params.sheets}"] if params.sheets else [])
+    return space(vary, settings, goals, MINIMISED)
 
 
 def _fields(settings: Settings) -> dict[str, Field[Any]]:

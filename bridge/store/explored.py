@@ -1,0 +1,55 @@
+"""The candidates that an object keeps: those worth choosing among, with what was varied and what came of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+import bpy
+
+from ...engine.exploring.space import MEASURES, SIZES
+from ...engine.params import ObjectSettings, changed
+from . import mesh, settings
+
+NAME = "flexmaps_explored"
+
+
+def write(obj: bpy.types.Object, report: Mapping[str, Any]) -> None:
+    """Keep the front of an exploration's report, the best first."""
+    numbers = dict.fromkeys([*([] if report["best"] is None else [report["best"]]), *report["front"]])
+    rows = [{key: report["candidates"][k][key] for key in ("values", "measures")} for k in numbers]
+    obj[NAME] = json.dumps({"note": report["note"], "tried": len(report["candidates"]), "rows": rows})
+
+
+def read(obj: bpy.types.Object) -> dict[str, Any] | None:
+    """What is kept; None where nothing is, or something else."""
+    text = obj.get(NAME)
+    with suppress(ValueError, TypeError, KeyError, AttributeError):
+        found = json.loads(text)
+        sound = isinstance(found["note"], str) and isinstance(found["tried"], int)
+        for row in found["rows"]:
+            sound &= isinstance(row["values"], dict) and row["measures"].keys() <= MEASURES.keys()
+            sound &= all(isinstance(value, int | float) for value in row["measures"].values())
+        return found if sound else None
+    return None
+
+
+def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]) -> None:
+    """Give the object the settings and the size of a candidate. Raises ``FlexMapsError`` for what cannot be set."""
+    wanted = changed(
+        settings.read(obj.flexmaps, ObjectSettings),
+        {name: value for name, value in values.items() if name not in SIZES},
+    )
+    if "edge" in values:
+        obj.scale = obj.scale * (values["edge"] / edge(obj, scene))
+    settings.write(obj.flexmaps, wanted)
+
+
+def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Median edge of the object's quads, millimetres."""
+    from ...engine.runs import job
+
+    bpy.context.view_layer.update()  # a scale that was set a moment ago counts
+    return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)

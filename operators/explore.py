@@ -1,0 +1,83 @@
+"""Try many sizes, thicknesses or materials of a piece beside each other; and take one of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.hosts import background
+from ..bridge.store.i18n import translate
+from ..engine.errors import FlexMapsError
+from ..engine.progress import Progress
+from .continued import Continuation, ContinuedStage
+from .stage import redraw, still_running
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..engine.runs.result import Result
+
+
+class Explore(ContinuedStage, bpy.types.Operator):
+    """Try many candidates in other sizes or with other settings, on all cores, and list the best. Nothing of the object changes"""
+
+    bl_idname = "flexmaps.explore"
+    bl_label = "Explore"
+    on_stop = "what was found is kept"
+    needs = "flat"
+    loaded = True
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.exploring.run import explored
+            from ..engine.exploring.space import usual
+
+            settings = snapshot.settings
+            question = usual(settings.explore, settings, 1e3 * result.mesh.median_edge)
+            count = settings.explore.candidates
+            return explored({0: result}, settings, question, candidates=count, progress=progress)
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import explored
+
+        explored.write(obj, result.report())
+        held = result.best is not None and not result.space.missed(result.candidates[result.best].measures)
+        self.level = "INFO" if held else "WARNING"
+        return translate("{} candidates were tried. {}", len(result.candidates), result.note)
+
+
+class UseCandidate(bpy.types.Operator):
+    """Give the object the settings and the size of this candidate; what they make out of date is to be made again"""
+
+    bl_idname = "flexmaps.use_candidate"
+    bl_label = "Use this one"
+    bl_options = {"REGISTER", "UNDO"}
+
+    number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        running = background.current()
+        if running is not None:
+            cls.poll_message_set(still_running(running))
+        return running is None and context.object is not None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge.store import explored
+
+        found = explored.read(context.object)
+        try:
+            if found is None or self.number >= len(found["rows"]):
+                raise FlexMapsError("There is no such candidate; press Explore first")
+            explored.use(context.object, context.scene, found["rows"][self.number]["values"])
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        redraw(context)
+        self.report({"INFO"}, translate("Settings and size of the candidate were taken"))
+        return {"FINISHED"}
+
+
+CLASSES = (Explore, UseCandidate)

@@ -1,0 +1,47 @@
+"""The panel of the candidates that were tried: what is varied, what they shall hold, and the best of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.app.translations import pgettext_iface as iface_
+
+from ..bridge.store import explored
+from ..engine.params import ExploreParams
+from .rows import settings_rows, wrapped
+from .stages import StagePanel
+
+MOST = 8  # candidates in sight; by eye
+
+
+class ExplorePanel(StagePanel, bpy.types.Panel):
+    bl_idname = "FLEXMAPS_PT_explore"
+    bl_label = "Explore"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, obj = self.layout, context.object
+        settings_rows(layout.column(align=True), obj.flexmaps.explore, ExploreParams)
+        layout.operator("flexmaps.explore", icon="VIEWZOOM")
+        found = explored.read(obj)
+        if found is None:
+            return
+        wrapped(layout, context, found["note"], icon="INFO")
+        for number, row in enumerate(found["rows"][:MOST]):
+            _candidate(layout.box().column(align=True), number, row)
+
+
+def _candidate(layout: Any, number: int, row: dict[str, Any]) -> None:
+    """One candidate: what it has, its figures, and the button that takes it."""
+    for name, value in row["values"].items():
+        layout.label(text=f"{name} {value}", translate=False)
+    measures = row["measures"]
+    match, strain = measures.get("rms_percent", 0.0), 100 * measures.get("strain_share", 0.0)
+    share = iface_("strain {} of its limit").format(f"{strain:.0f} %")
+    layout.label(text=iface_("RMS distance {}, {}").format(f"{match:.2g} %", share), translate=False)
+    layout.label(text=iface_("about {} sheets").format(int(measures.get("sheets", 0))), translate=False)
+    layout.operator("flexmaps.use_candidate").number = number
+
+
+CLASSES = (ExplorePanel,)

@@ -1,0 +1,92 @@
+"""Candidates in Blender: tried from the sidebar, kept with the object, taken; and from the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from flexmaps.bridge.store import explored
+from flexmaps.command import main as command
+from flexmaps.engine.exploring import run as running
+from flexmaps.panels.explore import ExplorePanel
+from support.bowl import bowl
+from support.buttons import press
+from test_sidebar import draw
+
+
+@pytest.fixture
+def tried(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
+    obj = add(bowl())
+    obj.flexmaps.explore.candidates = 4
+    press("merge")
+    press("explore")
+    return obj
+
+
+def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
+    found = explored.read(tried)
+    assert found is not None and found["tried"] == 4 and found["rows"]
+    values, scale = found["rows"][0]["values"], tried.scale.copy()
+    before = explored.edge(tried, bpy.context.scene)
+    assert before / 1.5 <= values["edge"] <= before * 1.5
+    press("use_candidate", number=0)
+    assert tried.flexmaps.spiral.thickness == pytest.approx(values["spiral.thickness"])
+    assert explored.edge(tried, bpy.context.scene) == pytest.approx(values["edge"], rel=1e-4)
+    assert tried.scale.x / scale.x == pytest.approx(values["edge"] / before, rel=1e-4)
+    with pytest.raises(RuntimeError, match="no such candidate"):
+        press("use_candidate", number=99)
+
+
+def test_the_sidebar_lists_them(tried: Any) -> None:
+    count = len(explored.read(tried)["rows"])
+    drawn = draw(ExplorePanel)
+    assert sum(line.startswith("edge ") for line in drawn) == count
+    assert any(line.startswith("RMS distance ") for line in drawn)
+    for wrong in ("no json", "[]", '{"note": 1}', '{"note": "a", "tried": 2, "rows": [{"values": 3}]}'):
+        tried[explored.NAME] = wrong
+        assert explored.read(tried) is None
+        draw(ExplorePanel)
+
+
+def test_the_command_line_explores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "explore",
+        "shape:strip",
+        "--out",
+        str(tmp_path / "x"),
+        "--vary",
+        "spiral.thickness=1,2",
+        "--goal",
+        "panels<=1",
+    ]
+    assert command.main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [one["values"] for one in told["candidates"]] == [{"spiral.thickness": 1.0}, {"spiral.thickness": 2.0}]
+    assert (tmp_path / "x" / "candidates.csv").is_file()
+    assert command.main(words) == 0
+    assert told["note"] in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (),
+        ("--vary", "spiral.thickness"),
+        ("--vary", "spiral.thick=1:2"),
+        ("--vary", "edge=20:10"),
+        ("--vary", "edge=10:20", "--goal", "beauty<=1"),
+        ("--vary", "edge=10:20", "--candidates", "0"),
+        ("--vary", "edge=10:20", "--scheduler", "nonsense"),
+    ],
+    ids=" ".join,
+)
+def test_what_cannot_be_explored_is_told_in_one_line(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command.main(["explore", "shape:strip", "--out", str(tmp_path / "x"), *words]) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("flexmaps:")]
+    assert len(said) == 1

@@ -1,0 +1,113 @@
+"""How long an exploration takes: on the cores of this machine, and on a Dask cluster of as many workers.
+
+python3 tools/dev.py bench explore [--candidates 200] [--cores 2] [--cluster] [--json FILE]
+
+200 candidates of a surface of 432 quads in four variables are tried. With ``--cluster`` a scheduler and so many workers on this
+machine try a part of them, and one worker alone the same part: what is asked is as many times the speed as there are workers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from flexmaps import api
+from flexmaps.engine.errors import FlexMapsError
+from rows import Row, Table, at_least, at_most, row
+
+SHAPE = "demo"  # of the built-in surfaces the one with about 400 quads
+VARY = {
+    "edge": "12:24",
+    "spiral.thickness": "1:3",
+    "spiral.width_max": "1.2:2.4",
+    "material.material": "pom,birch,acrylic",
+}
+MINUTES = 15.0  # asked of 200 candidates on two cores
+SHARE = 0.8  # of the speed-up that as many workers could bring; asked
+PART = 24  # candidates that one worker alone tries too: two full batches and what is spread before them
+
+
+def main(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser(prog="bench explore")
+    parser.add_argument("--candidates", type=int, default=200)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--cluster", action="store_true")
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args(argv)
+    table = Table(34)
+    piece = api.layout(api.load(f"shape:{SHAPE}", edge=16))
+    seconds, made = tried(piece, args.candidates, cores=args.cores)
+    name, faults = f"{SHAPE} {len(piece.mesh.quads)}", sum(bool(one.fault) for one in made.candidates)
+    asked = MINUTES if (args.candidates, args.cores) == (200, 2) else None
+    table.add(
+        row(name, "candidates", "", len(made.candidates), None),
+        row(name, "candidates that could not be made", "", faults, None),
+        at_most(name, f"minutes on {args.cores} cores", asked, seconds / 60.0),
+    )
+    if args.cluster:
+        table.add(*on_cluster(piece, args.cores, name))
+    if args.json:
+        args.json.write_text(json.dumps(table.rows, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def tried(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
+    """Seconds, and what was found."""
+    begun = time.perf_counter()
+    made = api.explore(piece, VARY, candidates=count, **where)
+    return time.perf_counter() - begun, made
+
+
+def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
+    """The same with one worker and with several, and what that brings."""
+    seconds, found = [], []
+    for count in (1, workers):
+        with cluster(count) as address:
+            # so that all workers have loaded the program before the time is taken
+            tried(piece, 2 * count, scheduler=address)
+            took, made = tried(piece, PART, scheduler=address)
+        seconds.append(took)
+        found.append(made.report())
+        yield row(name, f"seconds on a cluster of {count}", "", round(took, 1), None)
+    yield row(name, "the same candidates", "", found[0] == found[1], found[0] == found[1])
+    yield at_least(name, f"speed of {workers} workers over one", SHARE * workers, seconds[0] / seconds[1])
+
+
+@contextmanager
+def cluster(workers: int) -> Iterator[str]:
+    """A scheduler on this machine with so many workers of one thread; gives its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    words: list[tuple[str, ...]] = [("scheduler", "--host", "127.0.0.1", "--port", str(port))]
+    words += [("worker", address, "--no-nanny", "--nthreads", "1", "--name", str(k)) for k in range(workers)]
+    processes = []
+    try:
+        for kind, *rest in words:
+            command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *rest, "--no-dashboard"]
+            processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+            time.sleep(3.0 if kind == "scheduler" else 0.0)
+        from flexmaps.engine.cluster import Cluster
+
+        ends = time.monotonic() + 60.0
+        while True:
+            with Cluster(address) as made:
+                if made.count >= workers:
+                    break
+            if time.monotonic() > ends:
+                raise FlexMapsError("the cluster's workers did not start")
+            time.sleep(0.5)
+        yield address
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
