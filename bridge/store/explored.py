@@ -11,7 +11,7 @@ import bpy
 
 from ...engine.exploring.space import MEASURES, SIZES
 from ...engine.params import ObjectSettings, changed
-from . import mesh, settings
+from . import settings
 
 NAME = "flexmaps_explored"
 
@@ -50,6 +50,7 @@ def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]
 def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Median edge of the object's quads, millimetres."""
     from ...engine.runs import job
+    from . import mesh
 
     bpy.context.view_layer.update()  # a scale that was set a moment ago counts
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
