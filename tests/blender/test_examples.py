@@ -162,3 +162,13 @@ def test_a_layout_chosen_by_the_shape(capsys: pytest.CaptureFixture[str]) -> Non
     taken = next(line for line in out.splitlines() if line.startswith("*"))
     assert numbers(taken)[0] <= 3
     assert numbers(taken)[2] <= min(row["rms_percent"] for row in rows if row["panels"] == 1) * 1.05 + 1e-3
+
+
+def test_explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken = example(18)["main"](["shape:strip", "6"])
+    assert "RMS" in capsys.readouterr().out
+    rows = (tmp_path / "out" / "explored" / "candidates.csv").read_text().splitlines()
+    assert len(rows) == 7
+    assert 0.012 <= taken.mesh.median_edge <= 0.030
+    assert example(18)["main"](["shape:strip", "6"]).settings == taken.settings  # all of them are known by now
