@@ -32,10 +32,8 @@ POPULATION = 12  # candidates of a batch at most
 # of the first measure, the second gets the rest; in turn, so that the ends and the middle of the front come nearer alike
 WEIGHTS = (0.5, 0.8, 0.2)
 SMALLEST = 5  # population of which scipy makes another at least
-STEP = (
-    0.4,
-    0.9,
-)  # share of the difference of two that is a step, drawn anew for every batch; within what Storn and Price recommend
+# share of the difference of two that is a step, drawn anew for every batch; within what Storn and Price recommend
+STEP = (0.4, 0.9)
 MOST = 1e6  # goals missed by more, or wholly, count alike; so that there is a number
 BARREN = 3  # batches in a row that bring nothing new, after which there is hardly anything left: one of each weight
 
@@ -63,9 +61,11 @@ class Exploration:
         """Those to choose among: of those that hold the goals, or of all where none does, whichever are smallest in one measure
         for what they have of the other; by the first measure."""
         holding = [one for one in self.sound if not self.space.missed(one.measures)]
-        rows = [(one, _pair(self.space, one)) for one in holding or self.sound]
-        kept = [(one, at) for one, at in rows if not any(_smaller(other, at) for _, other in rows)]
-        return [one for one, _ in sorted(kept, key=lambda row: row[1])]
+        kept: list[tuple[tuple[float, float], Candidate]] = []
+        for at, one in sorted(((_pair(self.space, one), one) for one in holding or self.sound), key=lambda row: row[0]):
+            if not kept or at[1] < kept[-1][0][1] or at == kept[-1][0]:
+                kept.append((at, one))
+        return [one for _, one in kept]
 
     @property
     def best(self) -> int | None:
@@ -245,11 +245,6 @@ def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np
 def _pair(space: Space, one: Candidate) -> tuple[float, float]:
     first, second = (one.measures.get(name, np.inf) for name in space.minimised)
     return first, second
-
-
-def _smaller(other: tuple[float, float], at: tuple[float, float]) -> bool:
-    """Whether it is as small in both, and smaller in one."""
-    return other != at and other[0] <= at[0] and other[1] <= at[1]
 
 
 def _plain(error: BaseException) -> Exception:

@@ -96,12 +96,13 @@ def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
     if not rows:
         return drawing
     drawing.add(Dots(axes.at(points[:, 0], points[:, 1]), 3.0, GREY))
-    for one in made.front:
+    for turn, one in enumerate(made.front):
         here = axes.at(*(np.array([one.measures.get(name, np.inf)]) for name in names))
         if np.isfinite(here).all():
             number = made.candidates.index(one)
             drawing.add(Dots(here, 5.0, ACCENT if number == made.best else CURVE))
-            drawing.add(Text((float(here[0, 0]) + 7, float(here[0, 1]) - 5), str(number), 11.5, INK))
+            beside = 14 if turn % 2 else -6  # above and below in turn, so that neighbours can be read
+            drawing.add(Text((float(here[0, 0]) + 5, float(here[0, 1]) + beside), str(number), 11.5, INK))
     return drawing
 
 

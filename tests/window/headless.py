@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 
 HERE = Path(__file__).parent
-STAGES = ("set_size", "regularise", "trace", "merge", "spirals", "simulate", "optimise", "preview", "export")
+STAGES = ("set_size", "regularise", "trace", "merge", "spirals", "simulate", "optimise", "explore", "preview", "export")
 FOUND = {"stages": {}, "errors": []}
 
 
@@ -26,6 +26,7 @@ def walk():
     settings = bpy.context.object.flexmaps
     settings.remesh.quads = 100
     settings.optimise.iterations = 2
+    settings.explore.candidates = 2
     settings.sheet.nesting = "FAST"
     settings.export.folder = str(HERE / "sheets")
     press("check")
@@ -34,6 +35,7 @@ def walk():
     for stage in STAGES:
         press(stage)
     FOUND["blocks"] = sorted(json.loads(bpy.context.object.data["flexmaps_report"]))
+    FOUND["explored"] = json.loads(bpy.context.object["flexmaps_explored"])
     FOUND["places"] = {n: sys.modules[n].__file__ for n in ("scipy", "shapely", "igl", "ezdxf") if n in sys.modules}
 
 

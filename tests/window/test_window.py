@@ -55,6 +55,7 @@ def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Pa
     assert "not quads" in found["refused"][0]
     assert set(map(tuple, found["stages"].values())) == {("FINISHED",)}
     assert {"layout", "spirals", "equilibrium", "optimise", "reach", "sheets"} <= set(found["blocks"])
+    assert found["explored"]["tried"] == 2 and found["explored"]["rows"]
 
 
 @contextmanager
