@@ -23,7 +23,7 @@ from ...engine.surface.mesh import PolygonMesh
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
 # seconds after which an answer is given up: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
-LIMIT = 60.0
+LIMIT = 30.0
 START = 120.0  # seconds more where Blender has to start; generous, not measured on slow machines
 USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
 LOOK = 0.02  # seconds between two looks for the answer
@@ -56,8 +56,11 @@ class SecondBlender:
             )
         return made
 
-    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress = SILENT) -> PolygonMesh | None:
-        return self._mesh("quads", body, {"count": count, "seed": seed, "smooth": self._smooth}, progress)
+    def quads(
+        self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress = SILENT
+    ) -> PolygonMesh | None:
+        options = {"count": count, "seed": seed, "sharp": sharp, "smooth": self._smooth}
+        return self._mesh("quads", body, options, progress)
 
     def voxels(self, body: PolygonMesh, size: float, progress: Progress = SILENT) -> PolygonMesh | None:
         return self._mesh("voxels", body, {"size": size}, progress)

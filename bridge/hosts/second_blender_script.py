@@ -52,12 +52,12 @@ def cells(obj, size):
     bm.free()
 
 
-def quads(obj, count, seed, smooth):
+def quads(obj, count, seed, sharp, smooth):
     return "FINISHED" in bpy.ops.object.quadriflow_remesh(
         mode="FACES",
         target_faces=count,
         use_mesh_symmetry=False,
-        use_preserve_sharp=False,
+        use_preserve_sharp=sharp,
         use_preserve_boundary=True,
         smooth_normals=smooth,
         seed=seed,

@@ -27,6 +27,28 @@ def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
     a regular mesh), nearer ones counting more (Cazals and Pouget 2005); its shape operator at the middle. Where the
     neighbours leave a coefficient open, as across a strip of one quad, it is zero.
     """
+    a, b, c, d, e, f, scale = _fitted(mesh)
+    fitted = _of_graph(b, c, d, e, f)
+    # the distances were taken from the quad's middle, a below the surface: back to it as between parallel surfaces
+    lift = np.clip(a[:, None] * fitted, -0.5, 0.5)
+    return fitted / (1.0 - lift) / scale[:, None]
+
+
+def misalignment(mesh: QuadMesh) -> float:
+    """Degrees, 0 to 45: by how much the quads' sides miss the principal directions, in the mean; 22.5 where they ignore them.
+
+    Every quad weighs by its area and by |k1 - k2| times its size, at most 1: where both curvatures are the same, no direction
+    is better than another. The angle is that of the second fundamental form of the quadric of ``principal_curvatures``, whose
+    x axis runs along the quad; tilts of the quadric against the quad are neglected.
+    """
+    _, _, _, d, e, f, _ = _fitted(mesh)
+    off = 0.5 * np.abs(np.arctan2(2.0 * e, d - f))
+    weight = mesh.areas * np.minimum(np.hypot(d - f, 2.0 * e), 1.0)
+    return float(np.degrees((np.minimum(off, 0.5 * np.pi - off) * weight).sum() / max(weight.sum(), 1e-300)))
+
+
+def _fitted(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
+    """a to f of z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad, in units of the last one, its size in metres."""
     quad, vertex = _neighbourhoods(mesh)
     count = len(mesh.quads)
     normal = _smooth_normals(mesh)
@@ -50,10 +72,7 @@ def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
     right[:] = np.add.reduceat(weighted * z[:, None], starts, axis=0)
     matrix += SLACK * np.eye(6)
     a, b, c, d, e, f = np.linalg.solve(matrix, right[..., None])[..., 0].T
-    fitted = _of_graph(b, c, d, e, f)
-    # the distances were taken from the quad's middle, a below the surface: back to it as between parallel surfaces
-    lift = np.clip(a[:, None] * fitted, -0.5, 0.5)
-    return fitted / (1.0 - lift) / scale[:, None]
+    return a, b, c, d, e, f, scale
 
 
 def _of_graph(

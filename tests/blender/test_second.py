@@ -46,9 +46,9 @@ def test_what_hangs_is_ended_and_the_next_one_starts_anew(dome: PolygonMesh, mon
         assert triangles is not None and (triangles.sizes == 3).all() and len(triangles.sizes) == 2 * len(dome.sizes)
         first = tool._process
         monkeypatch.setattr(second_blender, "LIMIT", 0.0)
-        assert tool.quads(triangles, 100, 0) is None and first.poll() is not None
-        monkeypatch.setattr(second_blender, "LIMIT", 60.0)
-        quads = tool.quads(triangles, 100, 0)
+        assert tool.quads(triangles, 100, 0, False) is None and first.poll() is not None
+        monkeypatch.setattr(second_blender, "LIMIT", 30.0)
+        quads = tool.quads(triangles, 100, 0, False)
         assert quads is not None and (quads.sizes == 4).all() and tool._process is not first
         assert np.ptp(quads.vertices, axis=0) == pytest.approx(np.ptp(dome.vertices, axis=0), rel=0.15)
         last = tool._process

@@ -48,6 +48,12 @@ def both(*meshes: PolygonMesh) -> PolygonMesh:
     return requad._joined(list(meshes))
 
 
+@pytest.fixture(autouse=True)
+def _first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first sound answer is taken; what is chosen among several has tests of its own."""
+    monkeypatch.setattr(requad, "CANDIDATES", 1)
+
+
 class Balls:
     """A tool that knows balls alone, and notes what it was given."""
 
@@ -61,7 +67,7 @@ class Balls:
     def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
         return self.cutting
 
-    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
+    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
         extent = float(np.ptp(body.vertices, axis=0).max())
         self.given.append((extent, count))
         if len(self.given) <= self.hopeless:
@@ -121,7 +127,7 @@ def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
 class Cells(Balls):
     """Gives no quads, but the polygons of a square: two quads and two triangles."""
 
-    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
+    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
         return None
 
     def cells(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
@@ -261,8 +267,8 @@ def test_needles_and_slivers_become_broad_or_go(spoil: Callable[[PolygonMesh, in
 class Needles(Balls):
     """Gives quads with a needle first."""
 
-    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
-        found = super().quads(body, count, seed, progress)
+    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
+        found = super().quads(body, count, seed, sharp, progress)
         return flattened(found, 20) if found is not None and len(self.given) <= requad.ENOUGH else found
 
 

@@ -21,6 +21,10 @@ USELESS = FOLDED | {"thin"}  # no spiral has room in them
 POOR = USELESS | {"concave", "warped"}
 ROUNDS = 6  # of moving and taking out; not measured
 SMALL = 0.7  # of the median quad's side: the least that a corner is to be drawn to
+# degrees between two triangles from which their edge is one of the shape: between those of round surfaces of few triangles,
+# 30 and less, and those of boxes and rims, 90
+SHARP = 50.0
+ON_SHARP = 1e-9  # metres at the size that bodies are remeshed at, 2: rounding errors of a corner that was put onto a sharp edge
 MOVES = 12  # of every corner in a round; not measured
 
 
@@ -72,6 +76,28 @@ class Target:
 
         return np.sqrt(igl.point_mesh_squared_distance(points, self.vertices, self.border)[0])
 
+    @cached_property
+    def sharp(self) -> Int[np.ndarray, "sharp 2"]:
+        """The edges at which two triangles turn by more than ``SHARP``."""
+        sides = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+        edges, at, uses = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+        order = np.argsort(at.reshape(-1), kind="stable")
+        first = (np.cumsum(uses) - uses)[uses == 2]
+        one, two = self._normals[order[first] // 3], self._normals[order[first + 1] // 3]
+        turned = np.einsum("ni,ni->n", one, two) < np.cos(np.radians(SHARP))
+        return np.ascontiguousarray(edges[uses == 2][turned])
+
+    def onto_sharp(
+        self, points: Float[np.ndarray, "points 3"]
+    ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points 3"]]:
+        """Metres: from points to the sharp edges, and the nearest points there; infinite where there are none."""
+        if not len(self.sharp):
+            return np.full(len(points), np.inf), points
+        import igl
+
+        squared, _, there = igl.point_mesh_squared_distance(points, self.vertices, self.sharp)[:3]
+        return np.sqrt(squared), np.asarray(there).reshape(-1, 3)
+
     def distances(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
         """Metres: from points to the surface."""
         return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
@@ -89,7 +115,7 @@ def mended(quads: PolygonMesh, target: Target) -> PolygonMesh:
             break
         poor = fewest[-1] if quads is best else _poor(quads)[-1]
         # the middles of neighbours unfold what is folded, but squeeze quads; squares make them broad
-        quads = _moved(quads, poor, target, _to_middles if done % 2 == 0 else _to_squares)
+        quads = moved(quads, poor, target, to_middles if done % 2 == 0 else to_squares)
         found = _poor(quads)
         if len(found[1]):
             collapsed = _collapsed(quads, found[1], target)
@@ -115,7 +141,7 @@ def _poor(quads: PolygonMesh) -> tuple[np.ndarray, ...]:
 Wish = Callable[[np.ndarray], np.ndarray]  # from all vertices (V, 3) to where they are to go
 
 
-def _to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Wish:
+def to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Wish:
     """Every vertex to the mean of its neighbours, along the directed ``links`` from it to them."""
     count = len(quads.vertices)
     degree = np.maximum(np.bincount(links[:, 0], minlength=count), 1)[:, None]
@@ -126,7 +152,7 @@ def _to_middles(quads: PolygonMesh, links: Int[np.ndarray, "links 2"]) -> Wish:
     return wish
 
 
-def _to_squares(quads: PolygonMesh, links: np.ndarray) -> Wish:
+def to_squares(quads: PolygonMesh, links: np.ndarray) -> Wish:
     """Every vertex to the mean of the corners of the squares nearest to its quads; of quads that are small, of larger ones."""
     corners, count = quads.corners.reshape(-1, 4), len(quads.vertices)
     degree = np.maximum(np.bincount(corners.ravel(), minlength=count), 1)[:, None]
@@ -148,12 +174,12 @@ def _summed(
     return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
 
 
-def _moved(
+def moved(
     quads: PolygonMesh, poor: np.ndarray, target: Target, way: Callable[[PolygonMesh, np.ndarray], Wish]
 ) -> PolygonMesh:
     """Corners of poor quads, and two rings round them, drawn along the surface to where ``way`` wants them.
 
-    Corners on the border move along it; where it turns sharply they stay.
+    Corners on the border move along it; where it turns sharply they stay, and so do those on sharp edges of the surface.
     """
     corners = quads.corners.reshape(-1, 4)
     points, sides = np.array(quads.vertices, float), sides_of(quads)
@@ -167,7 +193,8 @@ def _moved(
     links = np.concatenate([sides.edges[~on_border[sides.edges].all(axis=1)], border])
     links = np.concatenate([links, links[:, ::-1]])
     links = links[~on_border[links[:, 0]] | on_border[links[:, 1]]]  # what is on the border follows the border alone
-    moving = near & (np.bincount(links[:, 0], minlength=len(points)) > 1) & ~_border_corners(points, border)
+    moving = near & (np.bincount(links[:, 0], minlength=len(points)) > 1) & ~line_corners(points, border)
+    moving &= target.onto_sharp(points)[0] > ON_SHARP
     inner, outer = np.flatnonzero(moving & ~on_border), np.flatnonzero(moving & on_border)
     line, wish = points.copy(), way(quads, links)
     _, normals = target.nearest(points)
@@ -183,8 +210,8 @@ def _moved(
     return PolygonMesh(points, quads.corners, quads.sizes)
 
 
-def _border_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " vertices"]:
-    """Where the border turns by more than 50 degrees, or meets itself."""
+def line_corners(points: np.ndarray, border: np.ndarray) -> Bool[np.ndarray, " vertices"]:
+    """Where a line of edges, such as the border, turns by more than 50 degrees, or meets itself."""
     sums = np.zeros_like(points)
     directions = points[border[:, 1]] - points[border[:, 0]]
     directions /= np.maximum(np.linalg.norm(directions, axis=1), 1e-300)[:, None]

@@ -20,12 +20,21 @@ from ..checking.check import Finding, findings
 from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
 from ..mesh import PolygonMesh
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
+from .quality import quality
+from .refine import refined, split
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one
 FEWEST = 6  # quads: a body that would get fewer, as many as a box has, is left out
-# what is tried of a body, one after another: QuadriFlow's seed, and the share of the wanted count
-TRIES = ((0, 1.0), (1, 1.0), (2, 1.1), (3, 0.9), (4, 1.25), (5, 0.8), (6, 1.6))
+# what is tried of a body, one after another: QuadriFlow's seed, the share of the wanted count, how often its quads are cut
+# into four, and whether it is to keep sharp edges
+TRIES = (
+    (0, 1.0, 0, False), (0, 1.0, 1, False), (1, 1.0, 1, False), (2, 1.1, 1, False), (0, 1.0, 1, True), (0, 1.0, 0, True),
+    (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
+    (5, 0.8, 0, False), (6, 1.6, 0, False),
+)  # fmt: skip
+CANDIDATES = 8  # of them are tried whatever the first ones give, and the best taken
+WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.5, 0.72, 1.0)
@@ -52,8 +61,8 @@ class Tool(Protocol):
         """The mesh as triangles, corners nearer than ``near`` joined, nothing without area."""
         ...
 
-    def quads(self, body: PolygonMesh, count: int, seed: int, progress: Progress) -> PolygonMesh | None:
-        """About ``count`` quads of one clean body."""
+    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
+        """About ``count`` quads of one clean body, along its sharp edges where that is asked for."""
         ...
 
     def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
@@ -225,19 +234,18 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     found: list[Judged] = []
     tried, last = 0, ""
     for surface in _surfaces(small, whole, count, tool, progress.quiet()):
-        for seed, factor in TRIES if surface is small else TRIES[:OF_VOXELS]:
+        for number, (seed, factor, times, sharp) in enumerate(TRIES if surface is small else TRIES[:OF_VOXELS], 1):
             tried += 1
             progress(1.0 - 0.85**tried, f"QuadriFlow: try {tried}{name}")
-            raw = tool.quads(surface, max(FEWEST, round(factor * count)), seed, progress.quiet())
+            raw = tool.quads(surface, max(FEWEST, round(factor * count / 4**times)), seed, sharp, progress.quiet())
             if raw is None or not len(raw.sizes):
                 last = last or "QuadriFlow finds none"
-                continue
-            judged = _judged(raw, whole, count)
-            if isinstance(judged, str):
+            elif isinstance(judged := _judged(raw, whole, count, times, sharp), str):
                 last = judged
-                continue
-            found.append(judged)
-            if not any(judged.faults) or (len(found) >= ENOUGH and any(not one.faults[0] for one in found)):
+            else:
+                found.append(judged)
+            sound = [one for one in found if not one.faults[0]]
+            if number >= CANDIDATES and sound and (len(found) >= ENOUGH or not any(sound[0].faults)):
                 break
         if found:
             break
@@ -248,7 +256,7 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
             f"No sound quads were found{name}: {last or 'it is no clean surface, neither by itself nor as voxels'}. "
             "Give another quad count; give open parts a thickness, and remove what is inside or folded"
         )
-    best = min(found, key=lambda one: one.faults).quads
+    best = min(found, key=lambda one: (*one.faults[:2], one.cost)).quads
     return replace(best, vertices=best.vertices / scale + middle)
 
 
@@ -286,22 +294,9 @@ def _by_cells(body: PolygonMesh, whole: Target, count: int, tool: Tool, progress
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:
             continue
-        judged = _judged(_split(polygons), whole, count)
+        judged = _judged(split(polygons), whole, count)
         if isinstance(judged, Judged):
             yield judged
-
-
-def _split(polygons: PolygonMesh) -> PolygonMesh:
-    """Every polygon in quads from its middle, one at each corner, as in the first step of Catmull and Clark."""
-    sides, starts = sides_of(polygons), np.cumsum(polygons.sizes) - polygons.sizes
-    corners, face = polygons.vertices[polygons.corners], sides.face
-    middles = np.add.reduceat(corners, starts, axis=0) / polygons.sizes[:, None]
-    halves = polygons.vertices[sides.edges].mean(axis=1)
-    on_side = len(polygons.vertices) + sides.edge
-    before = np.empty_like(on_side)
-    before[sides.after] = on_side
-    rows = np.stack([polygons.corners, on_side, len(polygons.vertices) + len(halves) + face, before], axis=1)
-    return of_rows(np.concatenate([polygons.vertices, halves, middles]), rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,19 +304,22 @@ class Judged:
     """Sound quads.
 
     faults : in how many no spiral has room, by how many whole quad edges parts of the surface are missed, how many are poor
+    cost : of ``quality.Quality``, and more for poor quads and for other than the wanted count
     """
 
     quads: PolygonMesh
     faults: tuple[int, int, int]
+    cost: float
 
 
-def _judged(raw: PolygonMesh, whole: Target, count: int) -> Judged | str:
-    """The quads mended and judged, or why they are no use."""
+def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: bool = False) -> Judged | str:
+    """The quads cut into four ``times`` times, mended and judged, or why they are no use."""
     if not (raw.sizes == 4).all():
         return "QuadriFlow left faces that are no quads"
     if not _is_clean(raw):
         return "its quads are no clean surface"
-    quads = mended(_opened(raw, whole), whole)
+    opened = _opened(raw, whole)
+    quads = mended(refined(opened, whole, times) if times or sharp else opened, whole)
     found = findings(quads)
     errors = [f for f in found if f.is_error]
     if errors:
@@ -338,7 +336,12 @@ def _judged(raw: PolygonMesh, whole: Target, count: int) -> Judged | str:
     if missed >= LOST:
         return "parts of the surface are lost"
     useless, poor = (sum(len(f.faces) for f in found if f.code in codes) for codes in (USELESS, POOR))
-    return Judged(quads, (useless, missed, poor))
+    cost = (
+        quality(quads, whole).cost
+        * (1.0 + WORTH * poor / len(quads.sizes))
+        * (1.0 + abs(len(quads.sizes) / count - 1.0))
+    )
+    return Judged(quads, (useless, missed, poor), cost)
 
 
 def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:

@@ -1,0 +1,102 @@
+"""Quads of triangles: the best of several candidates beside QuadriFlow's first answer alone.
+
+python3 tools/dev.py bench quads [--meshes DIR] [--only PATTERNS] [--quads N] [--json FILE]
+
+The surfaces are the meshes of a folder, in triangles, and some that the project makes. Alignment is measured against libigl's
+principal directions on the triangles (Panozzo et al. 2010), and weighs by area and |k1 - k2|.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import time
+from pathlib import Path
+from typing import Any
+
+import igl
+import numpy as np
+import zoo
+from flexmaps.bridge.hosts import remesh
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
+from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.remeshing import quality, requad
+from rows import Table, at_most
+
+FEWER, BETTER = 2 / 3, 0.8  # of the first answer alone: irregular vertices, misalignment to the principal directions
+RADIUS = 5  # edges of the triangles that libigl's quadrics reach; its default
+LONGEST = 60.0  # seconds that one QuadriFlow run may take
+MADE = ("remesh-potato", "remesh-rough", "remesh-spiky", "remesh-land", "cube", "torus", "dome", "saddle")
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
+    parser = argparse.ArgumentParser(prog="dev.py bench quads")
+    parser.add_argument("--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of meshes")
+    parser.add_argument("--only", default="*", help="patterns of names, with commas")
+    parser.add_argument("--quads", type=int, default=1000, help="quads asked for")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    files = (
+        sorted([*options.meshes.glob("*.o[bf][jf]"), *options.meshes.glob("foreign/*.o[bf][jf]")])
+        if options.meshes
+        else []
+    )
+    surfaces: dict[str, Any] = {path.stem: lambda path=path: meshio.read(path) for path in files}
+    surfaces |= {name: zoo.SURFACES[name].make for name in MADE if name in zoo.SURFACES}
+    table = Table(26)
+    for name, make in surfaces.items():
+        if any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(",")):
+            _measure(table, name[:17], make(), options.quads)
+    table.finish(options.json)
+    return 0
+
+
+def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None:
+    """One surface, remeshed from its triangles: by the first answer alone, and as the program does."""
+    target = requad._target(PolygonMesh.of(polygons) if isinstance(polygons, QuadMesh) else converted(polygons))
+    triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
+    found = {}
+    for way, tries in (("first", 1), ("best", requad.CANDIDATES)):
+        usual, requad.CANDIDATES = requad.CANDIDATES, tries
+        begun = time.perf_counter()
+        try:
+            mesh = as_quad_mesh(remesh.quads_of(triangles, count, True).polygons)
+            judged = quality.quality(PolygonMesh.of(mesh), target)
+            found[way] = (judged, off_principal(mesh, target), len(mesh.quads), time.perf_counter() - begun)
+        except FlexMapsError as error:
+            print(f"{name} {way}: {error}", flush=True)
+        finally:
+            requad.CANDIDATES = usual
+    table.add(at_most(name, "refused", 0, int("best" not in found)))
+    if len(found) == 2:
+        (one, off_one, quads_one, seconds_one), (best, off, quads, seconds) = found["first"], found["best"]
+        table.add(
+            at_most(name, "irregular vertices", FEWER * one.irregular, best.irregular, {"first": one.irregular}),
+            at_most(name, "misalignment", BETTER * off_one, off, {"first": round(off_one, 1)}),
+            at_most(name, "unevenness", None, best.unevenness, {"first": round(one.unevenness, 3)}),
+            at_most(name, "sharp edges lost", None, best.lost, {"first": round(one.lost, 3)}),
+            at_most(name, "quads", None, quads, {"first": quads_one}),
+            at_most(name, "seconds", requad.CANDIDATES * LONGEST, seconds, {"first": round(seconds_one, 1)}),
+        )
+
+
+def off_principal(mesh: QuadMesh, target: Any) -> float:
+    """Degrees: how far the quads' sides lie off the principal directions of the triangles, in the mean."""
+    one, _, k1, k2 = igl.principal_curvature(target.vertices, target.triangles, RADIUS)[:4]
+    p = mesh.vertices[mesh.quads]
+    _, triangle, _ = igl.point_mesh_squared_distance(mesh.centroids, target.vertices, target.triangles)[:3]
+    near = target.triangles[triangle]
+    vertex = near[
+        np.arange(len(near)), np.linalg.norm(target.vertices[near] - mesh.centroids[:, None], axis=2).argmin(axis=1)
+    ]
+    along = p[:, 1] + p[:, 2] - p[:, 0] - p[:, 3]
+    normal = mesh.normals
+    across = np.cross(normal, along)
+    angle = np.arctan2(np.einsum("ni,ni->n", one[vertex], across), np.einsum("ni,ni->n", one[vertex], along))
+    off = np.abs((angle + np.pi / 4) % (np.pi / 2) - np.pi / 4)
+    weight = mesh.areas * np.minimum(np.abs(k1 - k2)[vertex] * np.sqrt(mesh.areas), 1.0)
+    return float(np.degrees((off * weight).sum() / max(weight.sum(), 1e-300)))
