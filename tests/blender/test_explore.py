@@ -11,6 +11,7 @@ import pytest
 from flexmaps.bridge.store import explored
 from flexmaps.command import main as command
 from flexmaps.engine.exploring import run as running
+from flexmaps.engine.materials import MATERIALS
 from flexmaps.panels.explore import ExplorePanel
 from support.bowl import bowl
 from support.buttons import press
@@ -44,8 +45,16 @@ def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
 def test_the_sidebar_lists_them(tried: Any) -> None:
     count = len(explored.read(tried)["rows"])
     drawn = draw(ExplorePanel)
-    assert sum(line.startswith("edge ") for line in drawn) == count
+    assert sum(line.startswith("Quad edge: ") and line.endswith(" mm") for line in drawn) == count
     assert any(line.startswith("RMS distance ") for line in drawn)
+    report = {
+        "best": 0,
+        "front": [0],
+        "note": "",
+        "candidates": [{"values": {"material.material": "pom", "gone": 3}, "measures": {}}],
+    }
+    explored.write(tried, report)
+    assert {f"Material: {MATERIALS['pom'].name}", "gone 3"} <= set(draw(ExplorePanel))
     for wrong in ("no json", "[]", '{"note": 1}', '{"note": "a", "tried": 2, "rows": [{"values": 3}]}'):
         tried[explored.NAME] = wrong
         assert explored.read(tried) is None
