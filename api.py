@@ -62,14 +62,16 @@ def load(
     height: float | None = None,
     up: str | None = None,
     quads: int | None = None,
+    remeshed: bool = False,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
+    progress: Tell = None,
 ) -> Piece:
     """A piece from an object in Blender, a file (.obj .off .ply .stl .blend), "shape:NAME", or a mesh of the engine.
 
     edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
     up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
-    quads : about so many new quads are made of it first, see ``remesh``
+    quads : about so many new quads are made of it first, see ``remesh``; with ``remeshed`` as set, if not all faces are quads
     settings : "section.name" -> value in shown units, instead of the object's settings or the defaults
     supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
 
@@ -81,7 +83,12 @@ def load(
     if edge is not None or height is not None or piece.made is None:
         piece = _begun(piece, _metres(edge), _metres(height))
     piece = change(piece, settings)
-    return change(piece if quads is None else remesh(piece, quads=quads), supports=supports)
+    others = checking.not_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
+    if others or quads is not None:
+        piece = remesh(piece, quads=quads, progress=progress)
+    if others and piece.made is not None:
+        piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, checking.remeshed(others)]))
+    return change(piece, supports=supports)
 
 
 def change(
@@ -307,6 +314,7 @@ def run(
     height: float | None = None,
     up: str | None = None,
     quads: int | None = None,
+    remeshed: bool = True,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     supports: Supports = None,
     optimised: bool = False,
@@ -327,9 +335,10 @@ def run(
     told = _progress(progress)
     names = job.stages(stop_after, optimised, chosen)
     with job_folder.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
-        piece = load(source, edge=edge, height=height, up=up, quads=quads, settings=settings, supports=supports)
+        piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
+                     supports=supports, progress=told.part(0.0, 0.2))  # fmt: skip
         piece = replace(piece, made=stages.without(piece.result, {"layout"}))
-        piece = _go_on(piece, names[1:], told.part(0.0, 0.6), lenient=True)
+        piece = _go_on(piece, names[1:], told.part(0.2, 0.6), lenient=True)
         return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
         )

@@ -41,6 +41,8 @@ def parser() -> argparse.ArgumentParser:
     whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
     whole.add_argument("--stop-after", choices=job.NAMES, default=job.NAMES[-1], metavar="STAGE",
                        help=f"last stage to run: {', '.join(job.NAMES)}")  # fmt: skip
+    whole.add_argument("--no-remesh", dest="remeshed", action="store_false",
+                       help="refuse a mesh with faces that are no quads, instead of remeshing it")  # fmt: skip
     whole.add_argument(
         "--optimise", action="store_true", help="make the spirals match the surface better; takes longer"
     )
@@ -194,7 +196,7 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     given = _source(args)
     chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
-    return api.run(args.mesh, args.out, **given, optimised=args.optimise, chosen=chosen, stop_after=args.stop_after,
+    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
 
 

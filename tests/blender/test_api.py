@@ -68,6 +68,16 @@ def test_what_is_wrong_is_named_and_every_stage_says_so(add: Any) -> None:
         api.layout(piece)
 
 
+def test_the_main_job_makes_quads_of_triangles_and_says_so(tmp_path: Path) -> None:
+    path = obj_file(tmp_path / "ball.obj", triangles("cubesphere"))
+    small = {"settings": {"remesh.quads": 150}, "stop_after": "regularise", "pictures": False}
+    described = api.run(path, tmp_path / "out", edge=15, **small)
+    assert "remeshed" in [finding["code"] for finding in described["checks"]]
+    assert "no quads" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    with pytest.raises(api.FlexMapsError, match="not quads"):
+        api.run(path, tmp_path / "other", edge=15, remeshed=False, **small)
+
+
 def test_any_mesh_gets_quads_of_the_size_that_was_asked_for(add: Any) -> None:
     before = len(bpy.data.objects), len(bpy.data.meshes)
     piece = api.load(triangles("cubesphere"), edge=15, quads=300)

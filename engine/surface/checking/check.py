@@ -135,6 +135,18 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
     return sorted(_find(polygons, edge), key=lambda f: not f.is_error)
 
 
+def not_quads(polygons: PolygonMesh) -> int:
+    """How many faces are no quads."""
+    return sum(len(found.faces) for found in findings(polygons) if found.code == "non-quad")
+
+
+def remeshed(faces: int) -> Finding:
+    """What is to be said where so many faces were no quads, and the mesh was remeshed for that."""
+    return finding(
+        "remeshed", f"Faces that are no quads: {faces}. The whole mesh was remeshed in quads", severity="warning"
+    )
+
+
 def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     if not len(polygons.sizes):
         return [finding("no-faces", "The mesh has no faces; choose an object with a surface")]
