@@ -55,6 +55,20 @@ def test_what_cannot_be_remeshed_leaves_nothing_behind(add: Any) -> None:
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == (objects, meshes)
 
 
+def test_a_cylinder_keeps_its_sharp_rims() -> None:
+    """Two circles of radius 1 at a height of 1 and -1: their length is known, and quads that follow them have sides along it."""
+    bpy.ops.mesh.primitive_cylinder_add(vertices=32)
+    bpy.context.object.flexmaps.remesh.quads = 300
+    press("quad_remesh")
+    mesh = bpy.context.object.data
+    places = np.array([vertex.co for vertex in mesh.vertices])
+    on_rim = (np.abs(np.hypot(*places[:, :2].T) - 1) < 0.03) & (np.abs(np.abs(places[:, 2]) - 1) < 1e-3)
+    ends = np.array([edge.vertices for edge in mesh.edges])
+    ends = ends[on_rim[ends].all(axis=1)]
+    along = np.linalg.norm(places[ends[:, 0]] - places[ends[:, 1]], axis=1).sum()
+    assert along == pytest.approx(4 * np.pi, rel=0.05)
+
+
 def bodies_of(obj: Any) -> int:
     from flexmaps.bridge.store import mesh
     from flexmaps.engine.surface.checking import topology as check_topology

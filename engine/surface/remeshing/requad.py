@@ -33,7 +33,9 @@ TRIES = (
     (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
     (5, 0.8, 0, False), (6, 1.6, 0, False),
 )  # fmt: skip
-CANDIDATES = 8  # of them are tried whatever the first ones give, and the best taken
+# of them are tried whatever the first ones give, and the best taken: over 25 meshes of 1000 quads 680 irregular vertices in
+# all instead of 760, in three times the time
+CANDIDATES = 8
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
