@@ -38,7 +38,7 @@ class _Stages:
         self.seconds: dict[str, float] = {}
         self._progress = progress
         shares = [STAGES[name].share if name in STAGES else CHECK_SHARE for name in wanted]
-        total = sum(shares)
+        total = sum(shares) or 1.0  # there may be none
         starts = [sum(shares[:k]) / total for k in range(len(wanted) + 1)]
         self._spans = dict(zip(wanted, pairwise(starts), strict=True))
         self.end = progress.part(1.0, 1.0)  # for what comes after the last

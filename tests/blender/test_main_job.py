@@ -108,7 +108,7 @@ def test_a_bad_mesh_is_refused_in_one_line(case: str, tmp_path: Path, capsys: py
     out.mkdir()
     (out / "report.json").write_text("earlier")
     path = broken_inputs(tmp_path)[case]
-    assert run(path, "--edge", 20, "--out", out) == 2
+    assert run(path, "--edge", 20, "--no-remesh", "--out", out) == 2
     assert contents(out) == {"report.json": b"earlier"}
     complaint = [line for line in capsys.readouterr().err.splitlines() if line.startswith("flexmaps:")]
     assert len(complaint) == 1
@@ -119,7 +119,7 @@ def test_known_bad_meshes(
     name: str, says: str, shared_meshes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert run(shared_meshes / name, "--edge", 20, "--out", out) == 2
+    assert run(shared_meshes / name, "--edge", 20, "--no-remesh", "--out", out) == 2
     assert not out.exists()
     assert says in capsys.readouterr().err
 

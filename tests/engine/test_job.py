@@ -167,3 +167,9 @@ def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
         uncut, cut = (PatchLayout(mesh, np.full(len(mesh.edges), c)) for c in (False, True))
         assert curvature_within(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
         assert curvature_within(cut).sum() == pytest.approx(0.0, abs=slack)
+
+
+def test_a_job_may_end_with_the_check() -> None:
+    made = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after="check")
+    assert made.mesh is not None and made.layout is None
+    assert job.go_on(made, Settings(), ()).layout is None
