@@ -59,10 +59,13 @@ class UseCandidate(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
+        from ..bridge.store.objects import unusable
+
         running = background.current()
-        if running is not None:
-            cls.poll_message_set(still_running(running))
-        return running is None and context.object is not None
+        problem = unusable(context.object) if running is None else still_running(running)
+        if problem:
+            cls.poll_message_set(translate(problem))
+        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.store import explored
