@@ -14,7 +14,8 @@ def grid(columns: int, rows: int, position) -> Triangles:
     """Points u, v from 0 to 1, triangles of alternating diagonals, equal points merged."""
     u, v, quads = shapes._grid(columns, rows)
     q = np.where((np.arange(len(quads)) % 2)[:, None] == 1, np.roll(quads, 1, axis=1), quads)
-    points, where = np.unique(np.round(np.stack(position(u, v), axis=1), 9), axis=0, return_inverse=True)
+    u, v = 0.5 * (u + 1), 0.5 * (v + 1)
+    points, where = np.unique(np.round(np.stack(position(u, v), axis=1), 9) + 0.0, axis=0, return_inverse=True)
     return Triangles(points, where.ravel()[np.concatenate([q[:, [0, 1, 2]], q[:, [0, 2, 3]]])])
 
 
@@ -81,7 +82,8 @@ def test_lines_run_along_a_cylinder():
 
 
 def test_lines_follow_sharp_folds():
-    field = cross_field(cube())
+    mesh = cube()
+    field = cross_field(mesh, mesh.lines(1.0))
     assert off_axis(field, np.roll(np.round(field.mesh.frames[:, 2]), 1, axis=1)).max() < 1e-6
     assert (field.indices == 1).sum() == 8 and np.abs(field.indices).sum() == 8
     np.testing.assert_allclose(np.abs(field.mesh.vertices[field.indices == 1]), 1.0)
@@ -93,7 +95,7 @@ def test_lines_follow_principal_directions():
     first, _, most, least, _ = igl.principal_curvature(mesh.vertices, mesh.corners)
     wanted, anisotropy = first[mesh.corners[:, 0]], (most - least)[mesh.corners[:, 0]]
     bent = np.abs(anisotropy) > np.median(np.abs(anisotropy))
-    aligned, smooth = (off_axis(cross_field(mesh, weight), wanted)[bent] for weight in (1.0, 0.0))
+    aligned, smooth = (off_axis(cross_field(mesh, alignment=weight), wanted)[bent] for weight in (4.0, 0.0))
     assert np.degrees(np.average(aligned)) < 6
     assert np.average(aligned) < np.average(smooth)
 

@@ -8,13 +8,12 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import coo_array, diags_array
 
-from ...arrays import Float, Int
+from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 
 # alignment to curvature beside smoothness, both free of units: over 18 meshes of many kinds 4 lowers the angle to the
 # principal curvatures in 15 against 0 and hardly adds irregular points; 16 adds a third on smooth shells
 ALIGNMENT = 4.0
-SHARP = np.deg2rad(40)  # folds of more than this are followed exactly; not measured yet, between a cylinder of 12 sides and a chamfer
 ROUNDS = 20  # of smoothing, over three decades of distance squared; a sphere has its eight irregular points after these
 
 
@@ -76,6 +75,13 @@ class Triangles:
         """Square metres."""
         return 0.5 * (self.sides[:, 0].conj() * self.sides[:, 1]).imag
 
+    def lines(self, fold: float) -> Bool[np.ndarray, " sides"]:
+        """The sides at the border, and those over which the surface turns by more than ``fold`` radians."""
+        normal = self.frames[:, 2]
+        here = np.arange(len(self.opposite)) // 3
+        cosine = np.einsum("si,si->s", normal[here], normal[self.opposite // 3])
+        return (self.opposite < 0) | (cosine < np.cos(fold))
+
     @cached_property
     def angles(self) -> Float[np.ndarray, "triangles 3"]:
         """Radians at every corner."""
@@ -123,14 +129,17 @@ class CrossField:
         return np.round(total / (np.pi / 2)).astype(np.int64)
 
 
-def cross_field(mesh: Triangles, alignment: float = ALIGNMENT) -> CrossField:
-    """The smoothest field that runs along borders and sharp folds, and along the principal curvatures where these differ.
+def cross_field(
+    mesh: Triangles, lines: Bool[np.ndarray, " sides"] | None = None, alignment: float = ALIGNMENT
+) -> CrossField:
+    """The smoothest field that runs along some lines, and along the principal curvatures where these differ.
 
     Crosses are unit complex numbers, the fourth power of a direction; the sum of their squared differences over edges and
     from the curvature's cross, this weighted by area and by the squared difference of the curvatures, is least (Knoeppel
     et al. 2013). Lengths are set to one between rounds of smoothing, which moves irregular points to where the field
     wants them (Viertel and Osting 2019).
 
+    lines : sides that are followed exactly; the border where none are given
     alignment : weight of the curvature, no unit; 0 for the smoothest field
 
     Raises FlexMapsError where the mesh is no oriented manifold or a triangle has no area.
@@ -142,7 +151,7 @@ def cross_field(mesh: Triangles, alignment: float = ALIGNMENT) -> CrossField:
     size = np.abs(anisotropy)
     wanted = (anisotropy / np.maximum(size, 1e-300)) ** 2
     pull = alignment * mesh.areas * size**2
-    fixed, value = _followed(mesh)
+    fixed, value = _followed(mesh, mesh.lines(np.pi) if lines is None else lines)
     free = np.flatnonzero(~fixed)
     cross = np.where(fixed, value, wanted)
     if not len(free):
@@ -190,14 +199,11 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
     return 0.5 * (a - c) + 1j * b
 
 
-def _followed(mesh: Triangles) -> tuple[np.ndarray, np.ndarray]:
-    """Which triangles have a side at the border or at a sharp fold, and the cross along it."""
-    normal, other = mesh.frames[:, 2], mesh.opposite
-    here = np.arange(len(other)) // 3
-    fold = np.einsum("si,si->s", normal[here], normal[other // 3]) < np.cos(SHARP)
-    side = np.flatnonzero((other < 0) | fold)
+def _followed(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which triangles have such a side, and the cross along it."""
+    side = np.flatnonzero(lines)
     fixed, value = np.zeros(len(mesh.corners), dtype=bool), np.ones(len(mesh.corners), dtype=complex)
-    fixed[here[side]] = True
+    fixed[side // 3] = True
     axis = mesh.sides.ravel()[side]
-    value[here[side]] = (axis / np.abs(axis)) ** 4
+    value[side // 3] = (axis / np.abs(axis)) ** 4
     return fixed, value

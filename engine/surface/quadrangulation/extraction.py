@@ -1,0 +1,265 @@
+"""The quads that the integer grid makes of a surface by a seamless map (as Ebke et al. 2013, by pieces instead of traced lines).
+
+Every triangle is cut by the grid into pieces of cells. Pieces of a cell that meet over a side of two triangles are one quad;
+cells that meet over a grid line are neighbours. All is decided in whole numbers: coordinates are rounded before, so that
+every transition of the map is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ...arrays import Float, Int
+from ...errors import FlexMapsError
+from ..mesh import PolygonMesh
+from .field import Triangles
+
+UNIT = 1 << 16  # steps in a quad; products of two coordinates of a thousand quads stay below 2**63
+CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # of a cell; side k runs from corner k to corner k + 1
+STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # to the cell over side k
+TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])  # by -q quarters
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Parts of cells in triangles: the triangle and the cell of each, sorted."""
+
+    face: Int[np.ndarray, " pieces"]
+    cell: Int[np.ndarray, "pieces 2"]
+    low: Int[np.ndarray, " 2"]
+    span: int
+
+    @staticmethod
+    def key(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
+        at = cell - low
+        inside = ((at >= 0) & (at < span)).all(axis=1)
+        return np.where(inside, (face * span + at[:, 0]) * span + at[:, 1], -1)
+
+    def find(self, face: np.ndarray, cell: np.ndarray) -> np.ndarray:
+        """The number of each piece, -1 where there is none."""
+        mine = self.key(self.face, self.cell, self.low, self.span)
+        asked = self.key(face, cell, self.low, self.span)
+        at = np.minimum(np.searchsorted(mine, asked), len(mine) - 1)
+        return np.where(mine[at] == asked, at, -1)
+
+
+def extracted(
+    mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]
+) -> PolygonMesh:
+    """The quads of the grid.
+
+    jump : quarters by which u of the neighbour over every side is turned against u here
+    uv : in quads; equal to the neighbour's after turning by -jump quarters and shifting by whole numbers, to rounding errors
+        far below 1/65536
+
+    Raises FlexMapsError where they are no manifold quads of the surface's own kind.
+    """
+    p = np.round(uv * UNIT).astype(np.int64)
+    area = _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    pieces = _pieces(p, area)
+    merged, turns, glued = _neighbours(mesh, jump, p, area, pieces)
+    quad, turn = _whole(len(pieces.face), merged, turns)
+    sides, corners = _glued(quad, turn, glued)
+    keep = _real(quad, pieces, p, area)
+    return _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number and cell of every cell that the bounding boxes of (n, k, 2) points touch, those at their edge included."""
+    low = np.floor_divide(p.min(axis=1), UNIT) - 1
+    size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
+    number = size.prod(axis=1)
+    which = np.repeat(np.arange(len(p)), number)
+    k = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
+    return which, low[which] + np.stack([k % size[which, 0], k // size[which, 0]], axis=1)
+
+
+def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.ndarray | None) -> np.ndarray:
+    """Whether the inside of convex polygons (n, k, 2) meets the inside of boxes: no line separates them.
+
+    outward : (n,) sign of the polygon's area; None for line segments
+    """
+    least, most = points.min(axis=1), points.max(axis=1)
+    apart = ((most <= low) | (least >= high)).any(axis=1)
+    # a box without width, a grid line's piece, is apart only from what lies all on one side of it
+    flat = low == high
+    apart = (((most <= low) | (least >= high)) & ~flat).any(axis=1) | (
+        ((most <= low) | (least >= low)) & flat
+    ).any(axis=1)
+    box = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high, np.stack([low[:, 0], high[:, 1]], 1)], axis=1)
+    count = points.shape[1]
+    for k in range(count if count > 2 else 1):
+        a, b = points[:, k], points[:, (k + 1) % count]
+        side = _cross((b - a)[:, None], box - a[:, None])
+        if outward is None:
+            apart |= (side <= 0).all(axis=1) | (side >= 0).all(axis=1)
+        else:
+            apart |= (side * outward[:, None] <= 0).all(axis=1)
+    return ~apart
+
+
+def _pieces(p: np.ndarray, area: np.ndarray) -> _Pieces:
+    solid = np.flatnonzero(area != 0)
+    which, cell = _boxes(p[solid])
+    face = solid[which]
+    meets = _overlap(p[face], cell * UNIT, (cell + 1) * UNIT, np.sign(area[face]))
+    face, cell = face[meets], cell[meets]
+    if not len(face):
+        raise FlexMapsError("The map has no area")
+    low = cell.min(axis=0)
+    span = int((cell.max(axis=0) - low).max()) + 1
+    order = np.argsort(_Pieces.key(face, cell, low, span))
+    return _Pieces(face[order], cell[order], low, span)
+
+
+def _neighbours(
+    mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _Pieces
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of pieces of one cell, quarters between their corners' numbers; and (piece, side, piece, side) over grid lines."""
+    other = mesh.opposite
+    glued = []
+    for k in (1, 2):  # over the right and the upper side, within a triangle
+        there = pieces.find(pieces.face, pieces.cell + STEP[k])
+        have = np.flatnonzero(there >= 0)
+        low = (pieces.cell[have] + CORNER[[0, 1, 3][k]]) * UNIT
+        high = (pieces.cell[have] + 1) * UNIT
+        face = pieces.face[have]
+        meets = _overlap(p[face], low, high, np.sign(area[face]))
+        have = have[meets]
+        glued.append(np.stack([have, np.full(len(have), k), there[have], np.full(len(have), k + 2) % 4], axis=1))
+    sides = np.flatnonzero((other >= 0) & (np.arange(len(other)) < other))
+    a, b = p.reshape(-1, 2)[sides], np.roll(p, -1, axis=1).reshape(-1, 2)[sides]
+    here, there, q = sides // 3, other[sides] // 3, jump[sides]
+    shift = np.roll(p, -1, axis=1).reshape(-1, 2)[other[sides]] - _turned(a, q)
+    back = p.reshape(-1, 2)[other[sides]] - _turned(b, q)
+    if (shift != back).any() or (shift % UNIT).any():
+        raise FlexMapsError("The map does not fit together over its cuts")
+    which, cell = _boxes(np.stack([a, b], axis=1))
+    ends = np.stack([a, b], axis=1)[which]
+    inside = _overlap(ends, cell * UNIT, (cell + 1) * UNIT, None)
+    mine = pieces.find(here[which], cell)
+    far = pieces.find(there[which], _turned_cells(cell, q[which], shift[which]))
+    good = inside & (mine >= 0) & (far >= 0)
+    merged, turns = np.stack([mine, far], axis=1)[good], q[which][good]
+    # sides that lie on grid lines: the cells left and right of them
+    for axis in (0, 1):
+        on = (a[:, axis] == b[:, axis]) & (a[:, axis] % UNIT == 0) & (a[:, 1 - axis] != b[:, 1 - axis])
+        at = np.flatnonzero(on[which])
+        s = which[at]
+        line = a[s, axis] // UNIT
+        along = np.stack([a[s, 1 - axis], b[s, 1 - axis]], axis=1)
+        span = cell[at][:, 1 - axis] * UNIT
+        hit = (along.min(axis=1) < span + UNIT) & (along.max(axis=1) > span)
+        # the triangle lies left of its side, or right of it where it is flipped
+        up = np.sign(along[:, 1] - along[:, 0]) * np.sign(area[here[s]]) * (-1 if axis == 0 else 1)
+        first = np.where(up > 0, line, line - 1)
+        hit &= cell[at][:, axis] == first
+        at, s, up = at[hit], s[hit], up[hit]
+        over = np.where(up > 0, 3 if axis == 0 else 0, 1 if axis == 0 else 2)
+        next_cell = cell[at] + STEP[over]
+        one, two = pieces.find(here[s], cell[at]), pieces.find(there[s], _turned_cells(next_cell, q[s], shift[s]))
+        good = (one >= 0) & (two >= 0)
+        glued.append(np.stack([one, over, two, (over + 2 - q[s]) % 4], axis=1)[good])
+    return merged, turns, np.concatenate(glued)
+
+
+def _turned(points: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+    """Points turned by minus so many quarters about the origin."""
+    return np.einsum("nij,nj->ni", TURNED[quarters % 4], points)
+
+
+def _turned_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    return (_turned(2 * cell + 1, quarters) - 1) // 2 + shift // UNIT
+
+
+def _whole(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The quad of every piece, and the quarters to add to the piece's corner numbers to get the quad's."""
+    from scipy.sparse.csgraph import connected_components
+
+    graph = csr_array((np.ones(len(merged)), (merged[:, 0], merged[:, 1])), shape=(count, count))
+    quads, quad = connected_components(graph, directed=False)
+    turn, known = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+    known[np.unique(quad, return_index=True)[1]] = True
+    a, b = np.concatenate([merged, merged[:, ::-1]]).T
+    t = np.concatenate([turns, -turns])
+    while not known.all():
+        new = known[a] & ~known[b]
+        turn[b[new]] = turn[a[new]] + t[new]
+        known[b[new]] = True
+    if ((turn[a] + t - turn[b]) % 4).any():
+        raise FlexMapsError("An irregular point lies inside a quad")
+    return quad, turn % 4
+
+
+def _glued(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of sides 4 quad + side that are one, each once."""
+    one = 4 * quad[glued[:, 0]] + (glued[:, 1] + turn[glued[:, 0]]) % 4
+    two = 4 * quad[glued[:, 2]] + (glued[:, 3] + turn[glued[:, 2]]) % 4
+    pairs = np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
+    return pairs, one
+
+
+def _real(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Which of the quads are there: where the map folds over itself, parts of cells cancel and leave none."""
+    import shapely
+
+    keep = np.ones(quad.max() + 1, dtype=bool)
+    doubtful = np.unique(quad[area[pieces.face] < 0])
+    at = np.flatnonzero(np.isin(quad, doubtful))
+    if not len(at):
+        return keep
+    triangles = shapely.polygons(p[pieces.face[at]].astype(float))
+    low, high = pieces.cell[at] * float(UNIT), (pieces.cell[at] + 1) * float(UNIT)
+    parts = shapely.area(shapely.intersection(triangles, shapely.box(*low.T, *high.T))) / float(UNIT) ** 2
+    net = np.bincount(quad[at], weights=parts * np.sign(area[pieces.face[at]]), minlength=len(keep))
+    keep[doubtful] = net[doubtful] > 0.5
+    return keep
+
+
+def _mesh(
+    mesh: Triangles,
+    p: np.ndarray,
+    area: np.ndarray,
+    pieces: _Pieces,
+    quad: np.ndarray,
+    turn: np.ndarray,
+    sides: np.ndarray,
+    keep: np.ndarray,
+) -> PolygonMesh:
+    """The quads with their corners joined, at their places on the surface."""
+    from scipy.sparse.csgraph import connected_components
+
+    sides = sides[keep[sides[:, 0] // 4] & keep[sides[:, 1] // 4]]
+    if len(np.unique(sides)) != sides.size:
+        raise FlexMapsError("The map folds over itself")
+    one, two = sides.T
+    after = lambda side: side - side % 4 + (side + 1) % 4  # noqa: E731
+    a, b = np.concatenate([one, after(one)]), np.concatenate([after(two), two])
+    count = 4 * len(keep)
+    vertex = connected_components(csr_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)[1]
+    places, known = np.zeros((count, 3)), np.zeros(count, dtype=bool)
+    for k in range(4):
+        point = (pieces.cell + CORNER[k]) * UNIT
+        corners = p[pieces.face]
+        weight = np.stack(
+            [_cross(corners[:, (j + 1) % 3] - point, corners[:, (j + 2) % 3] - point) for j in range(3)], axis=1
+        )
+        inside = (weight >= 0).all(axis=1) & (area[pieces.face] > 0)
+        at = np.flatnonzero(inside)
+        share = weight[at] / area[pieces.face[at]][:, None]
+        v = vertex[4 * quad[at] + (k + turn[at]) % 4]
+        places[v] = np.einsum("nk,nki->ni", share, mesh.vertices[mesh.corners[pieces.face[at]]])
+        known[v] = True
+    rows = vertex.reshape(-1, 4)[keep]
+    if not known[rows].all():
+        raise FlexMapsError("The map folds over itself at a corner of a quad")
+    used, rows = np.unique(rows, return_inverse=True)
+    rows = rows.reshape(-1, 4)
+    return PolygonMesh(places[used], rows.ravel().astype(np.int64), np.full(len(rows), 4))

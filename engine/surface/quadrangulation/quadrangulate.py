@@ -1,0 +1,79 @@
+"""Quads along a smooth field of crosses that follows the curvature, by a seamless map (Bommes et al. 2009)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...errors import FlexMapsError
+from ...progress import SILENT, Progress
+from ..mesh import PolygonMesh
+from .even import evened
+from .extraction import extracted
+from .field import ALIGNMENT, Triangles, cross_field
+from .seamless import Maps, lattice, opened, lattice, opened
+
+FINE = 0.4  # quads: longest edge of the triangles on which the map is made
+# sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
+SCALES = (1.0, 0.94, 1.06, 0.88, 1.13, 0.82, 1.2)
+STIFFER = 12  # rounds in which folded triangles are made stiffer
+SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
+
+
+def quadrangulate(
+    mesh: PolygonMesh, edge: float, fold: float = np.pi, alignment: float = ALIGNMENT, progress: Progress = SILENT
+) -> PolygonMesh:
+    """Quads of about this edge on a clean connected surface of triangles, along its borders and curvature.
+
+    edge : metres
+    fold : radians; along edges at which the surface turns by more, quads have sides too
+    alignment : to the curvature, as in ``cross_field``
+
+    Raises FlexMapsError where no map without folds is found, or where the surface is no oriented manifold.
+    """
+    triangles = evened(Triangles(mesh.vertices, mesh.corners.reshape(-1, 3)), FINE * edge, fold)
+    lines = triangles.lines(fold)
+    progress(0.1, "Looking for the directions of quads")
+    chart = opened(cross_field(triangles, lines, alignment))
+    progress(0.3, "Opening the surface")
+    maps = Maps(chart, lattice(chart, lines))
+    last = FlexMapsError("No map was found")
+    for number, scale in enumerate(SCALES):
+        progress(0.4 + 0.6 * number / len(SCALES), "Mapping the surface onto a grid")
+        whole = maps.whole_numbers(scale * edge)
+        uv = _unfolded(maps, scale * edge, whole)
+        try:
+            return extracted(triangles, chart.jump, uv)
+        except FlexMapsError as error:
+            last = error
+    raise last
+
+
+def folded(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
+    """Which triangles the map turns over."""
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
+
+
+def _unfolded(maps: Maps, edge: float, whole: Int[np.ndarray, " whole"]) -> Float[np.ndarray, "triangles 3 2"]:
+    """The map, with folded triangles and their neighbours stiffer round after round; that with the fewest folds
+    (Bommes et al. 2009, section 4.3)."""
+    mesh = maps.chart.field.mesh
+    inner = np.flatnonzero(mesh.opposite >= 0)
+    here, there = inner // 3, mesh.opposite[inner] // 3
+    weights = np.ones(len(mesh.corners))
+    best, fewest = np.zeros(0), len(weights) + 1
+    for _ in range(STIFFER):
+        uv = maps.map(edge, whole)
+        turned = folded(uv)
+        if turned.sum() < fewest:
+            best, fewest = uv, int(turned.sum())
+        if not turned.any():
+            break
+        near = turned.astype(float)
+        for _ in range(SPREAD):
+            np.maximum.at(near, there, FADING * near[here])
+        weights *= 1.0 + near
+        maps.weigh(weights)
+    maps.weigh(np.ones(len(weights)))
+    return best
