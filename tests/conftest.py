@@ -35,6 +35,7 @@ load_tool("dev").load_package()  # the one place that knows how
 load_tool("shapes", "tests")
 load_tool("taylor", "tests")
 load_tool("chains", "tests")
+load_tool("triangles", "tests")
 
 
 @pytest.fixture(scope="session")

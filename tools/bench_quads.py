@@ -60,8 +60,9 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
     target = requad._target(PolygonMesh.of(polygons) if isinstance(polygons, QuadMesh) else converted(polygons))
     triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
     found = {}
-    for way, tries in (("first", 1), ("best", requad.CANDIDATES)):
-        usual, requad.CANDIDATES = requad.CANDIDATES, tries
+    usual = requad.CANDIDATES, requad.OWN
+    for way, tries in (("first", (1, ())), ("best", usual)):
+        requad.CANDIDATES, requad.OWN = tries
         begun = time.perf_counter()
         try:
             mesh = as_quad_mesh(remesh.quads_of(triangles, count, True).polygons)
@@ -70,7 +71,7 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
         except FlexMapsError as error:
             print(f"{name} {way}: {error}", flush=True)
         finally:
-            requad.CANDIDATES = usual
+            requad.CANDIDATES, requad.OWN = usual
     table.add(at_most(name, "refused", 0, int("best" not in found)))
     if len(found) == 2:
         (one, off_one, quads_one, seconds_one), (best, off, quads, seconds) = found["first"], found["best"]

@@ -21,6 +21,7 @@ ROOMS = (
     "engine/surface",
     "engine/surface/checking",
     "engine/surface/files",
+    "engine/surface/quadrangulation",
     "engine/surface/remeshing",
     "engine/patches",
     "engine/patches/flattening",

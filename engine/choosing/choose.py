@@ -61,6 +61,7 @@ class _Search:
     params: ChooseParams
     together: Together
     reference: float = np.inf  # of the given layout after a long search
+    expected: float = EXPECTED
     known: dict[bytes, Judged | None] = field(default_factory=dict)
     proved: dict[bytes, Judged] = field(default_factory=dict)
     waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
@@ -78,8 +79,8 @@ class _Search:
         return sorted((one for one in found.values() if one is not None), key=self.key)
 
     def distance(self, one: Judged) -> float:
-        """The RMS distance that a long search left, or may well leave."""
-        return one.rms if one.share >= LONG else EXPECTED * one.rms
+        """The RMS distance that a long search left, or may well leave; in the end, what was found."""
+        return one.rms if one.share >= LONG else self.expected * one.rms
 
     @property
     def said(self) -> str:
@@ -275,7 +276,7 @@ def _prove(search: _Search, progress: Progress) -> None:
 
 
 def _choice(search: _Search, first: Laid, finished: bool) -> Choice:
-    settings = search.piece.settings
+    settings, search.expected = search.piece.settings, 1.0
     judged = search.judged
     best = _taken(search, judged, first)
     made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}

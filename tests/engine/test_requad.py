@@ -15,6 +15,7 @@ from flexmaps.engine.surface.remeshing import requad
 from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
 
 RADIUS = 0.5
+OWN = requad.OWN
 
 
 def box(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,8 +51,9 @@ def both(*meshes: PolygonMesh) -> PolygonMesh:
 
 @pytest.fixture(autouse=True)
 def _first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first sound answer is taken; what is chosen among several has tests of its own."""
+    """The tool's first sound answer is taken; what is chosen among several has tests of its own."""
     monkeypatch.setattr(requad, "CANDIDATES", 1)
+    monkeypatch.setattr(requad, "OWN", ())
 
 
 class Balls:
@@ -114,6 +116,17 @@ def test_what_fails_once_is_tried_again_and_in_the_end_named() -> None:
     with pytest.raises(FlexMapsError, match="No sound quads") as error:
         requad.requad(ball(6), 96, Balls(hopeless=10**6))
     assert "remesh" not in str(error.value)
+
+
+@pytest.mark.parametrize("hopeless", [0, 10**6])
+def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They need no tool; the best of both is taken."""
+    monkeypatch.setattr(requad, "OWN", OWN)
+    tool = Balls(hopeless=hopeless)
+    found = requad.requad(ball(6), 96, tool).polygons
+    assert np.linalg.norm(found.vertices, axis=1) == pytest.approx(RADIUS, rel=0.05)
+    assert len(found.sizes) == pytest.approx(96, rel=0.3)
+    assert requad._is_clean(found) and requad._is_closed(found)
 
 
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array, diags_array
 
-from ...arrays import Int
+from ...arrays import Bool, Int
 from .field import Triangles
 
+# of the time that a triangle takes to be smoothed: over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular
+# points of 32, 103 and 160; with 30 fingers get lost
+SMOOTHING = 10.0
+TURNED = (
+    1.2  # mean sides by which smoothing would move a point of a line: a right angle moves by 1.8, a zigzag by a half
+)
 MANY = 3.0  # times as many triangles as are needed: such surfaces are simplified first
 
 
@@ -83,10 +90,45 @@ def _cut(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray
         a, b, c = np.roll(t[two], -k, axis=1).T
         bc, ca = m[two, (k + 1) % 3], m[two, (k + 2) % 3]
         made.append(np.stack([bc, c, ca], axis=1))
-        shorter = np.linalg.norm(vertices[a] - vertices[bc], axis=1) < np.linalg.norm(vertices[b] - vertices[ca], axis=1)
-        d, e = np.where(shorter, bc, ca), np.where(shorter, a, b)
-        made += [
-            np.stack([a, b, d], axis=1),
-            np.where(shorter[:, None], np.stack([a, bc, ca], 1), np.stack([b, bc, ca], 1)),
-        ]
+        one_way, other_way = vertices[a] - vertices[bc], vertices[b] - vertices[ca]
+        shorter = (np.linalg.norm(one_way, axis=1) < np.linalg.norm(other_way, axis=1))[
+            :, None
+        ]  # of what is left, a quad
+        made.append(np.where(shorter, np.stack([a, b, bc], 1), np.stack([a, b, ca], 1)))
+        made.append(np.where(shorter, np.stack([a, bc, ca], 1), np.stack([b, bc, ca], 1)))
     return vertices, np.concatenate(made)
+
+
+def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"]) -> Triangles:
+    """The same triangles on a surface without what is smaller than some of them, so that directions follow the shape and
+    not its noise. Points are drawn to the mean of their neighbours, those on lines to the mean of the next on the line;
+    where lines meet, end or turn they stay."""
+    from scipy.sparse import coo_array
+
+    start, end, count = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), len(mesh.vertices)
+
+    def graph(sides: np.ndarray) -> csr_array:
+        a, b = np.r_[start[sides], end[sides]], np.r_[end[sides], start[sides]]
+        found = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
+        found.data[:] = 1.0  # an edge of two triangles was there twice
+        return found
+
+    along = graph(lines)
+    passed = along.sum(axis=1) == 2
+    drawn = _drawn(mesh.vertices, along, passed)
+    size = np.abs(mesh.sides[lines.reshape(-1, 3)]).mean() if lines.any() else 1.0
+    passed &= np.linalg.norm(drawn - mesh.vertices, axis=1) < TURNED * size
+    inner = along.sum(axis=1) == 0
+    around = graph(np.ones(len(start), dtype=bool))
+    near = diags_array(inner.astype(float)) @ around + diags_array(passed.astype(float)) @ along
+    return Triangles(_drawn(mesh.vertices, near, inner | passed), mesh.corners)
+
+
+def _drawn(points: np.ndarray, near: csr_array, moving: np.ndarray) -> np.ndarray:
+    """Points drawn to the mean of those near them, one implicit step; what does not move is held."""
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import splu
+
+    weight = np.where(moving, SMOOTHING, 0.0)
+    mean = diags_array(weight / np.maximum(near.sum(axis=1), 1.0)) @ near
+    return splu((eye_array(len(points)) + diags_array(weight) - mean).tocsc()).solve(points)

@@ -46,9 +46,7 @@ class _Pieces:
         return np.where(mine[at] == asked, at, -1)
 
 
-def extracted(
-    mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]
-) -> PolygonMesh:
+def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]) -> PolygonMesh:
     """The quads of the grid.
 
     jump : quarters by which u of the neighbour over every side is turned against u here
@@ -62,7 +60,7 @@ def extracted(
     pieces = _pieces(p, area)
     merged, turns, glued = _neighbours(mesh, jump, p, area, pieces)
     quad, turn = _whole(len(pieces.face), merged, turns)
-    sides, corners = _glued(quad, turn, glued)
+    sides = _glued(quad, turn, glued)
     keep = _real(quad, pieces, p, area)
     return _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
 
@@ -88,11 +86,6 @@ def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.
     """
     least, most = points.min(axis=1), points.max(axis=1)
     apart = ((most <= low) | (least >= high)).any(axis=1)
-    # a box without width, a grid line's piece, is apart only from what lies all on one side of it
-    flat = low == high
-    apart = (((most <= low) | (least >= high)) & ~flat).any(axis=1) | (
-        ((most <= low) | (least >= low)) & flat
-    ).any(axis=1)
     box = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high, np.stack([low[:, 0], high[:, 1]], 1)], axis=1)
     count = points.shape[1]
     for k in range(count if count > 2 else 1):
@@ -184,7 +177,7 @@ def _whole(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarra
     from scipy.sparse.csgraph import connected_components
 
     graph = csr_array((np.ones(len(merged)), (merged[:, 0], merged[:, 1])), shape=(count, count))
-    quads, quad = connected_components(graph, directed=False)
+    quad = connected_components(graph, directed=False)[1]
     turn, known = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
     known[np.unique(quad, return_index=True)[1]] = True
     a, b = np.concatenate([merged, merged[:, ::-1]]).T
@@ -198,12 +191,11 @@ def _whole(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarra
     return quad, turn % 4
 
 
-def _glued(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _glued(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np.ndarray:
     """Pairs of sides 4 quad + side that are one, each once."""
     one = 4 * quad[glued[:, 0]] + (glued[:, 1] + turn[glued[:, 0]]) % 4
     two = 4 * quad[glued[:, 2]] + (glued[:, 3] + turn[glued[:, 2]]) % 4
-    pairs = np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
-    return pairs, one
+    return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
 def _real(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:

@@ -161,7 +161,9 @@ def cross_field(
     for step in np.geomspace(1.0, 1e-3, ROUNDS) * mesh.areas.sum():
         matrix = (smooth + diags_array(pull) + mass / step)[free]
         right = (pull * wanted + mesh.areas / step * cross)[free] - matrix[:, np.flatnonzero(fixed)] @ value[fixed]
-        cross[free] = splu(matrix[:, free].tocsc()).solve(right)
+        cross[free] = splu(matrix[:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(
+            right
+        )
         length = np.abs(cross)
         cross = np.where(length > 1e-12, cross / np.maximum(length, 1e-12), 1.0)
     return CrossField(mesh, np.angle(cross) / 4)

@@ -8,10 +8,10 @@ from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ..mesh import PolygonMesh
-from .even import evened
+from .even import evened, smoothed
 from .extraction import extracted
 from .field import ALIGNMENT, Triangles, cross_field
-from .seamless import Maps, lattice, opened, lattice, opened
+from .seamless import Maps, lattice, opened
 
 FINE = 0.4  # quads: longest edge of the triangles on which the map is made
 # sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
@@ -34,7 +34,8 @@ def quadrangulate(
     triangles = evened(Triangles(mesh.vertices, mesh.corners.reshape(-1, 3)), FINE * edge, fold)
     lines = triangles.lines(fold)
     progress(0.1, "Looking for the directions of quads")
-    chart = opened(cross_field(triangles, lines, alignment))
+    smooth = smoothed(triangles, lines)
+    chart = opened(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))
     last = FlexMapsError("No map was found")

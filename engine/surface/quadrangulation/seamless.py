@@ -20,8 +20,9 @@ from ...errors import FlexMapsError
 from ...linalg import Pattern, SparseCholesky
 from .field import CrossField
 
-# -i^q times (u + iv): which coordinate each is taken from, and its sign
+# (u + iv) turned by -q quarters: which coordinate each is taken from
 TAKEN = ((0, 1), (1, 0), (0, 1), (1, 0))
+# and the sign that it gets
 SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))
 LOOSE = 1e-9  # of the matrix's diagonal: what holds a map that may be shifted as a whole
 
@@ -119,7 +120,7 @@ class Lattice:
     """
 
     free: csr_array
-    whole: Float[np.ndarray, "coordinates whole"] | csr_array
+    whole: csr_array
 
 
 def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
@@ -130,7 +131,7 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
     field, mesh = chart.field, chart.field.mesh
     other, wedges = mesh.opposite, chart.wedge.max() + 1
     shift = _chains(chart)
-    relations: list[tuple[int, int, int, int]] = []  # x_a = sign x_b + shift
+    relations: list[tuple[int, int, int, int]] = []  # as ``_walked`` takes them
     for s in np.flatnonzero(shift >= 0):
         o, q = int(other[s]), int(chart.jump[s])
         for mine, theirs in ((s, int(_after(np.array(o)))), (int(_after(np.array(s))), o)):
@@ -149,7 +150,8 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
     rim[mesh.corners.ravel()[other < 0]] = True
     for w in np.unique(chart.wedge[irregular[~rim[mesh.corners.ravel()[irregular]]]]):
         wholes |= {int(2 * w), int(2 * w + 1)}
-    return _eliminated(2 * wedges, relations, wholes, 2 * (int(shift.max(initial=-1)) + 1))
+    shifts = 2 * (int(shift.max(initial=-1)) + 1)
+    return _eliminated(2 * int(wedges), shifts, _walked(2 * int(wedges), relations, wholes, shifts))
 
 
 def _chains(chart: Chart) -> np.ndarray:
@@ -179,69 +181,78 @@ def _chains(chart: Chart) -> np.ndarray:
     return number
 
 
-def _eliminated(
-    size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int
-) -> Lattice:
-    """Solve x_a = sign x_b + shift by going round, and what is left by whole numbers."""
-    near: dict[int, list[tuple[int, int, int]]] = {}
-    for a, b, sign, t in relations:  # x_a = sign (x_b) + t  <=>  x_b = sign (x_a - t)
-        near.setdefault(b, []).append((a, sign, t if t >= 0 else -1))
-        near.setdefault(a, []).append((b, sign, -2 - t if t >= 0 else -1))
-    base, factor = np.arange(size), np.ones(size, dtype=np.int64)
-    offset: dict[int, dict[int, int]] = {}
+@dataclass(frozen=True, eq=False)
+class _Walked:
+    """Every coordinate as factor times that of its class's root, plus an offset in the shifts.
+
+    whole : classes that lie on whole numbers, at their roots
+    rows : what shifts and roots have to fulfil: sums of them, roots numbered after the shifts, that are zero
+    """
+
+    root: Int[np.ndarray, " coordinates"]
+    factor: Int[np.ndarray, " coordinates"]
+    offset: dict[int, dict[int, int]]
+    whole: np.ndarray
+    rows: list[dict[int, int]]
+
+
+def _walked(size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int) -> _Walked:
+    """Go round every class of coordinates that are related: x_a = sign x_b + shift t, where t is -1 for none."""
+    near: dict[int, list[tuple[int, int, int, int]]] = {}
+    for a, b, sign, t in relations:  # the other way round x_b = sign x_a - sign (shift t)
+        near.setdefault(b, []).append((a, sign, t, 1))
+        near.setdefault(a, []).append((b, sign, t, -sign))
+    root, factor = np.arange(size), np.ones(size, dtype=np.int64)
     whole = np.zeros(size, dtype=bool)
-    rows: list[dict[int, int]] = []  # of shifts, and of whole bases as shifts + base
-    for root in near:
-        if root in offset:
+    whole[list(wholes)] = True
+    offset: dict[int, dict[int, int]] = {}
+    rows: list[dict[int, int]] = []
+    for first in near:
+        if first in offset:
             continue
-        offset[root] = {}
-        members, todo = [root], deque([root])
+        offset[first] = {}
+        todo = deque([first])
         while todo:
             x = todo.popleft()
-            for y, sign, t in near[x]:
-                # x_y = sign x_x + t, or x_y = sign (x_x - t)
+            for y, sign, t, times in near[x]:
                 there = {k: sign * n for k, n in offset[x].items()}
-                if t != -1:
-                    k, n = (t, 1) if t >= 0 else (-2 - t, -sign)
-                    there[k] = there.get(k, 0) + n
+                if t >= 0:
+                    there[t] = there.get(t, 0) + times
                 if y not in offset:
-                    base[y], factor[y] = root, sign * factor[x]
-                    offset[y] = {k: n for k, n in there.items() if n}
-                    members.append(y)
+                    root[y], factor[y], offset[y] = first, sign * factor[x], {k: n for k, n in there.items() if n}
+                    whole[first] |= whole[y]
                     todo.append(y)
                     continue
                 row = {k: there.get(k, 0) - offset[y].get(k, 0) for k in there.keys() | offset[y].keys()}
-                twice = sign * factor[x] - factor[y]
-                if twice:
-                    row[shifts + root] = row.get(shifts + root, 0) + int(twice)
-                    whole[root] = True
-                row = {k: n for k, n in row.items() if n}
-                if row:
-                    rows.append(row)
-        whole[root] |= any(m in wholes for m in members)
-    for x in wholes - near.keys():
-        whole[x] = True
-    roots = np.flatnonzero(whole & (base == np.arange(size)))
-    column = {shifts + int(r): shifts + k for k, r in enumerate(roots)}
-    basis = _kernel([{column.get(k, k): n for k, n in row.items()} for row in rows], shifts + len(roots))
+                if twice := int(sign * factor[x] - factor[y]):
+                    row[shifts + first] = twice
+                    whole[first] = True
+                if any(row.values()):
+                    rows.append({k: n for k, n in row.items() if n})
+    return _Walked(root, factor, offset, whole[root], rows)
+
+
+def _eliminated(size: int, shifts: int, walked: _Walked) -> Lattice:
+    """The coordinates by free and whole numbers, after the whole ones that the rows determine are gone."""
+    is_root = walked.root == np.arange(size)
     place = np.full(size, -1)
-    place[roots] = shifts + np.arange(len(roots))
-    free_roots = np.flatnonzero((base == np.arange(size)) & ~whole)
-    free_place = np.full(size, -1)
-    free_place[free_roots] = np.arange(len(free_roots))
-    is_free = free_place[base] >= 0
-    at = np.flatnonzero(is_free)
-    free = coo_array((factor[at].astype(float), (at, free_place[base[at]])), shape=(size, len(free_roots))).tocsr()
-    r, c, v = [np.flatnonzero(~is_free)], [place[base[~is_free]]], [factor[~is_free]]
-    for x, found in offset.items():
-        if found:
-            r.append(np.full(len(found), x))
-            c.append(np.fromiter(found.keys(), int))
-            v.append(np.fromiter(found.values(), int))
-    there = coo_array(
-        (np.concatenate(v).astype(float), (np.concatenate(r), np.concatenate(c))), shape=(size, basis.shape[0])
-    ).tocsr()
-    return Lattice(free, csr_array(there @ csr_array(basis.astype(float))))
+    whole, free = np.flatnonzero(is_root & walked.whole), np.flatnonzero(is_root & ~walked.whole)
+    place[whole], place[free] = shifts + np.arange(len(whole)), np.arange(len(free))
+    rows = [{k if k < shifts else int(place[k - shifts]): n for k, n in row.items()} for row in walked.rows]
+    basis = _kernel(rows, shifts + len(whole))
+    entries = [(x, k, n) for x, found in walked.offset.items() for k, n in found.items()]
+    more = np.array(entries, dtype=np.int64).reshape(-1, 3)
+    there = walked.whole
+    numbers = coo_array(
+        (
+            np.r_[walked.factor[there], more[:, 2]].astype(float),
+            (np.r_[np.flatnonzero(there), more[:, 0]], np.r_[place[walked.root[there]], more[:, 1]]),
+        ),
+        shape=(size, len(basis)),
+    )
+    at = np.flatnonzero(~there)
+    factors = coo_array((walked.factor[at].astype(float), (at, place[walked.root[at]])), shape=(size, len(free)))
+    return Lattice(factors.tocsr(), csr_array(numbers.tocsr() @ csr_array(basis.astype(float))))
 
 
 def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:

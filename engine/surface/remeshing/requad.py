@@ -13,13 +13,13 @@ from typing import Protocol
 
 import numpy as np
 
-from ...arrays import Float
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ..checking.check import Finding, findings
 from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
 from ..mesh import PolygonMesh
-from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
+from ..quadrangulation.quadrangulate import quadrangulate
+from .mend import FOLDED, POOR, SHARP, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined, split
 
@@ -36,6 +36,15 @@ TRIES = (
 # of them are tried whatever the first ones give, and the best taken: over 25 meshes of 1000 quads 680 irregular vertices in
 # all instead of 760, in three times the time
 CANDIDATES = 8
+# degrees from which a fold is followed, and how much the quads follow the curvature: what is tried before QuadriFlow
+FLAT = 180.0
+OWN: tuple[tuple[float, float], ...] = (
+    (SHARP, 4.0),
+    (SHARP, 0.5),
+    (FLAT, 4.0),
+    (FLAT, 0.5),
+)  # the last two where nothing is sharp
+BESIDE = 1  # candidates of QuadriFlow that are tried where one of these has no poor quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
@@ -236,6 +245,13 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     found: list[Judged] = []
     tried, last = 0, ""
     for surface in _surfaces(small, whole, count, tool, progress.quiet()):
+        for fold, alignment in OWN if len(_target(surface).sharp) else OWN[-2:]:
+            progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
+            tried += 1
+            judged = _own(surface, whole, count, fold, alignment, progress.quiet())
+            if isinstance(judged, Judged):
+                found.append(judged)
+        enough = BESIDE if any(not any(one.faults) for one in found) else CANDIDATES
         for number, (seed, factor, times, sharp) in enumerate(TRIES if surface is small else TRIES[:OF_VOXELS], 1):
             tried += 1
             progress(1.0 - 0.85**tried, f"QuadriFlow: try {tried}{name}")
@@ -247,7 +263,7 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
             else:
                 found.append(judged)
             sound = [one for one in found if not one.faults[0]]
-            if number >= CANDIDATES and sound and (len(found) >= ENOUGH or not any(sound[0].faults)):
+            if number >= enough and sound and (len(found) >= ENOUGH or not any(sound[0].faults)):
                 break
         if found:
             break
@@ -260,6 +276,21 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
         )
     best = min(found, key=lambda one: (*one.faults[:2], one.cost)).quads
     return replace(best, vertices=best.vertices / scale + middle)
+
+
+def _own(
+    surface: PolygonMesh, whole: Target, count: int, fold: float, alignment: float, progress: Progress
+) -> Judged | str:
+    """Quads along the curvature, judged, or why there are none."""
+    triangles = _target(surface)
+    edge = (triangles.area / count) ** 0.5
+    try:
+        raw = quadrangulate(
+            of_rows(triangles.vertices, triangles.triangles), edge, np.radians(fold), alignment, progress
+        )
+    except FlexMapsError as error:
+        return str(error)
+    return _judged(raw, whole, count, 0, fold < FLAT)
 
 
 def _surfaces(body: PolygonMesh, target: Target, count: int, tool: Tool, progress: Progress) -> Iterator[PolygonMesh]:
@@ -332,8 +363,7 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
     if made.area > DOUBLED * whole.area:
         return "its open side was closed, or both of its sides were covered"
     missed = int(
-        max(np.percentile(made.distances(_samples(whole)), 95), np.percentile(whole.distances(_samples(made)), 95))
-        / edge
+        max(np.percentile(made.distances(whole.samples), 95), np.percentile(whole.distances(made.samples), 95)) / edge
     )
     if missed >= LOST:
         return "parts of the surface are lost"
@@ -361,12 +391,3 @@ def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
         return raw
     opened = of_rows(raw.vertices, rows[~filling])
     return opened if _is_clean(opened) else raw
-
-
-def _samples(target: Target) -> Float[np.ndarray, "points 3"]:
-    """At most 4000 middles of triangles, evenly picked by area."""
-    a, b, c = target.vertices[target.triangles.T]
-    area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
-    at = np.searchsorted(area, (np.arange(4000) + 0.5) / 4000 * area[-1])
-    picked = np.unique(np.minimum(at, len(area) - 1))
-    return np.ascontiguousarray((a + b + c)[picked] / 3.0)

@@ -1,0 +1,129 @@
+"""Quads along the curvature: known grids come back, nothing irregular where nothing has to be, and all stays on the surface."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+
+import igl
+import numpy as np
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface.checking.check import as_quad_mesh
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.quadrangulation.even import evened
+from flexmaps.engine.surface.quadrangulation.extraction import extracted
+from flexmaps.engine.surface.quadrangulation.field import Triangles
+from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
+from flexmaps.engine.surface.quadrangulation.seamless import _kernel
+
+t = sys.modules["flexmaps_triangles"]
+
+SHARP = np.pi / 4
+
+
+def quads_of(mesh: Triangles, edge: float, fold: float = np.pi) -> QuadMesh:
+    return as_quad_mesh(
+        quadrangulate(PolygonMesh(mesh.vertices, mesh.corners.ravel(), np.full(len(mesh.corners), 3)), edge, fold)
+    )
+
+
+@pytest.mark.parametrize(
+    ("make", "edge", "irregular"),
+    [(t.torus, 0.4, 0), (t.barrel, 0.3, 0), (t.icosphere, 0.3, 8), (t.ellipsoid, 0.5, 8), (t.cube, 0.3, 8)],
+)
+def test_quads_of_known_shapes(make, edge, irregular):
+    """The fewest irregular vertices that there can be, the surface's own kind, its place, and about the edge asked for."""
+    mesh = make()
+    quads = quads_of(mesh, edge, SHARP)
+    assert int(quads.irregular.sum()) == irregular
+    triangles = np.concatenate([quads.quads[:, [0, 1, 2]], quads.quads[:, [0, 2, 3]]])
+    assert igl.euler_characteristic(triangles) == igl.euler_characteristic(mesh.corners)
+    squared = igl.point_mesh_squared_distance(quads.vertices, mesh.vertices, mesh.corners)[0]
+    assert np.sqrt(squared).max() < 1e-6
+    assert len(quads.quads) == pytest.approx(mesh.areas.sum() / edge**2, rel=0.3)
+    # seen from the same side as the triangles
+    _, at, _ = igl.point_mesh_squared_distance(quads.centroids, mesh.vertices, mesh.corners)[:3]
+    assert (np.einsum("ni,ni->n", quads.normals, mesh.frames[at, 2]) > 0.5).all()
+
+
+def test_sharp_folds_and_rims_are_kept():
+    box = quads_of(t.cube(), 0.3, SHARP)
+    on = np.isclose(np.abs(box.vertices), 1.0, atol=1e-9).sum(axis=1)
+    assert (on == 3).sum() == 8, "the corners"
+    assert len(box.quads) % 6 == 0
+    rims = quads_of(t.barrel(), 0.3)
+    border = rims.vertices[np.unique(rims.edges[rims.border])]
+    assert set(np.unique(np.round(border[:, 2], 9))) == {0.0, 3.0}
+
+
+def plane(seed: int = 0) -> Triangles:
+    """A rectangle of 4 by 3 in triangles of all shapes."""
+    from scipy.spatial import Delaunay
+
+    inside = np.random.default_rng(seed).uniform([0.05, 0.05], [3.95, 2.95], (60, 2))
+    rim = (
+        [(x, y) for x in range(5) for y in (0, 3)] + [(x, y) for x in (0, 4) for y in (1, 2)] + [(2.0, 0.7), (2.0, 1.9)]
+    )
+    points = np.concatenate([inside, rim])
+    rows = Delaunay(points).simplices
+    a, b, c = (points[rows[:, k]] for k in range(3))
+    turned = np.linalg.det(np.stack([b - a, c - a], axis=1)) < 0
+    rows[turned] = rows[turned][:, ::-1]
+    flat = np.abs(np.linalg.det(np.stack([b - a, c - a], axis=1))) < 1e-9
+    return Triangles(np.pad(points, ((0, 0), (0, 1))), rows[~flat].astype(np.int64))
+
+
+def test_a_map_by_hand_gives_its_grid():
+    """u and v are x and y: the grid's points are the whole numbers, whatever the triangles."""
+    mesh = plane()
+    uv = mesh.vertices[mesh.corners][..., :2]
+    quads = extracted(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv)
+    assert len(quads.sizes) == 12
+    found = {tuple(p) for p in np.round(quads.vertices, 4)}
+    assert found == {(float(x), float(y), 0.0) for x in range(5) for y in range(4)}
+
+
+def test_the_grid_goes_on_over_turns_and_shifts():
+    """Every triangle with a u and v of its own, turned by quarters and shifted by whole numbers: the same grid."""
+    mesh = plane(1)
+    random = np.random.default_rng(2)
+    turn, shift = random.integers(0, 4, len(mesh.corners)), random.integers(-5, 6, (len(mesh.corners), 2))
+    z = (mesh.vertices[mesh.corners][..., 0] + 1j * mesh.vertices[mesh.corners][..., 1]) * (1j ** (-turn))[:, None]
+    uv = np.stack([z.real, z.imag], axis=2) + shift[:, None]
+    jump = np.zeros(3 * len(mesh.corners), dtype=np.int64)
+    inner = np.flatnonzero(mesh.opposite >= 0)
+    jump[inner] = (turn[mesh.opposite[inner] // 3] - turn[inner // 3]) % 4
+    quads = extracted(mesh, jump, uv)
+    assert len(quads.sizes) == 12 and len(quads.vertices) == 20
+    jump[inner[0]] += 1
+    with pytest.raises(FlexMapsError):
+        extracted(mesh, jump, uv)
+
+
+def test_whole_number_solutions_are_all_found():
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        rows = random.integers(-2, 3, (2, 5))
+        basis = _kernel([{k: int(n) for k, n in enumerate(row) if n} for row in rows], 5)
+        assert not (rows @ basis).any()
+        every = np.array(list(itertools.product(range(-2, 3), repeat=5))).T
+        solutions = every[:, ~(rows @ every).any(axis=0)]
+        weights = np.linalg.lstsq(basis, solutions, rcond=None)[0]
+        np.testing.assert_allclose(basis @ weights, solutions, atol=1e-9)
+        np.testing.assert_allclose(weights, np.round(weights), atol=1e-9)
+
+
+def test_even_triangles_keep_the_surface():
+    mesh = t.ellipsoid()
+    fine = evened(mesh, 0.15, np.pi)
+    assert np.abs(fine.sides).max() <= 0.15
+    assert fine.areas.sum() == pytest.approx(mesh.areas.sum(), rel=1e-9)
+    assert igl.euler_characteristic(fine.corners) == 2
+
+
+def test_surfaces_without_sides_are_refused():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, -1, 0]])
+    three = PolygonMesh(points, np.array([0, 1, 2, 0, 1, 3, 0, 1, 4]), np.full(3, 3))
+    with pytest.raises(FlexMapsError):
+        quadrangulate(three, 0.3)
