@@ -36,14 +36,11 @@ TRIES = (
 # of them are tried whatever the first ones give, and the best taken: over 25 meshes of 1000 quads 680 irregular vertices in
 # all instead of 760, in three times the time
 CANDIDATES = 8
-# degrees from which a fold is followed, and how much the quads follow the curvature: what is tried before QuadriFlow
-FLAT = 180.0
-OWN: tuple[tuple[float, float], ...] = (
-    (SHARP, 4.0),
-    (SHARP, 0.5),
-    (FLAT, 4.0),
-    (FLAT, 0.5),
-)  # the last two where nothing is sharp
+FLAT = 180.0  # degrees: no fold is as sharp
+# degrees from which a fold is followed, and how much the quads follow the curvature: what is tried before QuadriFlow, of a body
+# without sharp folds the last three. On smooth shells 16 halves the angle to the curvature, on others it folds the map, or
+# brings twice the irregular vertices
+OWN: tuple[tuple[float, float], ...] = tuple((fold, along) for fold in (SHARP, FLAT) for along in (16.0, 4.0, 0.5))
 BESIDE = 1  # candidates of QuadriFlow that are tried where one of these has no poor quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
@@ -245,7 +242,7 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     found: list[Judged] = []
     tried, last = 0, ""
     for surface in _surfaces(small, whole, count, tool, progress.quiet()):
-        for fold, alignment in OWN if len(_target(surface).sharp) else OWN[-2:]:
+        for fold, alignment in OWN if len(_target(surface).sharp) else OWN[len(OWN) // 2 :]:
             progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
             tried += 1
             judged = _own(surface, whole, count, fold, alignment, progress.quiet())
