@@ -8,9 +8,6 @@ from scipy.sparse import csr_array, diags_array
 from ...arrays import Bool, Int
 from .field import Triangles
 
-# of the time that a triangle takes to be smoothed: over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular
-# points of 32, 103 and 160; with 30 fingers get lost
-SMOOTHING = 10.0
 TURNED = (
     1.2  # mean sides by which smoothing would move a point of a line: a right angle moves by 1.8, a zigzag by a half
 )
@@ -99,10 +96,13 @@ def _cut(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray
     return vertices, np.concatenate(made)
 
 
-def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"]) -> Triangles:
+def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength: float) -> Triangles:
     """The same triangles on a surface without what is smaller than some of them, so that directions follow the shape and
     not its noise. Points are drawn to the mean of their neighbours, those on lines to the mean of the next on the line;
-    where lines meet, end or turn they stay."""
+    where lines meet, end or turn they stay.
+
+    strength : weight of the mean beside the point's own place, no unit
+    """
     from scipy.sparse import coo_array
 
     start, end, count = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), len(mesh.vertices)
@@ -115,20 +115,20 @@ def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"]) -> Triangles:
 
     along = graph(lines)
     passed = along.sum(axis=1) == 2
-    drawn = _drawn(mesh.vertices, along, passed)
+    drawn = _drawn(mesh.vertices, along, passed, strength)
     size = np.abs(mesh.sides[lines.reshape(-1, 3)]).mean() if lines.any() else 1.0
     passed &= np.linalg.norm(drawn - mesh.vertices, axis=1) < TURNED * size
     inner = along.sum(axis=1) == 0
     around = graph(np.ones(len(start), dtype=bool))
     near = diags_array(inner.astype(float)) @ around + diags_array(passed.astype(float)) @ along
-    return Triangles(_drawn(mesh.vertices, near, inner | passed), mesh.corners)
+    return Triangles(_drawn(mesh.vertices, near, inner | passed, strength), mesh.corners)
 
 
-def _drawn(points: np.ndarray, near: csr_array, moving: np.ndarray) -> np.ndarray:
+def _drawn(points: np.ndarray, near: csr_array, moving: np.ndarray, strength: float) -> np.ndarray:
     """Points drawn to the mean of those near them, one implicit step; what does not move is held."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import splu
 
-    weight = np.where(moving, SMOOTHING, 0.0)
+    weight = np.where(moving, strength, 0.0)
     mean = diags_array(weight / np.maximum(near.sum(axis=1), 1.0)) @ near
     return splu((eye_array(len(points)) + diags_array(weight) - mean).tocsc()).solve(points)

@@ -17,25 +17,33 @@ from .seamless import Maps, lattice, opened
 FINE = 0.55
 # sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
 SCALES = (1.0, 0.94, 1.06, 0.88, 1.13, 0.82, 1.2)
+# over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular points of 32, 103 and 160
+SMOOTHING = 10.0
 STIFFER = 12  # rounds in which folded triangles are made stiffer
 SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
 
 
 def quadrangulate(
-    mesh: PolygonMesh, edge: float, fold: float = np.pi, alignment: float = ALIGNMENT, progress: Progress = SILENT
+    mesh: PolygonMesh,
+    edge: float,
+    fold: float = np.pi,
+    alignment: float = ALIGNMENT,
+    smoothing: float = SMOOTHING,
+    progress: Progress = SILENT,
 ) -> PolygonMesh:
     """Quads of about this edge on a clean connected surface of triangles, along its borders and curvature.
 
     edge : metres
     fold : radians; along edges at which the surface turns by more, quads have sides too
     alignment : to the curvature, as in ``cross_field``
+    smoothing : of the surface before directions are looked for, as in ``smoothed``
 
     Raises FlexMapsError where no map without folds is found, or where the surface is no oriented manifold.
     """
     triangles = evened(Triangles(mesh.vertices, mesh.corners.reshape(-1, 3)), FINE * edge, fold)
     lines = triangles.lines(fold)
     progress(0.1, "Looking for the directions of quads")
-    smooth = smoothed(triangles, lines)
+    smooth = smoothed(triangles, lines, smoothing)
     chart = opened(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))

@@ -37,10 +37,14 @@ TRIES = (
 # all instead of 760, in three times the time
 CANDIDATES = 8
 FLAT = 180.0  # degrees: no fold is as sharp
-# degrees from which a fold is followed, and how much the quads follow the curvature: what is tried before QuadriFlow, of a body
-# without sharp folds the last three. On smooth shells 16 halves the angle to the curvature, on others it folds the map, or
-# brings twice the irregular vertices
-OWN: tuple[tuple[float, float], ...] = tuple((fold, along) for fold in (SHARP, FLAT) for along in (16.0, 4.0, 0.5))
+# degrees from which a fold is followed, how much the quads follow the curvature, and how much the surface is smoothed before:
+# what is tried before QuadriFlow; of a body without sharp folds those alone that follow none. On smooth shells 16 halves the
+# angle to the curvature, on others it folds the map or brings twice the irregular vertices. Smoothed much, homer gets 34
+# irregular vertices instead of QuadriFlow's 62; otherwise there is no map of it
+OWN: tuple[tuple[float, float, float], ...] = (
+    (SHARP, 16.0, 10.0), (SHARP, 4.0, 10.0), (SHARP, 0.5, 10.0),
+    (FLAT, 16.0, 10.0), (FLAT, 4.0, 10.0), (FLAT, 0.5, 10.0), (FLAT, 0.5, 30.0),
+)  # fmt: skip
 BESIDE = 1  # candidates of QuadriFlow that are tried where one of these has no poor quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
@@ -242,10 +246,10 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     found: list[Judged] = []
     tried, last = 0, ""
     for surface in _surfaces(small, whole, count, tool, progress.quiet()):
-        for fold, alignment in OWN if len(_target(surface).sharp) else OWN[len(OWN) // 2 :]:
+        for how in OWN if len(_target(surface).sharp) else [one for one in OWN if one[0] == FLAT]:
             progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
             tried += 1
-            judged = _own(surface, whole, count, fold, alignment, progress.quiet())
+            judged = _own(surface, whole, count, how, progress.quiet())
             if isinstance(judged, Judged):
                 found.append(judged)
         enough = BESIDE if any(not any(one.faults) for one in found) else CANDIDATES
@@ -276,15 +280,14 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
 
 
 def _own(
-    surface: PolygonMesh, whole: Target, count: int, fold: float, alignment: float, progress: Progress
+    surface: PolygonMesh, whole: Target, count: int, how: tuple[float, float, float], progress: Progress
 ) -> Judged | str:
-    """Quads along the curvature, judged, or why there are none."""
-    triangles = _target(surface)
+    """Quads along the curvature, judged, or why there are none; ``how`` as in ``OWN``."""
+    triangles, (fold, alignment, smoothing) = _target(surface), how
     edge = (triangles.area / count) ** 0.5
+    given = of_rows(triangles.vertices, triangles.triangles)
     try:
-        raw = quadrangulate(
-            of_rows(triangles.vertices, triangles.triangles), edge, np.radians(fold), alignment, progress
-        )
+        raw = quadrangulate(given, edge, np.radians(fold), alignment, smoothing, progress)
     except FlexMapsError as error:
         return str(error)
     return _judged(raw, whole, count, 0, fold < FLAT)
