@@ -127,3 +127,14 @@ def test_surfaces_without_sides_are_refused():
     three = PolygonMesh(points, np.array([0, 1, 2, 0, 1, 3, 0, 1, 4]), np.full(3, 3))
     with pytest.raises(FlexMapsError):
         quadrangulate(three, 0.3)
+
+
+def test_needles_are_refused_or_become_quads():
+    """Triangles whose points lie nearly on a line make systems that no solver takes."""
+    mesh = t.barrel()
+    thin = mesh.vertices * [1.0, 1.0, 1e-9]
+    try:
+        quads = quadrangulate(PolygonMesh(thin, mesh.corners.ravel(), np.full(len(mesh.corners), 3)), 0.3)
+        assert (quads.sizes == 4).all()
+    except FlexMapsError:
+        pass

@@ -17,7 +17,11 @@ from ...errors import FlexMapsError
 from ..mesh import PolygonMesh
 from .field import Triangles
 
+FAR = 8000.0  # quads from the origin: beyond, products of coordinates are no whole numbers of 64 bits any more
 UNIT = 1 << 16  # steps in a quad; products of two coordinates of a thousand quads stay below 2**63
+# cells that triangles or sides may touch, in the mean, and all those of few triangles: far more than any useful map has, and
+# no more than memory takes
+MOST, LEAST = 100, 1_000_000
 CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # of a cell; side k runs from corner k to corner k + 1
 STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # to the cell over side k
 TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])  # by -q quarters
@@ -55,6 +59,8 @@ def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.nda
 
     Raises FlexMapsError where they are no manifold quads of the surface's own kind.
     """
+    if not np.isfinite(uv).all() or np.abs(uv).max() > FAR:
+        raise FlexMapsError("The map is stretched too much")
     p = np.round(uv * UNIT).astype(np.int64)
     area = _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     pieces = _pieces(p, area)
@@ -74,6 +80,8 @@ def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low = np.floor_divide(p.min(axis=1), UNIT) - 1
     size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
     number = size.prod(axis=1)
+    if number.sum() > MOST * len(p) + LEAST:
+        raise FlexMapsError("The map is stretched too much")
     which = np.repeat(np.arange(len(p)), number)
     k = np.arange(len(which)) - np.repeat(np.cumsum(number) - number, number)
     return which, low[which] + np.stack([k % size[which, 0], k // size[which, 0]], axis=1)

@@ -40,7 +40,17 @@ def quadrangulate(
 
     Raises FlexMapsError where no map without folds is found, or where the surface is no oriented manifold.
     """
-    triangles = evened(Triangles(mesh.vertices, mesh.corners.reshape(-1, 3)), FINE * edge, fold)
+    given = Triangles(mesh.vertices, mesh.corners.reshape(-1, 3))
+    try:
+        return _mapped(evened(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
+    except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:  # of the solvers
+        raise FlexMapsError("Some triangles are too thin for a map: dissolve them") from error
+
+
+def _mapped(
+    triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
+) -> PolygonMesh:
+    """Quads of the first size that gives a map without folds."""
     lines = triangles.lines(fold)
     progress(0.1, "Looking for the directions of quads")
     smooth = smoothed(triangles, lines, smoothing)
