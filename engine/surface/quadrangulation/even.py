@@ -11,7 +11,7 @@ from .field import Triangles
 TURNED = (
     1.2  # mean sides by which smoothing would move a point of a line: a right angle moves by 1.8, a zigzag by a half
 )
-MANY = 3.0  # times as many triangles as are needed: such surfaces are simplified first
+MANY = 1.3  # times as many triangles as are needed: such surfaces are simplified first
 
 
 def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:

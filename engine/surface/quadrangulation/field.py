@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array
 
 from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
@@ -81,6 +81,21 @@ class Triangles:
         here = np.arange(len(self.opposite)) // 3
         cosine = np.einsum("si,si->s", normal[here], normal[self.opposite // 3])
         return (self.opposite < 0) | (cosine < np.cos(fold))
+
+    def long_lines(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
+        """The border, and the folds that hang together over at least ``shortest`` metres."""
+        from scipy.sparse.csgraph import connected_components
+
+        lines = self.lines(fold)
+        side = np.flatnonzero(lines)
+        ends = np.stack([self.corners.ravel(), np.roll(self.corners, -1, axis=1).ravel()], axis=1)[side]
+        count = len(self.vertices)
+        graph = csr_array((np.ones(len(side)), (ends[:, 0], ends[:, 1])), shape=(count, count))
+        group = connected_components(graph, directed=False)[1][ends[:, 0]]
+        border = self.opposite[side] < 0
+        length = np.bincount(group, np.abs(self.sides.ravel()[side]) * np.where(border, 1.0, 0.5))
+        lines[side[~border & (length[group] < shortest)]] = False
+        return lines
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "triangles 3"]:

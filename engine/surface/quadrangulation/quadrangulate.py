@@ -11,15 +11,19 @@ from ..mesh import PolygonMesh
 from .even import evened, smoothed
 from .extraction import extracted
 from .field import ALIGNMENT, Triangles, cross_field
+from .rounding import rounded
 from .seamless import Maps, lattice, opened
+from .separation import NOTHING, apart
 
 # quads: longest edge of the triangles on which the map is made; with 0.4 the same quads of 16 meshes take two to three times as long
 FINE = 0.55
 # sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
-SCALES = (1.0, 0.94, 1.06, 0.88, 1.13, 0.82, 1.2)
+SCALES = (1.0, 0.94, 1.06, 0.88)
 # over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular points of 32, 103 and 160
 SMOOTHING = 10.0
 STIFFER = 12  # rounds in which folded triangles are made stiffer
+IDLE = 5  # of them that may pass without fewer folds
+SHORTEST = 3.0  # quads: shorter folds are noise; a scanned bunny has hundreds
 SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
 
 
@@ -51,21 +55,24 @@ def _mapped(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
     """Quads of the first size that gives a map without folds."""
-    lines = triangles.lines(fold)
+    lines = triangles.long_lines(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smoothed(triangles, lines, smoothing)
     chart = opened(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))
-    last = FlexMapsError("No map was found")
+    last, pairs = FlexMapsError("No map was found"), apart(maps, edge)
     for number, scale in enumerate(SCALES):
         progress(0.4 + 0.6 * number / len(SCALES), "Mapping the surface onto a grid")
-        whole = maps.whole_numbers(scale * edge)
-        uv = _unfolded(maps, scale * edge, whole)
-        try:
-            return extracted(triangles, chart.jump, uv)
-        except FlexMapsError as error:
-            last = error
+        for asked in (pairs, NOTHING)[not len(pairs.least) :]:
+            whole = rounded(*maps.energy(scale * edge), asked)
+            if not asked.hold(whole):  # too much lies too near: another size seldom helps, and looking for it takes long
+                pairs = NOTHING
+                continue
+            try:
+                return extracted(triangles, chart.jump, _unfolded(maps, scale * edge, whole))
+            except FlexMapsError as error:
+                last = error
     raise last
 
 
@@ -82,13 +89,13 @@ def _unfolded(maps: Maps, edge: float, whole: Int[np.ndarray, " whole"]) -> Floa
     inner = np.flatnonzero(mesh.opposite >= 0)
     here, there = inner // 3, mesh.opposite[inner] // 3
     weights = np.ones(len(mesh.corners))
-    best, fewest = np.zeros(0), len(weights) + 1
-    for _ in range(STIFFER):
+    best, fewest, last = np.zeros(0), len(weights) + 1, 0
+    for k in range(STIFFER):
         uv = maps.map(edge, whole)
         turned = folded(uv)
         if turned.sum() < fewest:
-            best, fewest = uv, int(turned.sum())
-        if not turned.any():
+            best, fewest, last = uv, int(turned.sum()), k
+        if not turned.any() or k - last >= IDLE:
             break
         near = turned.astype(float)
         for _ in range(SPREAD):

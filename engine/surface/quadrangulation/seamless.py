@@ -326,29 +326,18 @@ class Maps:
         right = weighted.T @ self._wished - solved.T @ (self._free.T @ (self._weight * self._wished))
         return (self._whole.T @ weighted).toarray() - cross.T @ solved, right
 
-    def whole_numbers(self, edge: float) -> Int[np.ndarray, " whole"]:
-        """Those of the best map found: rounded one after another, the surest first, the rest following; then one by one."""
-        matrix, right = self._schur[0], self._schur[1] / edge
-        count = len(right)
-        matrix = matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300))
-        result, left = np.zeros(count), np.arange(count)
-        while len(left):
-            held = np.setdiff1d(np.arange(count), left)
-            best = np.linalg.solve(matrix[np.ix_(left, left)], right[left] - matrix[np.ix_(left, held)] @ result[held])
-            off = np.abs(best - np.round(best))
-            sure = off <= max(off.min(), 0.02)
-            result[left[sure]] = np.round(best[sure])
-            left = left[~sure]
-        for _ in range(100):  # steps of one, each the best there is; every one lowers the energy
-            slope = matrix @ result - right
-            gain = np.abs(slope) - 0.5 * np.diag(matrix)
-            if not count or gain.max() <= 1e-12:
-                break
-            k = int(gain.argmax())
-            result[k] -= np.sign(slope[k])
-        return result.astype(np.int64)
+    def relaxed(self, edge: float) -> Float[np.ndarray, " whole"]:
+        """The whole numbers as they would be if they need not be whole."""
+        matrix, right = self.energy(edge)
+        return np.linalg.solve(matrix, right)
 
-    def map(self, edge: float, whole: Int[np.ndarray, " whole"]) -> Float[np.ndarray, "triangles 3 2"]:
+    def energy(self, edge: float) -> tuple[Float[np.ndarray, "whole whole"], Float[np.ndarray, " whole"]]:
+        """Matrix and right side of the energy in the whole numbers, all other numbers being best for them."""
+        matrix, right = self._schur
+        count = len(right)
+        return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge
+
+    def map(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
         """u and v at every corner, in quads."""
         right = self._weight * (self._wished / edge - self._whole @ whole)
         both = self.lattice.free @ self._factor.solve(self._free.T @ right) + self.lattice.whole @ whole
