@@ -85,7 +85,7 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
     advice = _advice(kind, share, simulation.shortfalls) + _strained(simulation)
-    return Reach(kind, share, advice, _remedies(share, simulation))
+    return Reach(kind, share, advice, _remedies(share, simulation, isinstance(of, Optimisation)))
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
@@ -163,15 +163,21 @@ def _worst(share: np.ndarray) -> int | None:
     return int(rest.argmax()) if rest.sum() > 0.0 else None
 
 
-def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
-    """What of the advice a button can do, from what the sentences are made of."""
+def _remedies(share: np.ndarray, simulation: Simulation, searched: bool) -> Amounts:
+    """What of the advice a button can do, from what the sentences are made of.
+
+    Where arms are strained there are no finer quads: twice as many have arms half as long to wind, on a dome and a saddle strained
+    1.6 and 1.7 times as much. Nor are there any where spirals have room left that was not ``searched``.
+    """
     short, worst = simulation.shortfalls[:1], _worst(share)
-    told = worst is not None and not (short and short[0].flat)  # of a piece that stays flat the kinds are not told
-    kind, _, names = KINDS[worst] if told and worst is not None else KINDS[0]
-    advised = [*names, *(CUT for piece in short if len(piece.line))]
+    if short and short[0].flat:
+        worst = None  # of a piece that stays flat the kinds are not told
+    kind, _, names = KINDS[0] if worst is None else KINDS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())
-    # twice as many quads have arms half as long to wind: on a dome and a saddle they were strained 1.6 and 1.7 times as much
-    advised += [LARGER, THINNER] if strain is not None and strain > STRAINED else []
+    strained = strain is not None and strain > STRAINED
+    advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
+    if strained or (kind == "free" and not searched):
+        advised = [name for name in advised if name != FINER]
     return amounts(
         dict.fromkeys(advised),
         strain=strain,
