@@ -122,7 +122,7 @@ class Advised(ContinuedStage):
         blocks["reach"] |= {advice.BROUGHT: brought}
         notes.write_all(obj.data, blocks)
         text, warning = equilibrium.sentences(blocks["equilibrium"])
-        self.level = "WARNING" if warning else "INFO"
+        self.level = "INFO" if advice.helped(brought) and not warning else "WARNING"
         return ". ".join([advice.said(brought), *([text] if warning else [])])
 
 

@@ -12,6 +12,7 @@ from . import notes
 from .i18n import translate
 
 BROUGHT = "brought"  # in the block "reach"
+NEARER = 0.98  # share of the distance that may be left if it shall count as nearer; not measured
 FIGURES = ("rms_percent", "strain_share_max")  # of the block "equilibrium", before and after
 
 
@@ -37,6 +38,12 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
     return {"remedy": remedy, "was": was, "now": now, **pairs}
 
 
+def helped(brought: dict[str, Any]) -> bool:
+    """Whether the shape came nearer by as much as anybody would care for, or arms that were strained too much are strained less."""
+    (far, near), (strain, eased) = (brought[name] for name in FIGURES)
+    return bool(near < NEARER * far or (strain is not None and eased is not None and strain > 1.0 and eased < strain))
+
+
 def said(brought: dict[str, Any]) -> str:
     """The same as a line for people, as far as it is known."""
     was, now = brought["was"], brought["now"]
@@ -47,8 +54,9 @@ def said(brought: dict[str, Any]) -> str:
     }[brought["remedy"]]
     distance, strain = (brought[name] for name in FIGURES)
     if None in strain:
-        return translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
-    shares = (100 * share for share in strain)
-    return translate(
-        "{}: RMS distance {:.2g} % to {:.2g} %, strain {:.0f} % to {:.0f} % of its limit", done, *distance, *shares
-    )
+        line = translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
+    else:
+        shares = (100 * share for share in strain)
+        text = "{}: RMS distance {:.2g} % to {:.2g} %, strain {:.0f} % to {:.0f} % of its limit"
+        line = translate(text, done, *distance, *shares)
+    return line if helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -15,10 +16,13 @@ from flexmaps.bridge.view import flat_panels
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.progress import Progress
 from flexmaps.operators import advice as operators
+from flexmaps.operators import stage
+from flexmaps.operators.continued import ContinuedStage
 from flexmaps.panels.optimise import OptimisePanel
 from support.arch import group
 from support.bowl import QUADS, bowl
 from support.buttons import press, report
+from support.window import ESCAPE, MOUSE, Window, clean, drive
 from test_sidebar import draw
 
 BUTTONS = {
@@ -171,6 +175,23 @@ def test_spirals_that_were_set_by_hand_stay(strained: Any, attribute: Any) -> No
     assert attribute(strained, "flexmaps_twist") == pytest.approx(np.full(QUADS, 30.0), abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("distance", "strain", "helped"),
+    [
+        ([2.0, 1.0], [0.5, 0.9], True),
+        ([2.0, 1.99], [0.5, 0.4], False),  # nobody needs less strain than is borne
+        ([2.0, 2.1], [1.4, 0.9], True),
+        ([2.0, 2.1], [1.4, 1.5], False),
+        ([2.0, 1.0], [None, None], True),  # rods tell no strain
+        ([2.0, 2.0], [None, None], False),
+    ],
+)
+def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], helped: bool) -> None:
+    brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": distance, "strain_share_max": strain}
+    assert advice.helped(brought) == helped and ("brought nothing" in advice.said(brought)) != helped
+    assert advice.said(brought).startswith(f"1.25 times as large: RMS distance 2 % to {distance[1]:.2g} %")
+
+
 # -- what they leave as it was -----------------------------------------------------------------------------------------
 
 
@@ -220,6 +241,26 @@ def test_a_search_that_is_stopped_is_not_kept(add: Any, all_of: Any, monkeypatch
     monkeypatch.setattr(background, "run_here", run)
     assert bpy.ops.flexmaps.make_larger() == {"CANCELLED"}
     assert everything(obj, all_of) == before
+
+
+def test_they_run_beside_the_window(strained: Any, all_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    played = SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
+    monkeypatch.setattr(stage, "bpy", played)
+    parts = (stage.StageOperator, ContinuedStage, operators.Advised, operators.MakeThinner)
+    hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
+    body = {key: value for part in parts for key, value in vars(part).items() if key not in hidden}
+    kind, said = type("MakeThinner", (), body), list[tuple[str, str]]()
+    before = everything(strained, all_of)
+    for event, wanted in ((ESCAPE, "CANCELLED"), (MOUSE, "FINISHED")):
+        operator, window = kind(), Window()
+        operator.report = lambda level, text: said.append((*level, text))
+        assert operator.invoke(window, None) == {"RUNNING_MODAL"}
+        operator.modal(window, event)
+        assert drive(operator, window) == {wanted} and clean(window) and background.current() is None
+        assert (everything(strained, all_of) == before) == (wanted == "CANCELLED")
+    assert said[0] == ("WARNING", "Thinner sheet was stopped; nothing was changed")
+    assert "Sheet of 1.5 mm instead of 2 mm" in said[1][1]
+    done(strained)
 
 
 def test_a_size_that_something_else_sets_is_refused(strained: Any, all_of: Any) -> None:
