@@ -6,6 +6,7 @@ import bpy
 
 from ..bridge.hosts import background
 from . import (
+    advice,
     animate,
     check,
     choose,
@@ -33,6 +34,7 @@ MODULES = (
     spirals,
     simulate,
     optimise,
+    advice,
     explore,
     preview,
     animate,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import bpy
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.errors import Cancelled
+from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -39,26 +40,17 @@ class Optimise(ContinuedStage, bpy.types.Operator):
         return notes.missing(obj.data, "flat") or start
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        from ..bridge.view import designing
         from ..bridge.view.flat_panels import PanelDrawing
 
-        unit = bpy.context.scene.unit_settings.scale_length
         once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
+        search = searching(snapshot.settings)
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
             from ..engine.spirals import design
 
-            start = snapshot.start(result)
-            began, history = time.perf_counter(), list[tuple[float, float]]()
-
-            def seen(look: Look) -> LiveShape:
-                history.append((time.perf_counter() - began, look.rmse))
-                spiral = snapshot.settings.spiral
-                return designing.Designing(look, result.mesh.quads, spiral, tuple(history)).prepared(unit)
-
-            made = job.go_on(start, once, ("optimise",), progress.part(0.0, 0.95).showing(seen))
+            made = search(snapshot.start(result), progress.part(0.0, 0.95))
             better = made.design
             assert better is not None
             try:
@@ -100,6 +92,27 @@ class Optimise(ContinuedStage, bpy.types.Operator):
             *([text] if warning else []),
         ]
         return ". ".join(lines)
+
+
+def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
+    """The search for better spirals than a result has, every step of which is shown; call it on the main thread."""
+    from ..bridge.view import designing
+
+    unit = bpy.context.scene.unit_settings.scale_length
+    once = replace(settings, simulate=replace(settings.simulate, restarts=0))
+
+    def search(start: Result, progress: Progress) -> Result:
+        from ..engine.runs import job
+
+        began, history = time.perf_counter(), list[tuple[float, float]]()
+
+        def seen(look: Look) -> LiveShape:
+            history.append((time.perf_counter() - began, look.rmse))
+            return designing.Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
+
+        return job.go_on(start, once, ("optimise",), progress.showing(seen))
+
+    return search
 
 
 CLASSES = (Optimise,)

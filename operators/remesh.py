@@ -52,7 +52,7 @@ class QuadRemesh(StageOperator, bpy.types.Operator):
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
-        _take_over(context, obj, made)
+        take_over(context, obj, made)
         edge = check.median_edge(result.polygons)
         said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
@@ -61,7 +61,7 @@ class QuadRemesh(StageOperator, bpy.types.Operator):
         yield
 
 
-def _take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
+def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
     """The new object takes the place of the old one, with its settings."""
     from ..bridge.view import collection
 

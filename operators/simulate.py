@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
+from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -24,15 +25,7 @@ class Simulate(ContinuedStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        from ..bridge.view import live_shape
-
-        def go_on(result: Result, progress: Progress) -> Result:
-            from ..engine.runs import job
-
-            moving = progress.showing(lambda vertices: live_shape.LiveShape(vertices, result.mesh.quads))
-            return job.go_on(result, snapshot.settings, ("simulate",), moving)
-
-        return go_on
+        return lambda result, progress: settled(result, snapshot.settings, progress)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import equilibrium
@@ -44,6 +37,15 @@ class Simulate(ContinuedStage, bpy.types.Operator):
         text, warning = equilibrium.sentences(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"
         return text
+
+
+def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
+    """The result simulated, the shape shown as it moves."""
+    from ..bridge.view import live_shape
+    from ..engine.runs import job
+
+    moving = progress.showing(lambda vertices: live_shape.LiveShape(vertices, result.mesh.quads))
+    return job.go_on(result, settings, ("simulate",), moving)
 
 
 CLASSES = (Simulate,)

@@ -8,8 +8,9 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.hosts import background
-from ..bridge.store import equilibrium, notes, states
+from ..bridge.store import advice, equilibrium, notes, states
 from ..bridge.view import plot
+from ..engine.optimisation import remedies
 from ..engine.params import OptimiseParams
 from .rows import choice_row, fold, more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, look, result
@@ -83,13 +84,33 @@ def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> No
 
 
 def _limits(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> None:
-    """What keeps the shape from its target, with the button that shows where."""
+    """What keeps the shape from its target, with the buttons that do what is advised and those that show where."""
     wrapped(layout.box(), context, block["advice"], icon="INFO")
-    if "cut" in block["advice"]:  # one of the sentences that advise a cut
-        button(layout, context, "flexmaps.cut_there", icon="MOD_EDGESPLIT")
+    if advice.BROUGHT in block:
+        wrapped(layout, context, advice.said(block[advice.BROUGHT]), icon="CHECKMARK")
+    _remedies(layout, context, remedies.of_block(block))
     choice_row(
         layout,
         context.window_manager,
         "flexmaps_overlay",
         (("REACH", "Limits"), ("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist")),
     )
+
+
+def _remedies(layout: Any, context: bpy.types.Context, advised: remedies.Amounts) -> None:
+    """A button for everything that is advised, which says how much of it is done."""
+    column = layout.column(align=True)
+    for name, amount in advised.items():
+        if name == remedies.CUT:
+            button(column, context, "flexmaps.cut_there", icon="MOD_EDGESPLIT")
+        elif name == remedies.LARGER:
+            text = iface_("Larger: {:g} times").format(amount)
+            button(column, context, "flexmaps.make_larger", text=text, translate=False, icon="FULLSCREEN_ENTER")
+        elif name == remedies.THINNER:
+            text = iface_("Sheet of {:g} mm instead of {:g} mm").format(
+                amount, context.object.flexmaps.spiral.thickness
+            )
+            button(column, context, "flexmaps.make_thinner", text=text, translate=False, icon="MOD_SOLIDIFY")
+        elif name == remedies.FINER:
+            text = iface_("Finer: {} quads").format(amount)
+            button(column, context, "flexmaps.make_finer", text=text, translate=False, icon="MOD_REMESH")

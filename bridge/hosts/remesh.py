@@ -31,8 +31,10 @@ def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene)
     """A new object of the quads (metres, world axes) in the frame and the collections of another one."""
     frame = to_metres(obj, scene)
     corners = quads.corners.reshape(-1, 4)
-    if np.linalg.det(frame[:3, :3]) < 0:  # a mirrored object is seen from the other side
-        corners = corners[:, ::-1]
+    if (
+        np.linalg.det(frame[:3, :3]) < 0
+    ):  # a mirrored object is seen from the other side; the first corner stays the first
+        corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
     mesh = meshes.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)
     made = bpy.data.objects.new(mesh.name, mesh)

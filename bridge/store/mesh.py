@@ -198,7 +198,7 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
     if len(surface.spoilt):
         raise cannot_be_cut(surface.spoilt)
     design = design_of(surface, flat, params)
-    ours = made is not None and design is not None and _as_noted(design, made)
+    ours = made is not None and design is not None and as_noted(design, made)
     if design is None:
         design = design_of(surface, flat, params, LAST_NAMES)
         ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
@@ -218,7 +218,7 @@ def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
     return FlexMapsError(text, faces=faces)
 
 
-def _as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
+def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
     """Whether widths and twists are those that the note describes."""
     found = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(

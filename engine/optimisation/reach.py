@@ -14,6 +14,7 @@ from ..progress import SILENT, Progress
 from ..simulation.shortfall import Shortfall
 from ..simulation.simulate import STRAINED, Simulation
 from .optimise import Optimisation
+from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
 DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
@@ -21,25 +22,32 @@ STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the shee
 UNSTABLE = 0.3  # share of the largest motion in the softest mode
 SNAPPING = 1e-3  # stiffness of that mode against its convex part below which the shape is about to snap
 
-KINDS: tuple[tuple[str, str], ...] = (
-    ("matched", "bends as the target does"),
-    ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help"),
-    ("stiffest", "spirals are as stiff as they may be: wider arms or less smallest twist would help"),
-    ("unstable", "the shape is about to snap into another one: hold it there, or cut it along another line"),
-    ("distorted", "quads are distorted by the flattening: squarer or finer quads, or a cut there, would help"),
-    ("stretched", "the panel is stretched in its plane more than it is bent: a cut there would let it close"),
-    ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or use finer quads"),
+# name, what is said of it, and what of that a button can do
+KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+    ("matched", "bends as the target does", ()),
+    ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help",
+     (LARGER, THINNER)),
+    ("stiffest", "spirals are as stiff as they may be: wider arms or less smallest twist would help", ()),
+    ("unstable", "the shape is about to snap into another one: hold it there, or cut it along another line", (CUT,)),
+    ("distorted", "quads are distorted by the flattening: squarer or finer quads, or a cut there, would help", (CUT, FINER)),
+    ("stretched", "the panel is stretched in its plane more than it is bent: a cut there would let it close", (CUT,)),
+    ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or use finer quads",
+     (FINER,)),
 )  # fmt: skip
-NAMES = tuple(name for name, _ in KINDS)
+NAMES = tuple(name for name, _, _ in KINDS)
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence"""
+    """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence
+
+    remedies : what of the advice a button can do, in its order, and how much of it, see ``remedies.amounts``
+    """
 
     kind: Int[np.ndarray, " quads"]
     share: Float[np.ndarray, " kinds"]
     advice: str
+    remedies: Amounts
 
     def report(self) -> dict[str, Any]:
         """The ``reach`` block of report.json."""
@@ -48,6 +56,7 @@ class Reach:
             "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),
             "mismatch_share": dict(zip(NAMES, np.round(self.share, 4).tolist(), strict=True)),
             "advice": self.advice,
+            "remedies": self.remedies,
         }
 
 
@@ -75,7 +84,8 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
-    return Reach(kind, share, _advice(kind, share, simulation.shortfalls) + _strained(simulation))
+    advice = _advice(kind, share, simulation.shortfalls) + _strained(simulation)
+    return Reach(kind, share, advice, _remedies(share, simulation, isinstance(of, Optimisation)))
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
@@ -134,16 +144,44 @@ def _strained(simulation: Simulation) -> str:
     if not over:
         return ""
     return (
-        f" The arms of {over} spirals are strained beyond what the material bears: a larger object, a thinner sheet, finer quads "
-        "where it bends most, or a tougher material would help."
+        f" The arms of {over} spirals are strained beyond what the material bears: a larger object, a thinner sheet or a tougher "
+        "material would help."
     )
 
 
 def _where(kind: np.ndarray, share: np.ndarray) -> str:
-    matched = NAMES.index("matched")
-    rest = np.where(np.arange(len(share)) == matched, 0.0, share)
-    if rest.sum() == 0.0:
+    worst = _worst(share)
+    if worst is None:
         return "Every spiral bends as the target asks."
-    worst = int(rest.argmax())
     count = int((kind == worst).sum())
     return f"{100 * share[worst]:.0f} % of the mismatch sits in {count} spirals: {KINDS[worst][1]}."
+
+
+def _worst(share: np.ndarray) -> int | None:
+    """The kind with most of the mismatch; None where everything matches."""
+    rest = np.where(np.arange(len(share)) == NAMES.index("matched"), 0.0, share)
+    return int(rest.argmax()) if rest.sum() > 0.0 else None
+
+
+def _remedies(share: np.ndarray, simulation: Simulation, searched: bool) -> Amounts:
+    """What of the advice a button can do, from what the sentences are made of.
+
+    Where arms are strained there are no finer quads: twice as many have arms half as long to wind, on a dome and a saddle strained
+    1.6 and 1.7 times as much. Nor are there any where spirals have room left that was not ``searched``.
+    """
+    short, worst = simulation.shortfalls[:1], _worst(share)
+    if short and short[0].flat:
+        worst = None  # of a piece that stays flat the kinds are not told
+    kind, _, names = KINDS[0] if worst is None else KINDS[worst]
+    strain = None if simulation.strain is None else float(simulation.strain.max())
+    strained = strain is not None and strain > STRAINED
+    advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
+    if strained or (kind == "free" and not searched):
+        advised = [name for name in advised if name != FINER]
+    return amounts(
+        dict.fromkeys(advised),
+        strain=strain,
+        soft=kind == "softest",
+        thickness=simulation.assembly.thickness,
+        quads=simulation.assembly.size,
+    )

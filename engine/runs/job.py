@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..arrays import Float
 from ..errors import FlexMapsError
 from ..mechanics import loads
 from ..params import LayoutParams, Settings, refuse_crossed
@@ -18,6 +19,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..patches.tracing import trace
 from ..progress import SILENT, Progress
+from ..spirals.design import fitted
 from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
@@ -25,7 +27,7 @@ from .result import Result
 from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
 from .steps import STEPS
 
-__all__ = ["NAMES", "Result", "begin", "completed", "flattened", "go_on", "go_to", "run", "stages", "taken"]
+__all__ = ["NAMES", "Result", "begin", "completed", "enlarged", "flattened", "go_on", "go_to", "run", "stages", "taken"]
 
 CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
@@ -142,6 +144,25 @@ def flattened(
     """The result with the flat patches between cuts (E,) bool that somebody chose, as ``flatten.flatten`` makes them."""
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
     return replace(without(result, {"layout"}), flat=flatten.flatten(layout, params, progress, previous=previous))
+
+
+def enlarged(
+    result: Result, factor: float, about: Float[np.ndarray, " 3"], settings: Settings, progress: Progress = SILENT
+) -> Result:
+    """The result ``factor`` times as large, about a point in metres: cut where it was, and further where a panel outgrows its sheet.
+
+    The spirals have the widths and twists that they had, as near as they can be cut. Raises as ``go_on`` does.
+    """
+    flat, design = needed(result, "flat"), needed(result, "design")
+    mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
+    begun = replace(begin(PolygonMesh.of(mesh)), supports=result.supports, force=result.force)
+    made = flattened(begun, flat.layout.cut, settings.layout, progress.part(0.0, 0.6))
+    made = go_on(made, settings, ("split",), progress.part(0.6, 0.8))
+    assert made.flat is not None
+    again = fitted(
+        made.flat, settings.spiral, design.width, design.twist, prove=False, progress=progress.part(0.8, 1.0)
+    )
+    return replace(made, design=again)
 
 
 def taken(result: Result, number: int) -> Result:

@@ -208,7 +208,7 @@ def test_main_job_with_and_without(tmp_path: Path) -> None:
     assert found["laplacian_rmse_mm"] < found["laplacian_rmse_mm_before"]
     assert reports[True]["equilibrium"]["laplacian_rmse_mm"] == pytest.approx(found["laplacian_rmse_mm"], rel=1e-3)
     assert reports[True]["spirals"] != reports[False]["spirals"]
-    assert {"spirals", "mismatch_share", "advice"} == set(reports[True]["reach"])
+    assert {"spirals", "mismatch_share", "advice", "remedies"} == set(reports[True]["reach"])
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "3" / "model.blend"))
     obj = bpy.data.objects["saddle"]
     assert not equilibrium.out_of_date(obj, bpy.context.scene, "optimise")

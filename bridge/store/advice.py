@@ -1,0 +1,62 @@
+"""What is advised for an object, and what following it has brought; both in its notes, beside what limits the match."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...engine.optimisation import remedies
+from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
+from . import notes
+from .i18n import translate
+
+BROUGHT = "brought"  # in the block "reach"
+NEARER = 0.98  # share of the distance that may be left if it shall count as nearer; not measured
+FIGURES = ("rms_percent", "strain_share_max")  # of the block "equilibrium", before and after
+
+
+def of(mesh: bpy.types.Mesh) -> Amounts:
+    """What a button can do of the last advice, and how much of it; empty where there is none."""
+    block = notes.read(mesh).get("reach")
+    return {} if block is None else remedies.of_block(block)
+
+
+def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
+    """Why a remedy is not to be pressed, as a sentence; None where it is advised."""
+    if "reach" not in notes.read(mesh):
+        return translate("It is not known yet what limits the match; press Simulate first")
+    return None if remedy in of(mesh) else translate("The advice under Optimise is another one")
+
+
+def compared(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """The note of what a remedy has brought.
+
+    was, now : what was changed, in the unit of its amount; before, after : blocks of the simulated shapes
+    """
+    pairs = {name: [before.get(name), after.get(name)] for name in FIGURES}
+    return {"remedy": remedy, "was": was, "now": now, **pairs}
+
+
+def helped(brought: dict[str, Any]) -> bool:
+    """Whether the shape came nearer by as much as anybody would care for, or arms that were strained too much are strained less."""
+    (far, near), (strain, eased) = (brought[name] for name in FIGURES)
+    return bool(near < NEARER * far or (strain is not None and eased is not None and strain > 1.0 and eased < strain))
+
+
+def said(brought: dict[str, Any]) -> str:
+    """The same as a line for people, as far as it is known."""
+    was, now = brought["was"], brought["now"]
+    done = {
+        LARGER: translate("{:.4g} times as large", now / was),
+        THINNER: translate("Sheet of {:g} mm instead of {:g} mm", now, was),
+        FINER: translate("{:.0f} quads instead of {:.0f}", now, was),
+    }[brought["remedy"]]
+    distance, strain = (brought[name] for name in FIGURES)
+    if None in strain:
+        line = translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
+    else:
+        shares = (100 * share for share in strain)
+        text = "{}: RMS distance {:.2g} % to {:.2g} %, strain {:.0f} % to {:.0f} % of its limit"
+        line = translate(text, done, *distance, *shares)
+    return line if helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"

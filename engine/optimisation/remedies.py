@@ -1,0 +1,82 @@
+"""What would bring a piece nearer, as numbers that a button can follow: a cut, a larger piece, a thinner sheet, finer quads.
+
+``reach`` says which of them; here stands how much of each. This page imports no numerics, so that a sidebar can be drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from typing import Any
+
+from ..params import SHOWN, RemeshParams, SpiralParams
+
+CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
+REMEDIES = (CUT, LARGER, THINNER, FINER)
+Amounts = dict[str, float | None]
+
+# Times larger where no strain says how much: a step of R10, in which sizes are made. A dome of 192 quads that is as soft as it may
+# be ends at 1.3 % of its size from the target instead of 3.0 when it is 1.5 times as large; half of that is the first step
+MODEST = 1.25
+MOST = 2.0  # times larger at one go, a second press goes on from what the first one brought; not measured
+STEP = 0.05  # sizes are rounded up to it
+# Times as many quads. With twice as many, five surfaces whose quads flattening distorts came from 2.8, 2.3, 3.0, 1.4 and 1.3 % of
+# their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals have room left it is only worth a try: three saddles that were optimised
+# went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
+DENSER = 2
+# the most rounded series R''10 of ISO 497, in which most sheets are sold, per decade
+SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+MILLIMETRES = SHOWN["m"][0]
+
+
+def amounts(advised: Collection[str], *, strain: float | None, soft: bool, thickness: float, quads: int) -> Amounts:
+    """How much of every remedy that is advised, by its name, for ``report.json``; without those that cannot be followed.
+
+    strain : the largest, as a share of what the material bears, where it is known; soft : spirals are as soft as they may be
+    thickness : metres. What comes back: times the size, millimetres of the sheet, number of quads; None for a cut
+    """
+    times = larger(strain, soft=soft)
+    found: Amounts = {CUT: None, LARGER: times, FINER: finer(quads)}
+    sheet = thinner(thickness, times)
+    found[THINNER] = None if sheet is None else round(sheet * MILLIMETRES, 6)
+    return {name: found[name] for name in advised if name == CUT or found[name] is not None}
+
+
+def larger(strain: float | None, *, soft: bool) -> float:
+    """How many times larger a piece has to be, as ``amounts``.
+
+    A sheet of thickness h that is bent to a radius R is strained by h / 2R (Euler and Bernoulli), and a strip of length l whose ends
+    turn by an angle against each other by h / 2l times that angle: both fall as the size grows. So it is the excess of the
+    strain. Measured on a dome and a saddle 1.5 times as large, strains fell by 1.54 to 2.2 times, as arms can be wound more.
+    """
+    excess = max(strain or 0.0, MODEST if soft else 1.0)
+    return round(min(MOST, STEP * math.ceil(excess / STEP - 1e-6)), 2)
+
+
+def thinner(thickness: float, times: float) -> float | None:
+    """Metres: the next usual sheet that is thinner by as much as a piece would have to be ``larger``; None where there is none.
+
+    By the same formula, which is the least that it takes: strains of twisted arms that are thicker than wide fall more slowly, on
+    the dome and the saddle by 1.2 times from 3 to 2 mm.
+    """
+    least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
+    most = thickness / max(times, 1.0)
+    usual = [share * 10.0**decade for decade in range(-5, 0) for share in SERIES]
+    fitting = [
+        sheet for sheet in usual if least * (1 - 1e-6) <= sheet <= most * (1 + 1e-6) and sheet < 0.999 * thickness
+    ]
+    return max(fitting, default=None)
+
+
+def finer(quads: int) -> int | None:
+    """How many quads, ``DENSER`` times as many as there are; None where that are more than can be asked for."""
+    most = next(f for f in fields(RemeshParams) if f.name == "quads").metadata["high"]
+    return DENSER * quads if DENSER * quads <= most else None
+
+
+def of_block(block: Mapping[str, Any]) -> Amounts:
+    """What a ``reach`` block advises; one of an earlier version says only in its sentence whether a cut would help."""
+    if "remedies" in block:
+        return {name: amount for name, amount in block["remedies"].items() if name in REMEDIES}
+    return {CUT: None} if "cut" in block["advice"] else {}

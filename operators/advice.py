@@ -1,0 +1,268 @@
+"""What was advised, done: a larger piece, a thinner sheet, finer quads, made again as far as it was, with what that brought."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+
+from ..bridge.store import advice, notes
+from ..bridge.store.objects import find
+from ..engine.errors import FlexMapsError
+from ..engine.optimisation.remedies import FINER, LARGER, MILLIMETRES, THINNER
+from ..engine.params import ObjectSettings
+from ..engine.progress import Progress
+from .continued import Continuation, ContinuedStage
+from .optimise import searching
+from .remesh import take_over
+from .simulate import settled
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import Surface
+    from ..bridge.view.flat_panels import PanelDrawing
+    from ..engine.runs.result import Result
+    from ..engine.surface.mesh import QuadMesh
+
+LIKE = 1e-3  # share of an edge by which vertices may be rounded in Blender's single precision; not measured
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """The piece as it was and as it is with what was advised, the panels to draw, and what the stages tell of it."""
+
+    before: Result
+    after: Result
+    panels: PanelDrawing
+    blocks: dict[str, Any]
+
+
+class Advised(ContinuedStage):
+    """Changes what was advised, then runs the stages that this makes out of date, up to the one that gave the advice.
+
+    remedy : its name in the advice
+    """
+
+    needs = "flat"
+    loaded = True
+    remedy = ""
+
+    _amount = 0.0  # as the advice says, see ``remedies.amounts``
+    _figures: Any = None  # of the shape that the advice was made from: its block of the notes
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return notes.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
+
+    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+        """The result with what was advised, and with spirals; not on Blender's main thread."""
+        raise NotImplementedError
+
+    def settings(self, snapshot: Snapshot) -> ObjectSettings:
+        """The settings that it is made with."""
+        return snapshot.settings
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.store import states
+        from ..bridge.view.flat_panels import PanelDrawing
+
+        blocks = notes.read(obj.data)
+        if states.of(obj, bpy.context.scene)["reach"].kind != states.DONE:
+            raise FlexMapsError("What was advised is out of date; press Simulate or Optimise first")
+        amount = advice.of(obj.data)[self.remedy]
+        assert amount is not None
+        self._amount, self._figures = amount, blocks["equilibrium"]
+        searched, wanted = "optimise" in blocks, self.settings(snapshot)
+        search = searching(wanted)
+
+        def go_on(result: Result, progress: Progress) -> Made:
+            from ..engine.runs import report
+
+            made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
+            if searched:
+                made = search(made, progress.part(0.3, 0.9))
+                made = settled(
+                    made, replace(wanted, simulate=replace(wanted.simulate, restarts=0)), progress.part(0.9, 0.92)
+                )
+            else:
+                made = settled(made, wanted, progress.part(0.3, 0.9))
+            assert made.design is not None
+            progress(0.92, "Drawing outlines")
+            panels = PanelDrawing.of(made.design, wanted, progress.part(0.92, 0.99))
+            return Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
+
+        return go_on
+
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+        return result.panels.show(obj, context.scene)
+
+    def written(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, made: Made, was: float, now: float
+    ) -> str:
+        """Write the piece into an object that has its shape, with its notes; what to tell the user comes back."""
+        from ..bridge.store import equilibrium, mesh
+
+        blocks, kept = dict(made.blocks), notes.read(obj.data).get("layout", {})
+        if made.after.flat is made.before.flat:
+            del blocks["layout"]
+        else:
+            mesh.write_flat(obj, surface, made.panels.design.flat, made.panels.centres)
+            blocks["layout"] |= {key: kept[key] for key in (notes.TRACED,) if key in kept}
+        if made.after.design is made.before.design:
+            del blocks["spirals"]
+        else:
+            mesh.write_design(obj, surface, made.panels.design)
+        simulation = made.after.simulation
+        assert simulation is not None
+        equilibrium.write(obj, context.scene, surface, simulation, made.after.limits)
+        brought = advice.compared(self.remedy, was, now, self._figures, blocks["equilibrium"])
+        blocks["reach"] |= {advice.BROUGHT: brought}
+        notes.write_all(obj.data, blocks)
+        text, warning = equilibrium.sentences(blocks["equilibrium"])
+        self.level = "INFO" if advice.helped(brought) and not warning else "WARNING"
+        return ". ".join([advice.said(brought), *([text] if warning else [])])
+
+
+class MakeLarger(Advised, bpy.types.Operator):
+    """Scale the object by as much as is advised, and make again what there was: the same cuts, spirals, the shape at rest. Says what it brought"""
+
+    bl_idname = "flexmaps.make_larger"
+    bl_label = "Larger"
+    remedy = LARGER
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        return super().obstacle(obj) or (
+            "The object's scale is locked; unlock it first" if any(obj.lock_scale) else None
+        )
+
+    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+        from ..bridge.store import mesh
+        from ..engine.runs import job
+
+        about = snapshot.surface.to_metres[:3, 3]
+        made = job.enlarged(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
+        assert result.design is not None
+        if searched or snapshot.note is None or not mesh.as_noted(result.design, snapshot.note):
+            return made  # what was found, or set by hand, is a better start than what the curvature says
+        return job.go_on(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import mesh, states
+
+        scale = obj.scale.copy()
+        obj.scale = scale * self._amount
+        context.view_layer.update()
+        now = mesh.read_surface(obj, context.scene)
+        if not _alike(now, result.after.mesh):
+            obj.scale = scale
+            context.view_layer.update()
+            raise FlexMapsError(
+                f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
+            )
+        self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}  # nothing was turned
+        notes.write_checks(obj.data, result.after.findings)
+        return self.written(context, obj, now, result, 1.0, self._amount)
+
+
+class MakeThinner(Advised, bpy.types.Operator):
+    """Take the next thinner sheet, and find the shape at rest again, and the best spirals if they were optimised. Says what it brought"""
+
+    bl_idname = "flexmaps.make_thinner"
+    bl_label = "Thinner sheet"
+    remedy = THINNER
+
+    _was = 0.0  # millimetres
+
+    def settings(self, snapshot: Snapshot) -> ObjectSettings:
+        spiral = replace(snapshot.settings.spiral, thickness=self._amount / MILLIMETRES)
+        return replace(snapshot.settings, spiral=spiral)
+
+    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+        from ..engine.runs import stages
+
+        stages.needed(result, "design")
+        self._was = snapshot.settings.spiral.thickness * MILLIMETRES
+        return stages.outdated(result, snapshot.settings, self.settings(snapshot))
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import states
+
+        obj.flexmaps.spiral.thickness = self._amount
+        now, others = states.settings_now(obj, context.scene), "spiral!thickness"
+        if now[others] == self._made_from[others]:  # else somebody has changed another setting of the spirals meanwhile
+            self._made_from |= {"spiral": now["spiral"]}
+        return self.written(context, obj, surface, result, self._was, self._amount)
+
+
+class MakeFiner(Advised, bpy.types.Operator):
+    """Make a new object of about twice as many quads, hide this one, and make again what there was. Its seams are made anew: those marked by hand, and a layout that was chosen, stay with the old object"""
+
+    bl_idname = "flexmaps.make_finer"
+    bl_label = "Finer quads"
+    remedy = FINER
+
+    _made = 0  # Blender's id of the new object
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        problem = super().obstacle(obj)
+        if problem is None and obj.mode != "OBJECT":
+            return "Go to Object Mode: a new object is made"
+        if problem is None and (obj.flexmaps.loads.supports or obj.flexmaps.loads.pulled):
+            return "Supports and forces belong to the old quads: use Quad remesh, and choose them anew"
+        return problem
+
+    def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
+        from ..bridge.hosts import remesh
+        from ..engine.runs import job
+        from ..engine.surface.checking import check
+        from ..engine.surface.mesh import PolygonMesh
+
+        settings, polygons = snapshot.settings, snapshot.surface.polygons
+        found = remesh.quads_of(polygons, round(self._amount), settings.remesh.smooth, progress.part(0.0, 0.5))
+        begun = job.begin(found.polygons)
+        made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
+        return replace(made, findings=[*check.findings(PolygonMesh.of(made.mesh)), *found.findings])
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.hosts import remesh
+        from ..bridge.store import mesh, states
+        from ..bridge.view import overlay
+        from ..engine.surface.mesh import PolygonMesh
+
+        quads = result.after.mesh
+        made = remesh.as_object(PolygonMesh.of(quads), obj, context.scene)
+        try:
+            context.view_layer.update()
+            now = mesh.read_surface(made, context.scene)
+            if not _alike(now, quads):
+                raise FlexMapsError(f"'{obj.name}' is sheared by its parents; apply its scale and rotation first")
+            notes.write_checks(made.data, result.after.findings)
+            text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
+        except FlexMapsError:
+            bpy.data.meshes.remove(made.data)  # the object goes with it
+            raise
+        take_over(context, obj, made)
+        states.stamp(made, context.scene, self._made_from)
+        overlay.renew(made, self.shows)
+        self._made = made.session_uid
+        return text
+
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+        return super().after(context, find(self._made), result)
+
+
+def _alike(surface: Surface, mesh: QuadMesh) -> bool:
+    """Whether an object has the corners of the engine's quads, one by one and where they are."""
+    corners = surface.polygons.corners
+    if len(corners) != mesh.quads.size:
+        return False
+    away = surface.polygons.vertices[corners] - mesh.vertices[mesh.quads.ravel()]
+    return float(np.abs(away).max()) <= LIKE * mesh.median_edge
+
+
+CLASSES = (MakeLarger, MakeThinner, MakeFiner)

@@ -1,0 +1,158 @@
+"""What is advised as names and amounts: what each kind of surface gets, and how much of it, against the bent sheet by hand."""
+
+import dataclasses
+import math
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.optimisation import reach as reaching
+from flexmaps.engine.optimisation import remedies
+from flexmaps.engine.params import Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+LIMIT = 0.004  # a strain
+
+
+def bent(thickness: float, radius: float) -> float:
+    """By how much the outer side of a sheet is longer than its middle when it is bent to a radius, as a share of the limit."""
+    turn = 0.1
+    return ((radius + 0.5 * thickness) * turn - radius * turn) / (radius * turn) / LIMIT
+
+
+@pytest.mark.parametrize("radius", [0.22, 0.25, 0.3, 0.36])
+def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
+    thickness = 0.003
+    before = bent(thickness, radius)
+    assert 1.0 < before < remedies.MOST
+    times = remedies.larger(before, soft=False)
+    assert 1.0 - remedies.STEP < bent(thickness, times * radius) <= 1.0
+    sheet = remedies.thinner(thickness, times)
+    assert sheet is not None and bent(sheet, radius) <= 1.0
+    share = 10.0 ** (math.log10(sheet) % 1.0)
+    assert min(abs(share - usual) for usual in remedies.SERIES) < 1e-6
+    # there is no usual sheet between that and the one that would just do
+    assert not [s for s in remedies.SERIES if sheet * 1e3 + 1e-6 < s <= thickness * 1e3 / times]
+
+
+def test_where_no_strain_says_how_much_it_is_a_modest_step() -> None:
+    for strain in (None, 0.0, 0.7):
+        assert remedies.larger(strain, soft=True) == remedies.MODEST
+    assert remedies.larger(1.4, soft=True) == 1.4
+    assert remedies.larger(50.0, soft=False) == remedies.MOST
+    assert remedies.thinner(0.0001, 1.25) is None  # the thinnest that can be asked for
+    assert remedies.thinner(0.002, 1.0) == pytest.approx(0.0015)
+    assert remedies.thinner(0.0021, 1.0) == pytest.approx(0.002)
+    assert remedies.finer(240) == 480 and remedies.finer(99_999) is None
+
+
+def test_what_cannot_be_followed_is_left_out() -> None:
+    every = remedies.amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.003, quads=100)
+    assert every == {"cut": None, "larger": 1.35, "thinner": 2.0, "finer": 200}
+    least = remedies.amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.0001, quads=90_000)
+    assert least == {"cut": None, "larger": 1.35}
+
+
+def test_blocks_of_earlier_versions_tell_of_a_cut_in_their_sentence_alone() -> None:
+    assert remedies.of_block({"advice": "a cut there would help"}) == {"cut": None}
+    assert remedies.of_block({"advice": "a larger object would help"}) == {}
+    assert remedies.of_block({"advice": "a cut", "remedies": {"larger": 1.25, "of another version": 3}}) == {
+        "larger": 1.25
+    }
+
+
+def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0) -> Any:
+    short = [] if flat is None else [SimpleNamespace(flat=flat, line=np.arange(line))]
+    values = None if strain is None else np.array([0.1, strain])
+    return SimpleNamespace(strain=values, shortfalls=short, assembly=SimpleNamespace(thickness=0.002, size=100))
+
+
+def advised(kind: str, simulation: Any, *, searched: bool = True) -> list[str]:
+    share = np.zeros(len(reaching.NAMES))
+    share[reaching.NAMES.index(kind)] = 1.0
+    found = reaching._remedies(share, simulation, searched)
+    sentence = reaching.KINDS[reaching.NAMES.index(kind)][1]
+    for name, word in (("larger", "larger"), ("thinner", "thinner"), ("finer", "finer"), ("cut", "cut")):
+        if simulation.strain is None and not simulation.shortfalls:
+            assert name not in found or word in sentence  # a button never says more than the sentence
+    return list(found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "wanted"),
+    [
+        ("matched", []),
+        ("softest", ["larger", "thinner"]),
+        ("stiffest", []),
+        ("unstable", ["cut"]),
+        ("distorted", ["cut", "finer"]),
+        ("stretched", ["cut"]),
+        ("free", ["finer"]),
+    ],
+)
+def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
+    assert advised(kind, stand_in(None)) == advised(kind, stand_in(0.9)) == wanted
+    # strained arms ask for a larger piece or a thinner sheet as well, and finer quads would strain them more
+    over = advised(kind, stand_in(1.3))
+    assert set(over) == {"larger", "thinner", *wanted} - {"finer"}
+    # a piece that stays flat is told nothing of its spirals, one that is far off is; where a line would help it is a cut
+    assert advised(kind, stand_in(0.9, flat=True)) == []
+    assert advised(kind, stand_in(0.9, flat=True, line=3)) == ["cut"]
+    assert set(advised(kind, stand_in(0.9, flat=False, line=3))) == {"cut", *wanted}
+
+
+def test_quads_are_not_made_finer_before_spirals_were_searched() -> None:
+    assert advised("free", stand_in(0.5), searched=False) == []
+    assert advised("distorted", stand_in(0.5), searched=False) == ["cut", "finer"]
+
+
+# -- on a surface ------------------------------------------------------------------------------------------------------
+
+
+@lru_cache(maxsize=1)
+def dome() -> Result:
+    return job.run(PolygonMesh.of(shapes.make("dome")), Settings(), edge=0.02, stop_after="spirals")
+
+
+def on_sheets_of(side: float) -> Settings:
+    sheet = dataclasses.replace(Settings().sheet, sheet_width=side, sheet_height=side)
+    return dataclasses.replace(Settings(), sheet=sheet)
+
+
+def test_as_much_larger_as_the_formula_says_the_arms_bear_their_strain() -> None:
+    start = dome()
+    assert start.design is not None and start.flat is not None
+    found = simulate(start.design, start.mesh, MATERIALS["vero"], SimulateParams())
+    assert found.strain is not None
+    weak = dataclasses.replace(
+        MATERIALS["vero"], strain_limit=float(found.strain.max()) * found.material.strain_limit / 1.42
+    )
+    before = simulate(start.design, start.mesh, weak, SimulateParams())
+    told = reaching.reach(before).report()
+    assert told["remedies"]["larger"] == pytest.approx(1.45) and told["remedies"]["thinner"] < 2.0
+    about = np.array([0.1, -0.2, 0.3])
+    larger = job.enlarged(start, told["remedies"]["larger"], about, on_sheets_of(1.0))
+    assert larger.design is not None and larger.flat is not None
+    assert larger.mesh.median_edge == pytest.approx(1.45 * start.mesh.median_edge)
+    assert larger.mesh.vertices[3] - about == pytest.approx(1.45 * (start.mesh.vertices[3] - about))
+    assert (larger.flat.layout.cut == start.flat.layout.cut).all()
+    assert larger.design.twist == pytest.approx(start.design.twist, abs=0.02)  # there is more room: nothing has to give
+    after = simulate(larger.design, larger.mesh, weak, SimulateParams())
+    assert after.strain is not None and after.strain.max() <= 1.0
+    assert "larger" not in reaching.reach(after).remedies
+
+
+def test_a_panel_that_outgrows_its_sheet_is_cut() -> None:
+    start = dome()
+    assert start.flat is not None
+    larger = job.enlarged(start, 2.0, np.zeros(3), on_sheets_of(0.3))
+    assert larger.flat is not None and larger.design is not None
+    assert larger.flat.layout.cut[start.flat.layout.cut].all()
+    assert len(larger.flat.layout.patches) > len(start.flat.layout.patches)
