@@ -68,7 +68,23 @@ def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.nda
     quad, turn = _whole(len(pieces.face), merged, turns)
     sides = _glued(quad, turn, glued)
     keep = _real(quad, pieces, p, area)
-    return _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
+    result = _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
+    if not _is_like(mesh, result.corners.reshape(-1, 4)):
+        raise FlexMapsError("The map folds over itself and tears the surface")
+    return result
+
+
+def _is_like(mesh: Triangles, rows: np.ndarray) -> bool:
+    """Whether these quads are a manifold that faces one way, of the triangles' own kind."""
+    import igl
+
+    triangles = np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]])
+    directed = np.stack([rows.ravel(), np.roll(rows, -1, axis=1).ravel()], axis=1)
+    return (
+        len(np.unique(directed, axis=0)) == len(directed)
+        and bool(np.all(igl.is_vertex_manifold(triangles)))
+        and igl.euler_characteristic(triangles) == igl.euler_characteristic(mesh.corners)
+    )
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

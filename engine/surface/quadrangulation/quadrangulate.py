@@ -66,7 +66,9 @@ def _mapped(
         progress(0.4 + 0.6 * number / len(SCALES), "Mapping the surface onto a grid")
         for asked in (pairs, NOTHING)[not len(pairs.least) :]:
             whole = rounded(*maps.energy(scale * edge), asked)
-            if not asked.hold(whole):  # too much lies too near: another size seldom helps, and looking for it takes long
+            if not asked.hold(
+                whole
+            ):  # too much lies too near: another size seldom helps, and looking for it takes long
                 pairs = NOTHING
                 continue
             try:

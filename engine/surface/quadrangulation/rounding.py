@@ -61,7 +61,9 @@ def _separated(matrix: np.ndarray, right: np.ndarray, apart: Apart, result: np.n
     found = milp(
         np.concatenate([np.zeros(size), np.sqrt(np.diag(matrix))]),
         integrality=np.concatenate([np.ones(size), np.zeros(size)]),
-        bounds=Bounds(np.concatenate([result - FAR, np.zeros(size)]), np.concatenate([result + FAR, np.full(size, FAR)])),
+        bounds=Bounds(
+            np.concatenate([result - FAR, np.zeros(size)]), np.concatenate([result + FAR, np.full(size, FAR)])
+        ),
         constraints=[
             LinearConstraint(np.hstack([apart.rows, np.zeros_like(apart.rows)]), apart.least, np.inf),
             LinearConstraint(

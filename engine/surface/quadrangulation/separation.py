@@ -39,7 +39,7 @@ class Apart:
         return not len(self.least) or bool((self.rows @ whole >= self.least).all())
 
 
-NOTHING = Apart(np.zeros((0, 0)), np.zeros(0))
+NOTHING = Apart(np.empty((0, 0)), np.empty(0))  # is held by all
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ class _Search:
         """Note what lies within so many quads of a corner."""
         mesh, vertex = self.mesh, self.mesh.corners.ravel()
         place = mesh.vertices[vertex[corner]]
-        start = _Frame(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1])))
+        start = _Frame(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1]), dtype=np.int64))
         order = count()
         todo = [(0.0, next(order), corner // 3, start)]
         seen: set[int] = set()
@@ -138,7 +138,7 @@ class _Search:
         """(2, whole): u and v of a corner by the whole numbers."""
         wedge = int(self.chart.wedge[h])
         if wedge not in self._rows:
-            self._rows[wedge] = self.whole[2 * wedge : 2 * wedge + 2].toarray()
+            self._rows[wedge] = self.whole[2 * wedge : 2 * wedge + 2].toarray().astype(np.int64)
         return self._rows[wedge]
 
     def _step(self, s: int) -> tuple[np.ndarray, np.ndarray]:
