@@ -31,8 +31,8 @@ KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("unstable", "the shape is about to snap into another one: hold it there, or cut it along another line", (CUT,)),
     ("distorted", "quads are distorted by the flattening: squarer or finer quads, or a cut there, would help", (CUT, FINER)),
     ("stretched", "the panel is stretched in its plane more than it is bent: a cut there would let it close", (CUT,)),
-    ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or use finer quads",
-     (FINER,)),
+    ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or have other panels "
+     "proposed", ()),
 )  # fmt: skip
 NAMES = tuple(name for name, _, _ in KINDS)
 
@@ -85,7 +85,7 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
     advice = _advice(kind, share, simulation.shortfalls) + _strained(simulation)
-    return Reach(kind, share, advice, _remedies(share, simulation, isinstance(of, Optimisation)))
+    return Reach(kind, share, advice, _remedies(share, simulation))
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
@@ -163,11 +163,11 @@ def _worst(share: np.ndarray) -> int | None:
     return int(rest.argmax()) if rest.sum() > 0.0 else None
 
 
-def _remedies(share: np.ndarray, simulation: Simulation, searched: bool) -> Amounts:
+def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     """What of the advice a button can do, from what the sentences are made of.
 
     Where arms are strained there are no finer quads: twice as many have arms half as long to wind, on a dome and a saddle strained
-    1.6 and 1.7 times as much. Nor are there any where spirals have room left that was not ``searched``.
+    1.6 and 1.7 times as much.
     """
     short, worst = simulation.shortfalls[:1], _worst(share)
     if short and short[0].flat:
@@ -176,7 +176,7 @@ def _remedies(share: np.ndarray, simulation: Simulation, searched: bool) -> Amou
     strain = None if simulation.strain is None else float(simulation.strain.max())
     strained = strain is not None and strain > STRAINED
     advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
-    if strained or (kind == "free" and not searched):
+    if strained:
         advised = [name for name in advised if name != FINER]
     return amounts(
         dict.fromkeys(advised),

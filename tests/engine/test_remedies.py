@@ -74,10 +74,10 @@ def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0) -
     return SimpleNamespace(strain=values, shortfalls=short, assembly=SimpleNamespace(thickness=0.002, size=100))
 
 
-def advised(kind: str, simulation: Any, *, searched: bool = True) -> list[str]:
+def advised(kind: str, simulation: Any) -> list[str]:
     share = np.zeros(len(reaching.NAMES))
     share[reaching.NAMES.index(kind)] = 1.0
-    found = reaching._remedies(share, simulation, searched)
+    found = reaching._remedies(share, simulation)
     sentence = reaching.KINDS[reaching.NAMES.index(kind)][1]
     for name, word in (("larger", "larger"), ("thinner", "thinner"), ("finer", "finer"), ("cut", "cut")):
         if simulation.strain is None and not simulation.shortfalls:
@@ -94,7 +94,7 @@ def advised(kind: str, simulation: Any, *, searched: bool = True) -> list[str]:
         ("unstable", ["cut"]),
         ("distorted", ["cut", "finer"]),
         ("stretched", ["cut"]),
-        ("free", ["finer"]),
+        ("free", []),
     ],
 )
 def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
@@ -106,11 +106,6 @@ def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
     assert advised(kind, stand_in(0.9, flat=True)) == []
     assert advised(kind, stand_in(0.9, flat=True, line=3)) == ["cut"]
     assert set(advised(kind, stand_in(0.9, flat=False, line=3))) == {"cut", *wanted}
-
-
-def test_quads_are_not_made_finer_before_spirals_were_searched() -> None:
-    assert advised("free", stand_in(0.5), searched=False) == []
-    assert advised("distorted", stand_in(0.5), searched=False) == ["cut", "finer"]
 
 
 # -- on a surface ------------------------------------------------------------------------------------------------------
