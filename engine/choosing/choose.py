@@ -27,7 +27,7 @@ from ..surface.symmetry import keeping
 from ..workers import Workers
 from .choice import GIVEN, Choice, Proposal, proposal
 from .judge import FIRST, LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
-from .lines import drawn, planes
+from .lines import completed, drawn, planes
 from .moves import moves
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
@@ -103,8 +103,12 @@ class _Search:
         return self.key(one)[0] == 0.0
 
     def next(self, share: float) -> list[Laid]:
-        """The most promising layouts, as many as a share of what is left."""
-        return self.waiting[: int(share * self.left)]
+        """The most promising layouts, as many as a share of what is left; one at least is symmetric, where any is."""
+        taken = self.waiting[: int(share * self.left)]
+        symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
+        if taken and symmetric is not None and not any(one.symmetric > 1 for one in taken):
+            taken[-1] = symmetric
+        return taken
 
     def judge(self, laid: Iterable[Laid], progress: Progress) -> None:
         """Judge layouts that are not known yet by a short search, as many as there still may be."""
@@ -137,7 +141,7 @@ def choose(
     it is stopped before anything was judged, and ``FlexMapsError`` where not even the given layout takes a shape.
     """
     search = _Search(piece, params, together or Workers(1))
-    first = Laid(given, GIVEN, 1 + len(keeping(list(piece.symmetries), given.layout.cut)))
+    first = Laid(given, GIVEN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
     try:
         _begin(search, first, progress.part(0.0, 0.1))
@@ -183,6 +187,7 @@ def _collect(search: _Search, first: Laid, progress: Progress) -> None:
     if not search.params.near:
         others = [*LADDER, *(Idea(cut, name) for name, cut in planes(mesh, piece.symmetries))]
         others += [Idea(cut, name) for name, cut in drawn(mesh, MOST_PARTS, piece.symmetries)]
+        others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
     jobs = others if quick is None else [first, *others]
     most = CURVED * taken_up(first.flat.layout)
     made = search.together(partial(_done, piece, most), jobs, progress, search.said)

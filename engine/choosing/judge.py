@@ -121,7 +121,7 @@ def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SIL
         return None
     if overlapping(flat):
         return None
-    return Laid(flat, idea.origin, 1 + len(keeping(list(piece.symmetries), flat.layout.cut)))
+    return Laid(flat, idea.origin, 1 + len(keeping(piece.symmetries, flat.layout.cut)))
 
 
 def taken_up(layout: PatchLayout) -> float:

@@ -1,4 +1,5 @@
-"""Cuts that a person would draw: equal strips, rings and petals along families of parallel lines, and seams in mirror planes."""
+"""Cuts that a person would draw: equal strips, rings and petals along families of parallel lines, seams in mirror planes, and
+layouts made symmetric."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..patches.layout import groups, straight_on
 from ..surface.mesh import QuadMesh
-from ..surface.symmetry import Symmetry
+from ..surface.symmetry import Symmetry, keeping
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it
+COMPLETED = 4  # ways to make a layout symmetric that are tried, those with the fewest cuts first; not measured, it bounds the time
 LEAST = 4  # lines of a family: fewer are no family but a coincidence
 
 
@@ -135,7 +137,7 @@ def drawn(
 
 def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
     """The edges that a mirror leaves where they are: those in its plane. None of a rotation."""
-    if np.linalg.det(symmetry.matrix) > 0.0:
+    if not symmetry.mirrors:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
     return np.flatnonzero(still[mesh.edges].all(axis=1) & ~mesh.border)
@@ -153,3 +155,34 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
             yield "along a mirror plane", cut
     if len(found) > 1:
         yield "along all mirror planes", np.any(found, axis=0)
+
+
+def completed(
+    cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
+) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+    """A layout made symmetric: with its images, or one half of it on both sides of a mirror plane; a name and (E,) bool each."""
+    found = []
+    for symmetry in symmetries:
+        found.append(("as it was, with its images", _with_images(cut, symmetry)))
+        if symmetry.mirrors:
+            middle = mesh.vertices[mesh.edges].mean(axis=1)
+            # twice the part across the plane of what lies between an edge and its image tells on which side it is
+            side = (middle - middle[symmetry.edges]) @ symmetry.normal
+            for way in (1.0, -1.0):
+                found.append(("one half, mirrored", np.where(way * side >= 0.0, cut, cut[symmetry.edges])))
+    sound = {
+        edges.tobytes(): (name, edges)
+        for name, edges in found
+        if edges.any() and (edges != cut).any() and keeping(symmetries, edges)
+    }
+    yield from sorted(sound.values(), key=lambda one: int(one[1].sum()))[:COMPLETED]
+
+
+def _with_images(cut: np.ndarray, symmetry: Symmetry) -> np.ndarray:
+    """The cuts with their images under a symmetry, and the images of those, until there are no more."""
+    while True:
+        more = cut.copy()
+        more[symmetry.edges[cut]] = True
+        if (more == cut).all():
+            return cut
+        cut = more

@@ -28,7 +28,7 @@ def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[
     Every change comes with its images under the symmetries which the layout keeps.
     """
     layout = judged.laid.flat.layout
-    kept = keeping(list(piece.symmetries), layout.cut)
+    kept = keeping(piece.symmetries, layout.cut)
 
     def changed(edges: np.ndarray, value: bool, origin: str) -> Idea:
         cut = layout.cut.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,17 @@ class Symmetry:
     quads: Int[np.ndarray, " quads"]
     edges: Int[np.ndarray, " edges"]
     matrix: Float[np.ndarray, "3 3"]
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether it is a reflection in a plane."""
+        return bool(np.linalg.det(self.matrix) < 0.0 and abs(np.trace(self.matrix) - 1.0) < 0.01)
+
+    @property
+    def normal(self) -> Float[np.ndarray, " 3"]:
+        """Unit length: that of the plane of a reflection."""
+        values, vectors = np.linalg.eigh((self.matrix + self.matrix.T) / 2)
+        return vectors[:, int(values.argmin())]
 
     @property
     def name(self) -> str:
@@ -163,7 +175,7 @@ def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"]
     return result
 
 
-def keeping(found: list[Symmetry], cut: np.ndarray) -> list[Symmetry]:
+def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
     """Those symmetries that map the cuts of a layout onto themselves."""
     return [s for s in found if (cut[s.edges] == cut).all()]
 

@@ -19,7 +19,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
-from flexmaps.engine.surface.symmetry import symmetries
+from flexmaps.engine.surface.symmetry import keeping, symmetries
 
 
 def torus(around: int = 16, across: int = 8) -> QuadMesh:
@@ -91,6 +91,23 @@ def test_seams_lie_in_the_mirror_planes() -> None:
 
 
 @cache
+def test_a_lopsided_layout_is_made_symmetric() -> None:
+    """With its images it has all its cuts still; mirrored halves cut as much on both sides as there."""
+    mesh = grid(8, 6)
+    found = symmetries(mesh)
+    x = mesh.vertices[mesh.edges][:, :, 0]
+    cut = (np.isclose(x, 0.02) | np.isclose(x, 0.12)).all(axis=1)  # two lines, at 1 and 6 quads of 8
+    names = set()
+    for name, edges in lines.completed(cut, mesh, found):
+        names.add(name)
+        assert keeping(found, edges)
+        assert "images" not in name or (edges >= cut).all()
+    assert names == {"as it was, with its images", "one half, mirrored"}
+    across = next(s for s in found if s.name == "mirror across x")
+    assert np.allclose(np.abs(across.normal), [1.0, 0.0, 0.0]) and across.mirrors
+    assert not any(s.mirrors for s in found if "turn" in s.name)
+
+
 def ball() -> Piece:
     """A ball of 150 quads, whose one panel a short search leaves at about 1 % of its size."""
     made = job.run(PolygonMesh.of(shapes.make("cubesphere")), Settings(), stop_after="split")
