@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
+import json
 import time
 from pathlib import Path
 from typing import Any
@@ -19,15 +20,20 @@ import numpy as np
 import zoo
 from flexmaps.bridge.hosts import remesh
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import Settings
+from flexmaps.engine.runs import job
 from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
-from rows import Table, at_most
+from rows import Row, Table, at_most, row
 
 FEWER, BETTER = 2 / 3, 0.8  # of the first answer alone: irregular vertices, misalignment to the principal directions
+ENERGY = 0.035  # distortion that a quad should keep below
+EDGE = 0.02  # metres
 RADIUS = 5  # edges of the triangles that libigl's quadrics reach; its default
-LONGEST = 60.0  # seconds that one QuadriFlow run may take
+LONGEST = 60.0  # seconds
+IRREGULAR, OFF = "irregular vertices", "misalignment"  # names of rows
 MADE = ("remesh-potato", "remesh-rough", "remesh-spiky", "remesh-land", "cube", "torus", "dome", "saddle")
 
 
@@ -38,7 +44,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of meshes")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--quads", type=int, default=1000, help="quads asked for")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
     options = parser.parse_args(arguments)
     files = (
         sorted([*options.meshes.glob("*.o[bf][jf]"), *options.meshes.glob("foreign/*.o[bf][jf]")])
@@ -48,9 +54,15 @@ def main(arguments: list[str]) -> int:
     surfaces: dict[str, Any] = {path.stem: lambda path=path: meshio.read(path) for path in files}
     surfaces |= {name: zoo.SURFACES[name].make for name in MADE if name in zoo.SURFACES}
     table = Table(26)
+    known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
+    table.rows = [one for one in known if one["mesh"] != "all"]
+    done = {one["mesh"] for one in table.rows}
     for name, make in surfaces.items():
-        if any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(",")):
+        if name[:17] not in done and any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(",")):
             _measure(table, name[:17], make(), options.quads)
+        if options.json:
+            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
+    table.add(*_summed(table.rows))
     table.finish(options.json)
     return 0
 
@@ -67,22 +79,58 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
         try:
             mesh = as_quad_mesh(remesh.quads_of(triangles, count, True).polygons)
             judged = quality.quality(PolygonMesh.of(mesh), target)
-            found[way] = (judged, off_principal(mesh, target), len(mesh.quads), time.perf_counter() - begun)
+            found[way] = (judged, off_principal(mesh, target), mesh, time.perf_counter() - begun)
         except FlexMapsError as error:
             print(f"{name} {way}: {error}", flush=True)
         finally:
             requad.CANDIDATES, requad.OWN = usual
     table.add(at_most(name, "refused", 0, int("best" not in found)))
     if len(found) == 2:
-        (one, off_one, quads_one, seconds_one), (best, off, quads, seconds) = found["first"], found["best"]
+        (one, off_one, mesh_one, seconds_one), (best, off, mesh, seconds) = found["first"], found["best"]
         table.add(
-            at_most(name, "irregular vertices", FEWER * one.irregular, best.irregular, {"first": one.irregular}),
-            at_most(name, "misalignment", BETTER * off_one, off, {"first": round(off_one, 1)}),
-            at_most(name, "unevenness", None, best.unevenness, {"first": round(one.unevenness, 3)}),
-            at_most(name, "sharp edges lost", None, best.lost, {"first": round(one.lost, 3)}),
-            at_most(name, "quads", None, quads, {"first": quads_one}),
-            at_most(name, "seconds", requad.CANDIDATES * LONGEST, seconds, {"first": round(seconds_one, 1)}),
+            row(name, IRREGULAR, "", best.irregular, None, {"first": one.irregular}),
+            row(name, OFF, "", round(off, 1), None, {"first": round(off_one, 1)}),
+            row(name, "unevenness", "", round(best.unevenness, 3), None, {"first": round(one.unevenness, 3)}),
+            row(name, "sharp edges lost", "", round(best.lost, 3), None, {"first": round(one.lost, 3)}),
+            row(name, "quads", "", len(mesh.quads), None, {"first": len(mesh_one.quads)}),
+            at_most(name, "E after merging", ENERGY, merged_energy(mesh), {"first": merged_energy(mesh_one)}),
+            at_most(name, "seconds", LONGEST, seconds, {"first": round(seconds_one, 1)}),
         )
+
+
+def _summed(rows: list[Row]) -> list[Row]:
+    """What all surfaces came to, beside the first answers alone."""
+
+    def both(name: str) -> tuple[list[float], list[float]]:
+        found = [one for one in rows if one["row"] == name]
+        return [one["measured"] for one in found], [one["peer"]["first"] for one in found]
+
+    (irregular, irregular_first), (off, off_first) = both(IRREGULAR), both(OFF)
+    if not irregular:
+        return []
+    count = len(irregular)
+    return [
+        row("all", "surfaces", "", count, None),
+        at_most("all", IRREGULAR, FEWER * sum(irregular_first), sum(irregular), {"first": sum(irregular_first)}),
+        at_most(
+            "all",
+            "mean misalignment",
+            BETTER * sum(off_first) / count,
+            sum(off) / count,
+            {"first": round(sum(off_first) / count, 1)},
+        ),
+    ]
+
+
+def merged_energy(mesh: QuadMesh) -> float:
+    """The worst quad's distortion in the merged panels; NaN where no layout is found."""
+    try:
+        found = job.run(PolygonMesh.of(mesh), Settings(), edge=EDGE, stop_after="split")
+    except FlexMapsError as error:
+        print(error, flush=True)
+        return float("nan")
+    assert found.flat is not None
+    return round(float(found.flat.energy.max()), 4)
 
 
 def off_principal(mesh: QuadMesh, target: Any) -> float:

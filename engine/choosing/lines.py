@@ -9,13 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float, Int
-from ..patches.layout import groups, straight_on
+from ..patches.layout import PatchLayout, groups, straight_on
+from ..patches.tracing.trace import make_disks
 from ..surface.mesh import QuadMesh
 from ..surface.symmetry import Symmetry, keeping
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it
-COMPLETED = 4  # ways to make a layout symmetric that are tried, those with the fewest cuts first; not measured, it bounds the time
+COMPLETED = 2  # layouts made symmetric that are tried in each way, those with the fewest cuts first; not measured, it bounds the time
+OPENINGS = 3  # rounds of opening what is no disk and adding the images; one mends most
 LEAST = 4  # lines of a family: fewer are no family but a coincidence
 
 
@@ -161,21 +163,32 @@ def completed(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """A layout made symmetric: with its images, or one half of it on both sides of a mirror plane; a name and (E,) bool each."""
-    found = []
+    ways: dict[str, dict[bytes, np.ndarray]] = {"as it was, with its images": {}, "one half, mirrored": {}}
+    images, halves = ways.values()
     for symmetry in symmetries:
-        found.append(("as it was, with its images", _with_images(cut, symmetry)))
+        found = _opened(cut, mesh, symmetry)
+        images[found.tobytes()] = found
         if symmetry.mirrors:
             middle = mesh.vertices[mesh.edges].mean(axis=1)
             # twice the part across the plane of what lies between an edge and its image tells on which side it is
             side = (middle - middle[symmetry.edges]) @ symmetry.normal
             for way in (1.0, -1.0):
-                found.append(("one half, mirrored", np.where(way * side >= 0.0, cut, cut[symmetry.edges])))
-    sound = {
-        edges.tobytes(): (name, edges)
-        for name, edges in found
-        if edges.any() and (edges != cut).any() and keeping(symmetries, edges)
-    }
-    yield from sorted(sound.values(), key=lambda one: int(one[1].sum()))[:COMPLETED]
+                found = _opened(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
+                halves[found.tobytes()] = found
+    for name, layouts in ways.items():
+        sound = [one for one in layouts.values() if one.any() and (one != cut).any() and keeping(symmetries, one)]
+        yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:COMPLETED])
+
+
+def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
+    """The cuts with their images under a symmetry; what is no disk is opened in images of one cut."""
+    for _ in range(OPENINGS):
+        cut = _with_images(cut, symmetry)
+        opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border
+        if (opened == cut).all():
+            break
+        cut = opened
+    return cut
 
 
 def _with_images(cut: np.ndarray, symmetry: Symmetry) -> np.ndarray:

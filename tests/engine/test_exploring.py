@@ -12,13 +12,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from flexmaps import api
+from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.exploring import candidate as candidates
 from flexmaps.engine.exploring import folder as folders
 from flexmaps.engine.exploring.candidate import Base, Candidate
 from flexmaps.engine.exploring.explore import explore
 from flexmaps.engine.exploring.space import goal, space, variable
-from flexmaps.engine.params import ObjectSettings
+from flexmaps.engine.params import ObjectSettings, changed
 from flexmaps.engine.progress import Progress
 
 DEFAULTS = ObjectSettings()
@@ -247,3 +248,25 @@ def test_settings_that_cross_are_the_fault_of_a_candidate_alone(strip):
     one = candidates.evaluate(base, {"spiral.width_max": 0.5})
     assert "Largest width" in one.fault
     assert not one.measures
+
+
+def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
+    dome = api.load("shape:dome", edge=20)
+    made = api.explore(dome, {"quads": [50, 100]}, tmp_path, effort=0.03, cores=2, goals=())
+    assert [(one.values["quads"], one.fault) for one in made.candidates] == [(50, ""), (100, "")]
+    for one in made.candidates:
+        assert one.measures["quads"] == pytest.approx(one.values["quads"], rel=0.25)
+    taken = api.use(dome, made.candidates[1].values)
+    assert len(taken.mesh.quads) == made.candidates[1].measures["quads"]
+
+
+def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
+    """With the goal of so many panels, every candidate's layout is chosen, and has no more than asked."""
+    for name, value in {"FEWEST": 3, "MOST": 3, "MOST_PARTS": 3, "STEEP": ()}.items():
+        monkeypatch.setattr(choosing, name, value)
+    result = strip.result
+    settings = changed(strip.settings, {"choose.goal": "panels", "optimise.patience": 0.1})
+    base = Base({0: candidates.Start(result.mesh, result.flat.layout.cut)}, settings, effort=0.03)
+    for panels in (1, 2):
+        one = candidates.evaluate(base, {"choose.panels": panels})
+        assert not one.fault and 1 <= one.measures["panels"] <= panels
