@@ -21,6 +21,8 @@ from . import summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
+KEEP = {"choose", "optimise", "explore"}  # commands that give what they have found when they are stopped
+
 
 class Parser(argparse.ArgumentParser):
     """Mistakes in one line, as all others."""
@@ -81,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     )
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
-    listed.set_defaults(run=lambda args, tell: _listed(), tell=summary.settings)
+    listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
     return made
 
 
@@ -96,7 +98,7 @@ def number(text: str) -> float:
 def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
     """A command that reads a mesh, with the arguments that all of them have."""
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=run, tell=tell)
+    made.set_defaults(run=run, tell=tell, keeps=name in KEEP)
     made.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )

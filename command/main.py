@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
 NAME = "flexmaps"
@@ -49,7 +50,7 @@ def main(argv: list[str]) -> int:
         return int(end.code or 0)
     console = Console()
     try:
-        with stoppable(), quiet_blender():
+        with stoppable(console if args.keeps else None), quiet_blender():
             described = args.run(args, console)
         status = _status(args.command, described)
     except FlexMapsError as error:
@@ -82,10 +83,20 @@ def _status(command: str, described: dict[str, Any]) -> int:
 
 
 @contextmanager
-def stoppable() -> Iterator[None]:
-    """Ctrl-C stops the work as in any Python program; Blender by itself would only take note of it, and end at the second."""
+def stoppable(console: Console | None) -> Iterator[None]:
+    """Ctrl-C stops the work as in any Python program; Blender by itself would only take note of it, and end at the second.
+
+    console : where work that keeps what it has found reports; the first Ctrl-C ends it there in good order, the second at once
+    """
+
+    def pressed(number: int, frame: FrameType | None) -> None:
+        if console is None or console.stopping:
+            signal.default_int_handler(number, frame)
+        else:
+            console.stopping = True
+
     try:
-        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        before = signal.signal(signal.SIGINT, pressed)
     except ValueError:  # another thread than the main one
         yield
         return
@@ -101,10 +112,16 @@ class Console:
     EVERY = 2.0  # seconds between lines that stay
 
     def __init__(self) -> None:
+        self.stopping = False
         self._live = sys.stderr.isatty()
         self._last = 0.0
 
     def __call__(self, fraction: float, text: str) -> None:
+        if self.stopping:
+            from ..engine.errors import Cancelled
+
+            self.stopping = False  # once: what was found is still to be judged and written
+            raise Cancelled("Stopped")
         if self._live:
             print(f"\r\033[K{fraction:4.0%}  {text}", end="", file=sys.stderr, flush=True)
         elif time.monotonic() - self._last > self.EVERY or fraction >= 1.0:

@@ -54,7 +54,10 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
 def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
     """The candidates of the front, a line each, and what was found."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
-    print(f"{len(rows)} candidates" + ("" if described["finished"] else ", then stopped; call it again to go on"))
+    print(
+        ("1 candidate" if len(rows) == 1 else f"{len(rows)} candidates")
+        + ("" if described["finished"] else ", then stopped; call it again to go on")
+    )
     for number in described["front"]:
         one, mark = rows[number], "*" if number == described["best"] else " "
         given = ", ".join(f"{name} {value}" for name, value in one["values"].items())

@@ -12,6 +12,8 @@ import bpy
 import pytest
 from flexmaps.command import arguments
 from flexmaps.command import main as command
+from flexmaps.engine.exploring.candidate import Candidate
+from flexmaps.engine.exploring.folder import Folder
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 
@@ -107,6 +109,24 @@ def test_control_c_is_the_users_while_a_command_runs(
         signal.signal(signal.SIGINT, before)
     assert len(lines(capsys.readouterr().err)) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_control_c_ends_an_exploration_with_what_it_found(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first one; the second ends it at once, as of any program."""
+    add = Folder.add
+
+    def pressed(folder: Folder, one: Candidate) -> None:
+        add(folder, one)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Folder, "add", pressed)
+    words = ("explore", "shape:strip", "--out", tmp_path, "--vary", "edge=10:30", "--cores", 1, *QUICK)
+    assert run(*words) == 0
+    said = capsys.readouterr()
+    assert "1 candidate, then stopped" in said.out
+    assert len((tmp_path / "candidates.csv").read_text().splitlines()) == 1 + 1
 
 
 def test_results_to_standard_output_and_progress_to_standard_error(
