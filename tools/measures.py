@@ -32,6 +32,7 @@ ROOMS = (
     "engine/mechanics",
     "engine/mechanics/arms",
     "engine/mechanics/rods",
+    "engine/scanning",
     "engine/simulation",
     "engine/optimisation",
     "engine/fabrication/panels",

@@ -1,0 +1,1 @@
+"""The built piece, scanned, beside the shape that was predicted."""
