@@ -351,6 +351,11 @@ class SheetParams(Params):
         high=0.1,
         unit="m",
     )
+    frame: bool = setting(
+        True,
+        "Sheet outline",
+        "Draw the sheet's edge and its origin in SVG and DXF, on a layer of their own that is not to be cut",
+    )
     oversize: str = setting(
         "split", "Too large panels", "What happens to a panel that is larger than the sheet",
         choices=(
@@ -387,6 +392,23 @@ class SheetParams(Params):
                 f"The sheet of {self.sheet_width * 1e3:g} x {self.sheet_height * 1e3:g} mm is nothing but margin; make it"
                 f" larger or the margin of {self.margin * 1e3:g} mm smaller"
             )
+
+
+@dataclass(frozen=True)
+class CostParams(Params):
+    """What the sheets, the machine and the hands cost, in any money; 0 where that does not count."""
+
+    sheet_price: float = setting(0.0, "Price of a sheet", "What one sheet of the material costs", low=0.0, high=1e6)
+    machine_rate: float = setting(
+        0.0,
+        "Machine, an hour",
+        "What an hour of the laser costs; materials that no laser cuts have none",
+        low=0.0,
+        high=1e6,
+    )
+    labour_rate: float = setting(
+        0.0, "Assembly, an hour", "What an hour of putting the panels together costs", low=0.0, high=1e6
+    )
 
 
 @dataclass(frozen=True)
@@ -542,6 +564,7 @@ class Settings:
     connect: ConnectorParams = field(default_factory=ConnectorParams)
     cut: CutParams = field(default_factory=CutParams)
     sheet: SheetParams = field(default_factory=SheetParams)
+    cost: CostParams = field(default_factory=CostParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
     optimise: OptimiseParams = field(default_factory=OptimiseParams)

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.settings import unsaved
-from ..engine.params import ConnectorParams, CutParams, ExportParams, SheetParams
+from ..engine.params import ConnectorParams, CostParams, CutParams, ExportParams, SheetParams
 from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
@@ -43,6 +43,9 @@ class ExportPanel(StagePanel, bpy.types.Panel):
                 settings_rows(body, settings.connect, ConnectorParams, more_names)
             body.separator()
             settings_rows(body, settings.cut, CutParams, CUT if settings.cut.tabs else CUT[:-1])
+        body = fold(layout, "flexmaps_cost", "Prices")
+        if body is not None:
+            settings_rows(body, settings.cost, CostParams, tuple(CostParams.__dataclass_fields__))
         body = fold(layout, "flexmaps_files", "Kinds of files")
         if body is not None:
             settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
@@ -58,6 +61,8 @@ def _sheets(layout: Any, block: dict[str, Any]) -> None:
     number(grid, "Cut length", decimals(block, "cut_length_m", 1, " m"))
     if block.get("joints"):
         number(grid, "Assembly, about", duration(block.get("assembly_minutes", 0)))
+    if "cost" in block:
+        number(grid, "Cost, about", f"{block['cost']['total']:.2f}")
     if block.get("glued"):
         number(grid, "For glue", str(len(block["glued"])))
     if block.get("unsolved"):
@@ -68,6 +73,7 @@ def _sheets(layout: Any, block: dict[str, Any]) -> None:
     number(rest, "Filled", percent(block, "fill"))
     if "cut_minutes" in block:
         number(rest, "Laser, about", duration(block["cut_minutes"]))
+    number(rest, "Waste", percent(block, "waste"))
     number(rest, "Mass", decimals(block, "mass_g", 0, " g"))
     number(rest, "Narrowest arm", decimals(block, "bridge_min_mm", 2, " mm"))
     number(rest, "Joints", str(block.get("joints", "-")))

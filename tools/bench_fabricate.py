@@ -296,7 +296,8 @@ def svg_polygons(path: Path) -> list[shapely.Polygon]:
                 points += [(p.x, p.y) for p in (segment.point(t) for t in np.linspace(0, 1, steps)[1:])]
             elif isinstance(segment, svgelements.Move | svgelements.Line):
                 points.append((segment.end.x, segment.end.y))
-        rings[COLOURS[element.stroke.hex]].append(np.array(points) * [1, -1] + [0, height])
+        if element.stroke.hex in COLOURS:
+            rings[COLOURS[element.stroke.hex]].append(np.array(points) * [1, -1] + [0, height])
     return _panels(rings["outer"], rings["inner"])
 
 
@@ -322,9 +323,9 @@ def dxf_polygons(path: Path) -> list[shapely.Polygon]:
 
     document = ezdxf.readfile(path)
     assert not document.audit().errors
-    rings: dict[str, list[np.ndarray]] = {"CUT_OUTER": [], "CUT_INNER": [], "ENGRAVE": []}
+    rings: dict[str, list[np.ndarray]] = {"CUT_OUTER": [], "CUT_INNER": []}
     for entity in document.modelspace():
-        if entity.dxf.layer != "ENGRAVE":
+        if entity.dxf.layer in rings:
             points = np.array([(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)])
             # ezdxf closes a curve of arcs to within rounding, which is a crossing for shapely
             same = np.abs(points[-1] - points[0]).max() < 1e-6

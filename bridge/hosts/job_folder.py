@@ -14,7 +14,7 @@ from typing import Any
 
 from ...engine import files
 from ...engine.assembling import sheet as assembly_sheet
-from ...engine.fabrication.writers import export, series
+from ...engine.fabrication.writers import export, parts, series
 from ...engine.params import Settings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import job, report, report_page
@@ -91,12 +91,18 @@ def write_sheets(
     guide: Path | None,
     progress: Progress = SILENT,
 ) -> list[Path]:
-    """Write the sheets as base-01.svg, ..., and the assembly sheet as ``guide``, if that is a file; returns the files."""
+    """Write the sheets as base-01.svg, ..., base-parts.csv, and the assembly sheet as ``guide``, if that is a file.
+
+    Returns the files.
+    """
     made, figures = result.sheets, result.estimates
     assert made is not None
     assert figures is not None
     assert result.design is not None
     written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
+    listed = base.with_name(f"{base.name}-parts.csv")
+    parts.write(made, result.design, figures.material, new(listed))
+    written.append(listed)
     if guide is not None:
         drawing = progress.part(0.7, 1.0)
         drawing(0.0, "drawing the assembly sheet")

@@ -153,6 +153,8 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
         found.append(("Laser", f"about {duration(figures.cut_seconds / 60.0)}"))
     if figures.joints:
         found.append(("Assembly", f"about {duration(figures.assembly_seconds / 60.0)}"))
+    if figures.costs:
+        found.append(("Cost", f"about {sum(figures.costs.values()):.2f}"))
     return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..materials import MATERIALS, Material
+from ..params import CostParams
 from ..spirals.design import SpiralDesign
 from .sheets import CutSheets
 
@@ -50,32 +51,49 @@ def duration(minutes: float) -> str:
 class Estimates:
     """Rough figures of the making, SI.
 
-    mass : kg of the finished panels; sheet_area : square metres of sheets that are needed
+    material : of the sheet; mass : kg of the finished panels; sheet_area : square metres of sheets that are needed
     cut_seconds : on a laser of 60 W; ``None`` for materials that are not cut by laser
     cut_speed : m/s, or ``None``; joints : arms that meet across a cut; assembly_seconds : of one person
+    waste : share of the sheets that becomes no part
+    costs : of "sheets", "machine" and "assembly", in whatever money the prices are; only what has a price
     """
 
+    material: Material
     mass: float
     sheet_area: float
     cut_seconds: float | None
     cut_speed: float | None
     joints: int
     assembly_seconds: float
+    waste: float
+    costs: dict[str, float]
 
 
-def estimate(sheets: CutSheets, design: SpiralDesign, material: Material) -> Estimates:
-    """Estimate what the sheets of a design take in this material."""
+def estimate(
+    sheets: CutSheets, design: SpiralDesign, material: Material, prices: CostParams | None = None
+) -> Estimates:
+    """Estimate what the sheets of a design take in this material, and what they cost at these prices."""
     contours = sum(1 + len(p.holes) for p in sheets.panels)
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
     seconds = cut_seconds(material, sheets.thickness, sheets.cut_length, contours, strokes)
     joints = int(design.flat.layout.cut.sum())
+    area, used = float(sheets.packing.sizes.prod(axis=1).sum()), sum(p.area for p in sheets.panels)
+    prices, hour = prices or CostParams(), 3600.0
+    costs = {
+        "sheets": prices.sheet_price * sheets.count,
+        "machine": prices.machine_rate * (seconds or 0.0) / hour,
+        "assembly": prices.labour_rate * assembly_seconds(joints) / hour,
+    }
     return Estimates(
-        mass=material.density * sheets.thickness * sum(p.area for p in sheets.panels),
-        sheet_area=float(sheets.packing.sizes.prod(axis=1).sum()),
+        material=material,
+        mass=material.density * sheets.thickness * used,
+        sheet_area=area,
         cut_seconds=seconds,
         cut_speed=cut_speed(material, sheets.thickness),
         joints=joints,
         assembly_seconds=assembly_seconds(joints),
+        waste=1.0 - used / area,
+        costs={name: cost for name, cost in costs.items() if cost},
     )
 
 
@@ -105,7 +123,12 @@ def estimates_report(made: Estimates) -> dict[str, Any]:
         "sheet_area_m2": round(made.sheet_area, 4),
         "joints": made.joints,
         "assembly_minutes": round(made.assembly_seconds / 60.0),
+        "waste": round(made.waste, 4),
     }
+    if made.costs:
+        block["cost"] = {
+            name: round(cost, 2) for name, cost in (*made.costs.items(), ("total", sum(made.costs.values())))
+        }
     if made.cut_seconds is not None and made.cut_speed is not None:
         block |= {"cut_minutes": round(made.cut_seconds / 60.0, 1), "cut_speed_mm_s": round(made.cut_speed * 1e3, 2)}
     return block

@@ -79,7 +79,7 @@ TABLE = (
     Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
           blocks=("sheets",)),
     Stage("estimate", 0.0, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
-          settings=("material",), blocks=("sheets", "assembly"), quick=True),
+          settings=("material", "cost"), blocks=("sheets", "assembly"), quick=True),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
 # why a stage cannot go on, where what it needs is not there

@@ -128,7 +128,7 @@ def _estimate(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.sheets is not None
     assert result.design is not None
     progress(0.0, "How long making takes, and how hard the seams are to join")
-    figures = estimates.estimate(result.sheets, result.design, settings.material.chosen)
+    figures = estimates.estimate(result.sheets, result.design, settings.material.chosen, settings.cost)
     joins = assembly_check.check_assembly(result.design, result.sheets.connections, result.simulation)
     return replace(result, estimates=figures, assembly=joins)
 

@@ -2,8 +2,10 @@
 
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import ezdxf
+import ezdxf.bbox
 import ezdxf.path
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from flexmaps.engine.spirals.contours import Outline
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
-FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer"}
+FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer", "#f36926": "sheet"}
 
 
 @pytest.fixture
@@ -128,8 +130,11 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
     root = ET.parse(path).getroot()
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("600mm", "400mm", "0 0 600 400")
     layers = [g.get("{http://www.inkscape.org/namespaces/inkscape}label") for g in root.findall("{*}g")]
-    assert layers == ["engrave", "cut inner", "cut outer"]
+    assert layers == ["engrave", "cut inner", "cut outer", "sheet"]
     found = _svg_polygons(path)
+    edge, mark = found["sheet"]
+    assert shapely.Polygon(edge).symmetric_difference(shapely.box(0, 0, 600, 400)).area < 1.0
+    assert sorted(map(tuple, mark)) == [(0, 400), (5, 395)]  # from the lower left corner
     for panel, points in zip(made.on_sheet(0), found["cut outer"], strict=True):
         assert shapely.Polygon(points).area == pytest.approx(panel.outline.area * 1e6, rel=1e-3)
         # y points down in the file: the same place, seen from the other side
@@ -140,6 +145,15 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
     for hole, points in zip(holes, found["cut inner"], strict=True):
         assert shapely.Polygon(points).area == pytest.approx(-hole.area * 1e6, rel=1e-3)
     assert len(found["engrave"]) == sum(len(p.labels) for p in made.panels)
+
+
+def test_the_sheets_edge_is_left_out_where_it_is_not_wanted(made, tmp_path):
+    plain = replace(made, params=replace(made.params, frame=False))
+    flat, drawing, old = export.write(plain, tmp_path / "sheet", ("svg", "dxf", "dxf-r12"))
+    assert 'label="sheet"' not in flat.read_text()
+    for path in (drawing, old):
+        document = ezdxf.readfile(path)
+        assert "SHEET" not in document.layers and not document.modelspace().query('*[layer=="SHEET"]')
 
 
 @pytest.mark.parametrize("kind, version", [("dxf-r12", "R12"), ("dxf", "R2010")])
@@ -154,6 +168,10 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplo
     assert [document.layers.get(n).color for n in ("ENGRAVE", "CUT_INNER", "CUT_OUTER")] == [7, 5, 1]
     entities = list(document.modelspace())
     assert {e.dxftype() for e in entities} == {"POLYLINE" if version == "R12" else "LWPOLYLINE"}
+    edge, _ = (e for e in entities if e.dxf.layer == "SHEET")
+    assert ezdxf.bbox.extents([edge]).size.isclose((600, 400, 0)) and edge.is_closed
+    assert version == "R12" or not document.layers.get("SHEET").dxf.plot
+    entities = [e for e in entities if e.dxf.layer != "SHEET"]
     names = [e.dxf.layer for e in entities]
     assert names == sorted(names, key=["ENGRAVE", "CUT_INNER", "CUT_OUTER"].index)
     curves = {n: [e for e in entities if e.dxf.layer == n] for n in set(names)}

@@ -15,7 +15,7 @@ from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
-from .operations import OPERATIONS, WRITING, Operation, on_sheet
+from .operations import FRAME, OPERATIONS, WRITING, Operation, frame, on_sheet
 
 WRITES = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
@@ -74,6 +74,8 @@ def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
     for operation in OPERATIONS:
         document.layers.add(_layer(operation), color=operation.aci)
+    if sheets.params.frame:
+        document.layers.add(_layer(FRAME), color=FRAME.aci, plot=False)
     for name, curve in entities:
         document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
     return document
@@ -94,6 +96,8 @@ def _entities(sheets: CutSheets, index: int, progress: Progress) -> Iterator[tup
     for operation, curves in on_sheet(sheets, index, progress):
         for curve in curves:
             yield _layer(operation), curve
+    for curve in frame(sheets, index):
+        yield _layer(FRAME), curve
 
 
 def _layer(operation: Operation) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
@@ -24,8 +26,20 @@ OPERATIONS = (
     Operation("cut inner", "#0000ff", 5),
     Operation("cut outer", "#ff0000", 1),
 )
+# LightBurn's first tool layer, whose lines it shows and never cuts; in DXF the layer is one that is not plotted
+FRAME = Operation("sheet", "#f36926", 30)
+ORIGIN = 0.005  # metres, length of the mark at the sheet's origin; the letters of a label are half as high
 WRITING = "writing the sheets"  # what the progress says
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
+
+
+def frame(sheets: CutSheets, index: int) -> list[Curve]:
+    """The edge of one sheet, which begins at its origin, and a stroke from the origin into the sheet; none if not wanted."""
+    if not sheets.params.frame:
+        return []
+    width, height = sheets.packing.sizes[index].tolist()
+    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    return [Curve(corners, np.zeros(4)), Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
 
 
 def on_sheet(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:

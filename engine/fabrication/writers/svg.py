@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..sheets import CutSheets
-from .operations import HAIRLINE, on_sheet
+from .operations import FRAME, HAIRLINE, frame, on_sheet
 
 
 def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
@@ -30,7 +31,10 @@ def text(sheets: CutSheets, index: int, progress: Progress = SILENT) -> str:
         f"<title>{title}</title>",
         f"<metadata>{PROGRAM}</metadata>",
     ]
-    for (name, colour, _), curves in on_sheet(sheets, index, progress):
+    edge = frame(sheets, index)
+    # last: nothing lies above what is cut, and who selects layers by their order finds them where they were
+    layers = chain(on_sheet(sheets, index, progress), [(FRAME, iter(edge))] if edge else [])
+    for (name, colour, _), curves in layers:
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
             f' stroke="{colour}" stroke-width="{HAIRLINE}">'

@@ -1,0 +1,70 @@
+"""The parts list: a row for every panel and loose key, for spreadsheets and for whoever orders or counts the parts."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from ... import PROGRAM
+from ...materials import Material
+from ...spirals.design import SpiralDesign
+from ..panels.labels import panel_name
+from ..sheets import CutSheets
+
+COLUMNS = (
+    "part",
+    "kind",
+    "sheet",
+    "spirals",
+    "joints",
+    "width_mm",
+    "height_mm",
+    "area_cm2",
+    "cut_length_mm",
+    "mass_g",
+    "note",
+)
+
+
+def write(sheets: CutSheets, design: SpiralDesign, material: Material, path: Path) -> Path:
+    """Write the list as CSV (RFC 4180), the sums in its last row.
+
+    Width and height are those of the box that a part takes as it lies on its sheet; the area is that of the material.
+    """
+    rows = _rows(sheets, design, material)
+    numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
+    boxes = {COLUMNS.index("width_mm"), COLUMNS.index("height_mm")}
+    sums = ["" if i in boxes else _said(sum(row[i] for row in rows)) for i in numbers]
+    with open(path, "w", encoding="utf-8", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(COLUMNS)
+        table.writerows([*row[: numbers.start], *map(_said, row[numbers.start :]), ""] for row in rows)
+        table.writerow([f"{len(rows)} parts", "", sheets.count, *sums, PROGRAM])
+    return path
+
+
+def _rows(sheets: CutSheets, design: SpiralDesign, material: Material) -> list[list[float]]:
+    """The values of every part, in the order of the columns, but for the note."""
+    layout, where = design.flat.layout, sheets.packing
+    joints = layout.cut[layout.mesh.quad_edges].sum(axis=1)
+    found = []
+    for number, panel in enumerate(sheets.panels):
+        quads = layout.patches[panel.patch] if panel.patch >= 0 else np.zeros(0, dtype=np.int64)
+        placed = panel.outline.moved(float(where.rotation[number]), where.shift[number])
+        width, height = np.ptp(placed.sampled(1e-5), axis=0) * 1e3
+        length = sum(curve.length for curve in (panel.outline, *panel.holes))
+        mass = material.density * sheets.thickness * panel.area
+        found.append([
+            panel_name(panel.patch) if panel.patch >= 0 else f"key {number - len(layout.patches) + 1}",
+            "panel" if panel.patch >= 0 else "key",
+            int(where.sheet[number]) + 1, len(quads), int(joints[quads].sum()),
+            width, height, panel.area * 1e4, length * 1e3, mass * 1e3,
+        ])  # fmt: skip
+    return found
+
+
+def _said(value: float) -> str:
+    """A number with as many digits as can be measured."""
+    return str(value) if isinstance(value, int) else f"{value:.2f}"
