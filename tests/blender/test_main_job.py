@@ -51,7 +51,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path, monkeypatch: pytest.M
     named = set(report["sheets"]["files"]) | {"report.json", "model.blend"}
     named |= {"layout.png", "panels.png", "shape.png", "together.png"}
     assert named | {"report.html", "plots"} == {p.name for p in out.iterdir()}
-    assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf"}
+    assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf", ".csv"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
 
 

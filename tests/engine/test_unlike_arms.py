@@ -12,7 +12,7 @@ from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.connectors.check import fit
-from flexmaps.engine.fabrication.writers import export
+from flexmaps.engine.fabrication.writers import export, operations
 from flexmaps.engine.fabrication.writers.solids import extruded
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
@@ -26,6 +26,7 @@ from flexmaps.engine.surface import shapes
 
 KERF = 0.0001
 POM = MATERIALS["pom"]
+CUT = {one.colour for one in operations.OPERATIONS if one.name.startswith("cut")}
 
 
 def _widths(pattern, quads, low, high):
@@ -182,7 +183,7 @@ def _of_svg(path, height):
     """Polygons of all that is cut, metres, as svgelements reads them."""
     found = []
     for element in svgelements.SVG.parse(path, ppi=25.4).elements():
-        if isinstance(element, svgelements.Path) and element.stroke.hex != "#000000":
+        if isinstance(element, svgelements.Path) and element.stroke.hex in CUT:
             points = []
             for segment in element:
                 if isinstance(segment, svgelements.Arc):
