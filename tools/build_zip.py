@@ -7,11 +7,15 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+import third_party
+
 ROOT = Path(__file__).resolve().parent.parent
 WHEELS, BUILD, DIST = ROOT / "wheels", ROOT / "build", ROOT / "dist"
+TEMPLATE = ROOT / "tools" / "repository.html"  # of the page of a repository
 
 # the tags that pip needs to hear, the preferred first; pip takes each literally. On macOS the oldest system comes first,
 # for a wheel made for an older one runs on all
@@ -48,11 +52,16 @@ def main(argv: list[str]) -> int:
         "--platform", choices=[*PLATFORMS, "all"], default=own or "all", help=f"default: {own or 'all'}"
     )
     parser.add_argument("--line", choices=LINES, action="append", help=f"default: {' and '.join(USUAL)}")
+    parser.add_argument("--repository", type=Path, metavar="DIR", help="also make a folder for a web server, from which Blender installs")
     wanted = parser.parse_args(argv)
+    built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
         for line in wanted.line or USUAL:
-            path = build(platform, line)
-            print(f"{path.relative_to(ROOT)}  {path.stat().st_size / 1e6:.1f} MB", flush=True)
+            built.append(build(platform, line))
+            print(f"{built[-1].relative_to(ROOT)}  {built[-1].stat().st_size / 1e6:.1f} MB", flush=True)
+    if wanted.repository is not None:
+        repository(built, wanted.repository)
+        print(f"{wanted.repository}: put it onto any web server; index.html there is the page to drag from")
     return 0
 
 
@@ -68,7 +77,8 @@ def own_line() -> str:
 
 
 def build(platform: str, line: str) -> Path:
-    """Make and validate one zip; returns its path. Raises ``CalledProcessError`` with the reason printed."""
+    """Make and validate one zip; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
+    something would ship whose licence nobody looked up."""
     wheels = fetch(platform, LINES[line].python)
     stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
@@ -77,9 +87,12 @@ def build(platform: str, line: str) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, target)
     (stage / "wheels").mkdir()
-    for wheel in wheels:
-        shutil.copy2(wheel, stage / "wheels")
-    text = manifest(platform, line, [wheel.name for wheel in wheels])
+    shipped = [third_party.lighter(wheel, stage / "wheels") for wheel in wheels]
+    faults = third_party.faults(shipped)
+    if faults:
+        raise ValueError("\n".join(faults))
+    (stage / "THIRD_PARTY.md").write_text(third_party.page(shipped), encoding="utf-8")
+    text = manifest(platform, line, [wheel.name for wheel in shipped])
     (stage / "blender_manifest.toml").write_text(text, encoding="utf-8")
     DIST.mkdir(exist_ok=True)
     version = re.search(r'^version = "(.+)"', text, re.MULTILINE).group(1)  # type: ignore[union-attr]
@@ -88,6 +101,23 @@ def build(platform: str, line: str) -> Path:
     blender_ext("validate", str(target))
     shutil.rmtree(stage)
     return target
+
+
+def repository(zips: list[Path], folder: Path) -> None:
+    """A folder for any web server that Blender installs and updates from: zips, index.json, and a page to drag them from.
+
+    Zips of other versions stay there; the index names those of the newest version alone, as Blender takes the first that fits.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as alone:  # the tool lists all zips of a folder
+        for path in zips:
+            shutil.copy2(path, folder)
+            (Path(alone) / path.name).symlink_to(path.resolve())
+        blender_ext("server-generate", "--repo-dir", alone, "--html", "--html-template", str(TEMPLATE))
+        for name in ("index.html", "index.json"):  # after the zips: what they name is there
+            part = folder / f"{name}.part"
+            shutil.copy2(Path(alone) / name, part)
+            part.replace(folder / name)
 
 
 def manifest(platform: str, line: str, wheels: list[str]) -> str:
