@@ -52,7 +52,12 @@ def main(argv: list[str]) -> int:
         "--platform", choices=[*PLATFORMS, "all"], default=own or "all", help=f"default: {own or 'all'}"
     )
     parser.add_argument("--line", choices=LINES, action="append", help=f"default: {' and '.join(USUAL)}")
-    parser.add_argument("--repository", type=Path, metavar="DIR", help="also make a folder for a web server, from which Blender installs")
+    parser.add_argument(
+        "--repository",
+        type=Path,
+        metavar="DIR",
+        help="also make a folder for a web server, from which Blender installs",
+    )
     wanted = parser.parse_args(argv)
     built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:

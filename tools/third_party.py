@@ -49,7 +49,9 @@ PACKAGES = {
         "GPL-3.0-or-later",
         "https://github.com/cvxopt/cvxopt",
         {
-            **dict.fromkeys(_SUITESPARSE, "BSD-3-Clause, LGPL-2.1-or-later or GPL-2.0-or-later, by the part (SuiteSparse)"),
+            **dict.fromkeys(
+                _SUITESPARSE, "BSD-3-Clause, LGPL-2.1-or-later or GPL-2.0-or-later, by the part (SuiteSparse)"
+            ),
             "libdsdp": "DSDP, a licence like MIT",
             "libfftw3": "GPL-2.0-or-later",
             "libglpk": "GPL-3.0-or-later",

@@ -11,8 +11,6 @@ import zipfile
 from pathlib import Path
 from types import ModuleType
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
 
 SCRIPT = """
