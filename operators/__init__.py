@@ -10,6 +10,7 @@ from . import (
     animate,
     check,
     choose,
+    example,
     explore,
     export,
     layout,
@@ -26,6 +27,7 @@ from . import (
 )
 
 MODULES = (
+    example,
     check,
     remesh,
     regularise,

@@ -75,7 +75,7 @@ class Export(ContinuedStage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         blocks, folder, _, warnings = result
         notes.write_all(obj.data, blocks)
-        text = translate("{} in {}", ", ".join(blocks["sheets"]["files"]), folder)
+        text = translate("{} files in {}", len(blocks["sheets"]["files"]), folder)
         if not warnings:
             return text
         self.level = "WARNING"

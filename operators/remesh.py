@@ -27,11 +27,8 @@ class QuadRemesh(StageOperator, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        obj = context.object
         running = background.current()
-        problem = unusable(obj) if running is None else still_running(running)
-        if problem is None and obj.mode != "OBJECT":
-            problem = "Go to Object Mode: a new object is made"
+        problem = unusable(context.object) if running is None else still_running(running)
         if problem is not None:
             cls.poll_message_set(translate(problem))
         return problem is None
@@ -42,6 +39,7 @@ class QuadRemesh(StageOperator, bpy.types.Operator):
         from ..bridge.hosts import remesh
 
         self._source = context.object.session_uid
+        leave_edit_mode(context)
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
         polygons = remesh.seen(context.object, context)
         return lambda progress: remesh.quads_of(polygons, wanted.quads, wanted.smooth, progress)
@@ -65,6 +63,7 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     """The new object takes the place of the old one, with its settings."""
     from ..bridge.view import collection
 
+    leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     collection.clear(obj)
     obj.select_set(False)
@@ -72,6 +71,12 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     obj.hide_render = True
     context.view_layer.objects.active = made
     made.select_set(True)
+
+
+def leave_edit_mode(context: bpy.types.Context) -> None:
+    """For a new object, which becomes the active one; *Check* may have gone to edit mode to show what is wrong."""
+    if context.object is not None and context.object.mode == "EDIT":
+        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 class SetSize(StageOperator, bpy.types.Operator):
@@ -99,10 +104,11 @@ class SetSize(StageOperator, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh
-        from ..bridge.view import collection
+        from ..bridge.view import collection, framing
 
         factor, findings = result
         obj.scale = [s * factor for s in obj.scale]
+        framing.follow(context, obj, factor)
         context.view_layer.update()
         mesh.forget(obj, mesh.NAMES)
         collection.clear(obj)

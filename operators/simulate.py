@@ -21,6 +21,7 @@ class Simulate(ContinuedStage, bpy.types.Operator):
 
     bl_idname = "flexmaps.simulate"
     bl_label = "Simulate"
+    shows = "DISTANCE"
     needs = "design"
     loaded = True
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -71,6 +71,7 @@ class StageOperator:
     _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # the pieces that are still to be written
     _made_from: Any = None  # checksums of the settings that the work began with
+    _scene = 0  # Blender's id of the scene that the work began in
     _surface: Any = None  # bridge.store.surface.Surface; Blender evaluates annotations, so only names that are there
 
     # -- what a stage says ---------------------------------------------------------------------------------------------
@@ -173,7 +174,8 @@ class StageOperator:
         if self._writing is None:
             self._job.shown = None  # from now on the mesh itself is to be seen
             self._writing = self._write(context, self._job.result)
-        return next(self._writing, self) is None
+        with in_scene(context, self._scene):
+            return next(self._writing, self) is None
 
     # -- the steps ---------------------------------------------------------------------------------------------------------
 
@@ -184,6 +186,7 @@ class StageOperator:
         obj = context.object
         if obj is None:
             raise FlexMapsError("Select a mesh object")
+        self._scene = context.scene.session_uid
         self._surface = mesh.read_surface(obj, context.scene)
         self._made_from = states.settings_now(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
@@ -238,6 +241,14 @@ class StageOperator:
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
+
+
+def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
+    """Where a result belongs: the scene that the work began in, also where another one is seen by now."""
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), context.scene)
+    if scene == context.scene:
+        return nullcontext()
+    return context.temp_override(scene=scene, view_layer=scene.view_layers[0])
 
 
 def why_not(stage: type[StageOperator], obj: bpy.types.Object | None) -> str | None:

@@ -10,7 +10,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from ..bridge.store import states
 from ..bridge.view import preview
 from ..engine.params import FilmParams, PreviewParams, RenderParams
-from .rows import more, number, numbers, settings_rows, wrapped
+from .rows import heading, more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel
 
 
@@ -24,8 +24,10 @@ class PreviewPanel(StagePanel, bpy.types.Panel):
         settings_rows(layout.column(align=True), obj.flexmaps.preview, PreviewParams)
         layout.operator("flexmaps.preview", icon="HIDE_OFF")
         _figures(layout, context, obj)
+        heading(layout, "Assembly, step by step")
         settings_rows(layout.column(align=True), obj.flexmaps.film, FilmParams)
         layout.operator("flexmaps.animate", icon="RENDER_ANIMATION")
+        heading(layout, "Picture")
         settings_rows(layout.column(align=True), obj.flexmaps.render, RenderParams, RENDER)
         more(layout, "flexmaps_render", obj.flexmaps.render, RenderParams, RENDER)
         layout.operator("flexmaps.render", icon="RENDER_STILL")

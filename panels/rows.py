@@ -9,6 +9,10 @@ from typing import Any
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
+# pixels at an interface scale of 1: what frames and an icon take of a line, a letter of Blender's font in the mean, and the
+# sidebar's width where no window tells it; read off pictures of the sidebar
+MARGIN, LETTER, UNKNOWN = 60, 6.5, 240
+
 
 def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
     """Settings of a dataclass, in its order: those named, or all."""
@@ -31,17 +35,25 @@ def more(layout: bpy.types.UILayout, idname: str, properties: Any, cls: type, bu
         settings_rows(body, properties, cls, tuple(f.name for f in fields(cls) if f.name not in but))
 
 
+def heading(layout: bpy.types.UILayout, label: str) -> None:
+    """A line that parts what follows from what stands above."""
+    layout.separator()
+    layout.label(text=label)
+
+
 def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:
     """A box for ``number``."""
     return layout.box().column(align=True)
 
 
 def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False) -> None:
-    """One line: what it is, and how much; red where it is past its limit."""
-    row = box.row()
+    """What it is, and how much, in one line or, where the sidebar is too narrow, two; red where it is past its limit."""
+    narrow = len(iface_(label)) + len(value) > _letters(bpy.context, MARGIN)
+    row = (box.column(align=True) if narrow else box).row()
     row.alert = alert
     row.label(text=label)
-    right = row.row()
+    right = (box.row() if narrow else row).row()
+    right.alert = alert
     right.alignment = "RIGHT"
     right.label(text=value, translate=False)
 
@@ -58,13 +70,18 @@ def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", beside: int = 0
 ) -> None:
     """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
-    region = context.region
-    unit = context.preferences.system.ui_scale or 1.0  # 0 without a window
-    width = region.width if region is not None else 240
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, int((width / unit - 60 - beside) / 6.5)))):
+    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, _letters(context, MARGIN + beside)))):
         column.label(text=line, icon=icon if k == 0 else "BLANK1", translate=False)
+
+
+def _letters(context: bpy.types.Context, taken: int) -> int:
+    """About how many letters the sidebar has room for in a line of which so many pixels are ``taken``."""
+    region = context.region
+    unit = context.preferences.system.ui_scale or 1.0  # 0 without a window
+    width = region.width if region is not None else UNKNOWN
+    return int((width / unit - taken) / LETTER)
 
 
 # -- how values are written ----------------------------------------------------------------------------------------------

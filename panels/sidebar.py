@@ -10,6 +10,7 @@ from bpy.app.translations import pgettext_iface as iface_
 from ..bridge.hosts import background, preload
 from ..bridge.store import equilibrium, notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
+from ..bridge.store.states import DONE
 from ..bridge.view import flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import choose, explore, optimise, presets, simulate
@@ -19,6 +20,12 @@ from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
 
 LAST = {"flexmaps.export", "wm.save_mainfile"}  # what comes after all that can be known without a sheet
 SPIRAL = ("thickness", "width_min", "width_max")  # what is always in sight; the rest is folded away
+WELCOME = (
+    "FlexMaps turns a surface into flat panels that spring into its shape.",
+    "Select any mesh and press the big button that appears here: it always offers the next step.",
+    "Or begin with an example:",
+)
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # what Blender makes a mesh of at the press of a button
 UNDRAWN = "The panels beside it are drawn without connectors yet; Export draws them as they will be cut"
 
 
@@ -45,6 +52,9 @@ class MainPanel(Sidebar, bpy.types.Panel):
             return
         if problem is not None:
             wrapped(layout, context, problem, icon="INFO")
+            if obj is not None and obj.type in CONVERTIBLE:
+                layout.operator("object.convert", text="Convert to a mesh", icon="MESH_DATA").target = "MESH"
+            _welcome(layout, context)
             return
         layout.label(text=obj.name, icon="MESH_DATA", translate=False)
         modifiers = changed_by_modifiers(obj)
@@ -61,9 +71,20 @@ class MainPanel(Sidebar, bpy.types.Panel):
             _next(layout, context, look(context).next_button)
 
 
+def _welcome(layout: Any, context: bpy.types.Context) -> None:
+    """What this is for and where to begin, where there is nothing to work on yet."""
+    box = layout.box().column(align=True)
+    for line in WELCOME:
+        wrapped(box, context, line)
+    button = layout.row()
+    button.scale_y = EMPHASIS
+    button.operator("flexmaps.example", icon="ADD")
+
+
 def _next(layout: Any, context: bpy.types.Context, idname: str) -> None:
     """The button that a person would press now, always in sight; before the files are written, with what speaks against it."""
     if not idname:
+        _done(layout, context)
         return
     if idname in LAST:
         block = notes.read(context.object.data).get("equilibrium", {})
@@ -77,10 +98,26 @@ def _next(layout: Any, context: bpy.types.Context, idname: str) -> None:
     row.operator(idname, text=iface_("Next: {}").format(iface_(label, "Operator")), icon="PLAY", translate=False)
 
 
+def _done(layout: Any, context: bpy.types.Context) -> None:
+    """After the last stage: that nothing is left to do, and where the files are."""
+    if look(context).states["sheets"].kind != DONE:
+        return
+    block = notes.read(context.object.data)["sheets"]
+    text = iface_("Done: {} sheets, {} files").format(block.get("sheets"), len(block.get("files", ())))
+    box = layout.box().column(align=True)
+    wrapped(box, context, text, icon="CHECKMARK")
+    folder = bpy.path.abspath(context.object.flexmaps.export.folder)
+    box.operator("wm.path_open", text="Open the folder", icon="FILE_FOLDER").filepath = folder
+
+
 class MeshPanel(StagePanel, bpy.types.Panel):
     bl_idname = "FLEXMAPS_PT_mesh"
     bl_label = "Mesh"
     stage = "checks"
+
+    def failed(self, context: bpy.types.Context) -> bool:
+        checks = notes.read(context.object.data).get("checks") or ()
+        return any(finding["severity"] == "error" for finding in checks)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.object.flexmaps

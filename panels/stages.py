@@ -14,6 +14,7 @@ from ..bridge.store.objects import unusable
 from .rows import wrapped
 
 ICONS = {states.TODO: "RADIOBUT_OFF", states.DONE: "CHECKMARK", states.OLD: "FILE_REFRESH"}
+FAILED = "CANCEL"  # the sign of a stage that is done and found what stops the next ones
 EMPHASIS = 1.4  # height of the button on top of the tab, in rows; by eye
 ONE_REDRAW = 0.2  # seconds in which sub-panels use the states that the main panel has computed; not measured
 
@@ -60,7 +61,12 @@ class StagePanel(Sidebar):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         if self.stage:
-            self.layout.label(text="", icon=ICONS[look(context).states[self.stage].kind])
+            kind = look(context).states[self.stage].kind
+            self.layout.label(text="", icon=FAILED if kind == states.DONE and self.failed(context) else ICONS[kind])
+
+    def failed(self, context: bpy.types.Context) -> bool:
+        """Whether the stage is done, and what it found stops the next ones."""
+        return False
 
 
 def button(layout: Any, context: bpy.types.Context, idname: str, **options: Any) -> Any:

@@ -48,7 +48,7 @@ def painted(
     _, label, unit = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
-        return colours.of_patches(count)[values.astype(int)], Legend(f"{count} patches")
+        return colours.of_patches(count)[values.astype(int)], Legend("1 patch" if count == 1 else f"{count} patches")
     if kind == "REACH":
         return _limits(values.astype(int))
     if kind in {"ENERGY", "SQUARE"}:

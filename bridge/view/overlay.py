@@ -29,23 +29,24 @@ LIFT = 0.005  # in edges: the colours float above the surface, or both flicker; 
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
-    """After a stage: colour the object anew, in the kind that is shown, or in the kind that the stage has ``made`` something of.
+    """After a stage: colour the object anew, in the kind that the stage has ``made`` something of, or in the kind that is shown.
 
-    That is where nothing else is shown, or what was is gone; who switched the colours off is left without.
+    What the user chose stays as long as there is such a thing, and who switched the colours off is left without.
     """
     manager = bpy.context.window_manager
-    shown = manager.flexmaps_overlay
-    if shown != "NONE" and colouring.store(obj, shown):
+    shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen
+    kinds = (shown,) if chosen and shown == "NONE" else (shown, made) if chosen else (made, shown)
+    found = next((kind for kind in kinds if kind not in {"", "NONE"} and colouring.store(obj, kind)), shown)
+    if found == shown:
         _redraw(manager)
-    elif made and not manager.flexmaps_plain and colouring.store(obj, made):
-        manager.flexmaps_overlay = made
+    else:
+        manager.flexmaps_overlay, manager.flexmaps_chosen = found, False
 
 
 def switch(kind: str) -> None:
     """What the user wants to see from now on; "NONE": nothing, until they choose again."""
     manager = bpy.context.window_manager
-    manager.flexmaps_plain = kind == "NONE"
-    manager.flexmaps_overlay = kind
+    manager.flexmaps_overlay, manager.flexmaps_chosen = kind, True
 
 
 # -- drawing in the 3D view --------------------------------------------------------------------------------------------
@@ -59,7 +60,7 @@ def register(running: Callable[[], Any]) -> None:
     items = [("NONE", "None", "No colours")]
     items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in colouring.KINDS.items()]
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_redraw)
-    bpy.types.WindowManager.flexmaps_plain = bpy.props.BoolProperty(name="Colours were switched off")
+    bpy.types.WindowManager.flexmaps_chosen = bpy.props.BoolProperty(name="The user chose the colours, or none")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.append(_changed)
     handlers.load_pre.append(_forget)
@@ -80,7 +81,7 @@ def unregister() -> None:
     for which in (handlers.load_pre, handlers.undo_post, handlers.redo_post):
         which.remove(_forget)
     _cache.clear()
-    del bpy.types.WindowManager.flexmaps_overlay, bpy.types.WindowManager.flexmaps_plain
+    del bpy.types.WindowManager.flexmaps_overlay, bpy.types.WindowManager.flexmaps_chosen
 
 
 def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context | None = None) -> None:

@@ -29,7 +29,7 @@ def extension() -> Iterator[None]:
 def empty(extension: None) -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     manager = bpy.context.window_manager
-    manager.flexmaps_overlay, manager.flexmaps_plain = "NONE", False
+    manager.flexmaps_overlay, manager.flexmaps_chosen = "NONE", False
 
 
 Add = Callable[..., Any]

@@ -109,3 +109,20 @@ def test_seams_have_the_colours_of_the_assembly_sheet(dome: Any, mode: str) -> N
     assert np.abs(colours.linear(drawn[0, :3]) - colours.of_seams(int(wanted.max()) + 1)[-1]).max() < 0.01
     assert drawn[1, :3] == pytest.approx(colours.SEAM)
     assert overlay._seam_colours(np.array([0]), "ENERGY")[0, :3] == pytest.approx(colours.SEAM)
+
+
+def test_colours_follow_the_stages_until_somebody_chooses(dome: Any) -> None:
+    manager = bpy.context.window_manager
+    for button in ("merge", "spirals", "simulate"):
+        press(button)
+    assert manager.flexmaps_overlay == "DISTANCE", "what was found last is what is seen"
+    press("overlay", kind="TWIST")
+    press("simulate")
+    assert manager.flexmaps_overlay == "TWIST"
+
+
+def test_one_patch_is_one(dome: Any) -> None:
+    from flexmaps.bridge.view import colouring
+
+    assert colouring.painted(dome, "PATCH", np.zeros(5))[1].title == "1 patch"
+    assert colouring.painted(dome, "PATCH", np.arange(2.0))[1].title == "2 patches"

@@ -113,3 +113,13 @@ def test_the_size_of_a_surface_does_not_matter(size: float) -> None:
     made = bpy.context.object
     assert made != monkey and bodies_of(made) == bodies_of(monkey) == 3
     press("check")
+
+
+def test_pressed_in_edit_mode_it_goes_to_object_mode(add: Any) -> None:
+    """Check shows what is wrong in edit mode, and this is what it advises."""
+    good = shapes.make("dome")
+    obj = add((good.vertices, np.concatenate([good.quads[:, :3], good.quads[:, [0, 2, 3]]])))
+    obj.flexmaps.remesh.quads = 60
+    bpy.ops.object.mode_set(mode="EDIT")
+    press("quad_remesh")
+    assert bpy.context.object != obj and bpy.context.object.mode == "OBJECT" and obj.hide_get()

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
 from flexmaps import panels
 from flexmaps.bridge.store import notes
@@ -34,8 +35,10 @@ class Drawn:
         self.lines.append(text or getattr(getattr(bpy.ops, group), name).get_rna_type().name)
         return SimpleNamespace()
 
-    def label(self, text: str = "", **_: Any) -> None:
+    def label(self, text: str = "", icon: str = "", **_: Any) -> None:
         self.lines.append(("! " if self.alert else "") + text)
+        if icon == "CANCEL" and not text:
+            self.lines.append("failed")  # the sign of a sub-panel
 
     def progress(self, text: str = "", **_: Any) -> None:
         self.lines.append(text)
@@ -60,6 +63,7 @@ class Drawn:
 def draw(panel: Any) -> list[str]:
     drawn = Drawn()
     shown = SimpleNamespace(layout=drawn, stage=getattr(panel, "stage", ""))
+    shown.failed = lambda context: panel.failed(shown, context)
     if hasattr(panel, "draw_header"):
         panel.draw_header(shown, bpy.context)
     panel.draw(shown, bpy.context)
@@ -132,3 +136,64 @@ def test_the_sidebar_shows_the_first_remark_on_a_layout(dome: Any, sides: Any) -
     assert not any("another" in line or "So is" in line for line in said)
     notes.write(dome.data, "layout", found | {"remarks": ["Panel 3 is one quad"]})
     assert "more; Report" not in " ".join(sides())
+
+
+def test_a_mesh_with_errors_has_no_tick(add: Any, sides: Any) -> None:
+    """A check that found errors is done, and yet the mesh is not."""
+    good = shapes.make("dome")
+    obj = add(good)
+    press("check")
+    assert "failed" not in sides()
+    add((good.vertices, np.concatenate([good.quads[:, :3], good.quads[:, [0, 2, 3]]])))
+    with pytest.raises(RuntimeError, match="not quads"):
+        press("check")
+    assert "failed" in sides()
+    bpy.context.view_layer.objects.active = obj
+    assert "failed" not in sides()
+
+
+def test_the_end_is_said_with_the_way_to_the_files(dome: Any, tmp_path: Path, sides: Any) -> None:
+    dome.flexmaps.export.folder = str(tmp_path)
+    for button in ("check", "merge", "spirals", "export"):
+        press(button)
+    files, lines = len(list(tmp_path.iterdir())), sides()
+    assert f"Done: 1 sheets, {files} files" in " ".join(lines) and "Open the folder" in lines
+    dome.flexmaps.sheet.sheet_width += 10.0
+    assert "Open the folder" not in sides(), "sheets that are out of date are no end"
+
+
+def test_who_has_nothing_selected_is_told_where_to_begin(sides: Any) -> None:
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    assert "Add an example" in sides()
+    press("example")
+    obj = bpy.context.object
+    assert obj.select_get() and {len(face.vertices) for face in obj.data.polygons} == {4}
+    assert "Add an example" not in sides() and "Next: Check" in " ".join(sides())
+
+
+def test_a_text_can_be_converted(sides: Any) -> None:
+    bpy.ops.object.text_add()
+    assert "Convert to a mesh" in sides()
+    bpy.ops.mesh.primitive_cube_add()
+    assert "Convert to a mesh" not in sides()
+
+
+def test_in_a_narrow_sidebar_values_go_below_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is cut off would be the unit."""
+    from flexmaps.panels import rows
+
+    class Box(Drawn):
+        rows = 0
+
+        def row(self, **_: Any) -> Drawn:
+            Box.rows += 1
+            return super()._inner()
+
+        def column(self, **_: Any) -> Box:
+            return self
+
+    for letters, wanted in ((60, 1), (12, 2)):
+        monkeypatch.setattr(rows, "_letters", lambda *_, letters=letters: letters)
+        Box.rows = 0
+        rows.number(Box(), "Largest distance", "0.52 mm")
+        assert Box.rows == wanted
