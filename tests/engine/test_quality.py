@@ -41,7 +41,7 @@ def cube(n: int) -> PolygonMesh:
 
 
 def as_target(quads: PolygonMesh) -> Target:
-    return requad._target(quads)
+    return requad.target_of(quads)
 
 
 def test_a_cube_has_eight_irregular_vertices_and_keeps_its_edges() -> None:

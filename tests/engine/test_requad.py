@@ -46,7 +46,7 @@ def halved(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def both(*meshes: PolygonMesh) -> PolygonMesh:
-    return requad._joined(list(meshes))
+    return requad.joined(list(meshes))
 
 
 @pytest.fixture(autouse=True)
@@ -126,15 +126,15 @@ def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: p
     found = requad.requad(ball(6), 96, tool).polygons
     assert np.linalg.norm(found.vertices, axis=1) == pytest.approx(RADIUS, rel=0.05)
     assert len(found.sizes) == pytest.approx(96, rel=0.3)
-    assert requad._is_clean(found) and requad._is_closed(found)
+    assert requad.is_clean(found) and requad.is_closed(found)
 
 
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
     rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])
-    parts, said = requad._parts(of_rows(np.array(points, float), rows), Balls(), SILENT)
+    parts, said = requad.parts_of(of_rows(np.array(points, float), rows), Balls(), SILENT)
     assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
-    assert all(requad._is_clean(part) for part in parts)
+    assert all(requad.is_clean(part) for part in parts)
 
 
 class Cells(Balls):
@@ -153,7 +153,7 @@ class Cells(Balls):
 def test_open_bodies_that_get_no_quads_are_cut_into_some() -> None:
     square = of_rows(np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
     made = requad.requad(square, 14, Cells()).polygons
-    assert requad._is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
+    assert requad.is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
     p = made.vertices[made.corners.reshape(-1, 4)]
     areas = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])[:, 2]
     assert areas.min() > 0 and areas.sum() == pytest.approx(1.0)
@@ -182,7 +182,7 @@ def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("filled", [tube(), sheet()], ids=["tube", "sheet"])
 def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, own, filling = filled
-    target = requad._target(halved(of_rows(points, own)))
+    target = requad.target_of(halved(of_rows(points, own)))
     opened = requad._opened(of_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
@@ -195,7 +195,7 @@ def poor(quads: PolygonMesh) -> set[str]:
 
 
 def sphere_target() -> Target:
-    return requad._target(halved(ball(24)))
+    return requad.target_of(halved(ball(24)))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -268,7 +268,7 @@ def test_needles_and_slivers_become_broad_or_go(spoil: Callable[[PolygonMesh, in
     p = spoilt.vertices[spoilt.corners.reshape(-1, 4)]
     lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
     assert sharpest(spoilt).min() < 5 or (lengths.min(axis=1) / lengths.max(axis=1)).min() < 0.05
-    assert requad._is_clean(spoilt) and not poor(spoilt)
+    assert requad.is_clean(spoilt) and not poor(spoilt)
     good = mended(spoilt, sphere_target())
     assert not check.findings(good) and len(good.sizes) in (len(spoilt.sizes), len(spoilt.sizes) - 1)
     p = good.vertices[good.corners.reshape(-1, 4)]
@@ -312,7 +312,7 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
     sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
     points = sheet.vertices.copy()
     points[[1, n + 2]] = points[[n + 2, 1]]  # a corner of the border and one within
-    target = requad._target(halved(sheet))
+    target = requad.target_of(halved(sheet))
     good = mended(PolygonMesh(points, sheet.corners, sheet.sizes), target)
     assert not poor(good)
     for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):
