@@ -129,6 +129,53 @@ def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: p
     assert requad.is_clean(found) and requad.is_closed(found)
 
 
+def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float], bool], maps: int = 99) -> list:
+    """What is tried along the curvature of a box, and how many maps are left, where ``works`` tells what gives quads."""
+    hows: list[tuple[float, float, float]] = []
+
+    def own(surface: PolygonMesh, whole: Target, count: int, how: tuple, progress: Progress) -> requad.Judged | str:
+        hows.append(how)
+        return requad.Judged(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
+
+    monkeypatch.setattr(requad, "OWN", OWN)
+    monkeypatch.setattr(requad, "_own", own)
+    points, rows = box(4)
+    body = halved(of_rows(points, rows))
+    found, left = requad._along(body, requad.target_of(body), 96, maps, SILENT)
+    assert len(found) == sum(works(*how) for how in hows) and left == maps - len(hows)
+    return hows
+
+
+def test_a_stronger_pull_is_tried_only_where_a_weaker_one_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    def pulls(hows: list) -> list:
+        return [(fold < requad.FLAT, pull) for fold, pull, _ in hows]
+
+    assert pulls(tried(monkeypatch, lambda *_: True)) == [(True, 4.0), (True, 16.0), (True, 64.0)]
+    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 10)) == [(True, 4.0), (True, 16.0)]
+    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 1)) == [(True, 4.0), (True, 0.5)]
+    flat = pulls(tried(monkeypatch, lambda fold, _, __: fold == requad.FLAT))
+    assert flat == [(True, 4.0), (True, 0.5), (False, 4.0), (False, 16.0), (False, 64.0)]
+    assert tried(monkeypatch, lambda *_: False)[-1][2] > 10, "smoothed more in the end"
+    assert len(tried(monkeypatch, lambda *_: False, maps=3)) == 3, "no more maps than are left"
+
+
+def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:
+    """A bent sheet of 8192 triangles for 96 quads; the tool gets few of them, of the same area within the same border."""
+    n = 64
+    u, v = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    points = np.stack([np.sin(u), v, np.cos(u)], axis=1)
+    body = halved(of_rows(points, np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)))
+    thin, whole = requad._thinned(body, 96), requad.target_of(body)
+    target = requad.target_of(thin)
+    assert len(thin.sizes) <= requad.DENSE * 96 < len(body.sizes) and requad.is_clean(thin)
+    assert target.area == pytest.approx(whole.area, rel=1e-3)
+    border = target.vertices[np.unique(target.border)]
+    assert whole.to_border(border).max() < 1e-3
+    assert target.to_border(points[[0, n, n * (n + 1), (n + 1) ** 2 - 1]]).max() < 1e-3, "its four corners"
+    assert requad._thinned(body, 8192) is body
+
+
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
     rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])

@@ -36,9 +36,7 @@ class Quality:
     @property
     def cost(self) -> float:
         """One number to compare by."""
-        return (
-            (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
-        )
+        return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
 
 
 def quality(quads: PolygonMesh, target: Target) -> Quality:

@@ -166,9 +166,7 @@ def _useful(found: list[Judged]) -> bool:
     return any(not any(one.faults[:2]) for one in found)
 
 
-def _along(
-    surface: PolygonMesh, whole: Target, count: int, maps: int, progress: Progress
-) -> tuple[list[Judged], int]:
+def _along(surface: PolygonMesh, whole: Target, count: int, maps: int, progress: Progress) -> tuple[list[Judged], int]:
     """Quads along the curvature, by ``OWN``, and how many of so many ``maps`` are left after them."""
     found: list[Judged] = []
     for row in OWN:
