@@ -65,7 +65,7 @@ def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
     made = remesh.quads_of(letter, 300, smooth=True)
     assert not [f for f in check.findings(made.polygons) if f.is_error]
     assert 150 < len(made.polygons.sizes) < 600
-    expected, area = (requad._target(mesh).area for mesh in (letter, made.polygons))
+    expected, area = (requad.target_of(mesh).area for mesh in (letter, made.polygons))
     assert area == pytest.approx(expected, rel=0.05)
 
 

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking.check import as_quad_mesh
+from flexmaps.engine.surface.curvature import misalignment
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.quadrangulation.even import evened
 from flexmaps.engine.surface.quadrangulation.extraction import _is_like, extracted
-from flexmaps.engine.surface.quadrangulation.field import Triangles
+from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
 from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
 from flexmaps.engine.surface.quadrangulation.rounding import rounded
 from flexmaps.engine.surface.quadrangulation.seamless import _kernel
@@ -47,6 +48,21 @@ def test_quads_of_known_shapes(make, edge, irregular):
     # seen from the same side as the triangles
     _, at, _ = igl.point_mesh_squared_distance(quads.centroids, mesh.vertices, mesh.corners)[:3]
     assert (np.einsum("ni,ni->n", quads.normals, mesh.frames[at, 2]) > 0.5).all()
+
+
+def test_a_stronger_pull_brings_quads_nearer_to_the_curvature():
+    """On z = x y over a square, the principal directions run along the diagonals, and the border wants the sides."""
+    n = 24
+    x, y = (g.ravel() / n - 0.5 for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    quads = np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)
+    corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    mesh = PolygonMesh(np.stack([x, y, x * y], axis=1), corners.ravel(), np.full(len(corners), 3))
+    weak, strong = (
+        misalignment(as_quad_mesh(quadrangulate(mesh, 0.06, np.pi, pull))) for pull in (ALIGNMENT, 16 * ALIGNMENT)
+    )
+    assert weak > 30.0, "along the border"
+    assert strong < 20.0, "along the curvature"
 
 
 def test_sharp_folds_and_rims_are_kept():

@@ -41,7 +41,7 @@ def cube(n: int) -> PolygonMesh:
 
 
 def as_target(quads: PolygonMesh) -> Target:
-    return requad._target(quads)
+    return requad.target_of(quads)
 
 
 def test_a_cube_has_eight_irregular_vertices_and_keeps_its_edges() -> None:
@@ -54,6 +54,17 @@ def test_a_cube_has_eight_irregular_vertices_and_keeps_its_edges() -> None:
     rounded = PolygonMesh(0.5 + 0.8 * middle / np.linalg.norm(middle, axis=1)[:, None], rounded.corners, rounded.sizes)
     worse = quality.quality(rounded, target)
     assert worse.lost > 0.5 and worse.cost > found.cost
+
+
+def test_directions_are_not_given_up_for_a_few_irregular_vertices() -> None:
+    """On a smooth shell; where there are many, as on a scan, a degree does not pay for fifty."""
+
+    def cost(irregular: int, misalignment: float) -> float:
+        return quality.Quality(irregular, misalignment, 0.2, 0.0).cost
+
+    assert cost(16, 13.0) < cost(3, 29.0)
+    assert cost(28, 11.9) < cost(64, 10.9)
+    assert cost(8, 20.0) < cost(8, 21.0) and cost(8, 20.0) < cost(10, 20.0)
 
 
 def test_finer_quads_lie_on_the_surface_and_on_its_sharp_edges() -> None:

@@ -46,7 +46,7 @@ def halved(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def both(*meshes: PolygonMesh) -> PolygonMesh:
-    return requad._joined(list(meshes))
+    return requad.joined(list(meshes))
 
 
 @pytest.fixture(autouse=True)
@@ -126,15 +126,62 @@ def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: p
     found = requad.requad(ball(6), 96, tool).polygons
     assert np.linalg.norm(found.vertices, axis=1) == pytest.approx(RADIUS, rel=0.05)
     assert len(found.sizes) == pytest.approx(96, rel=0.3)
-    assert requad._is_clean(found) and requad._is_closed(found)
+    assert requad.is_clean(found) and requad.is_closed(found)
+
+
+def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float], bool], maps: int = 99) -> list:
+    """What is tried along the curvature of a box, and how many maps are left, where ``works`` tells what gives quads."""
+    hows: list[tuple[float, float, float]] = []
+
+    def own(surface: PolygonMesh, whole: Target, count: int, how: tuple, progress: Progress) -> requad.Judged | str:
+        hows.append(how)
+        return requad.Judged(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
+
+    monkeypatch.setattr(requad, "OWN", OWN)
+    monkeypatch.setattr(requad, "_own", own)
+    points, rows = box(4)
+    body = halved(of_rows(points, rows))
+    found, left = requad._along(body, requad.target_of(body), 96, maps, SILENT)
+    assert len(found) == sum(works(*how) for how in hows) and left == maps - len(hows)
+    return hows
+
+
+def test_a_stronger_pull_is_tried_only_where_a_weaker_one_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    def pulls(hows: list) -> list:
+        return [(fold < requad.FLAT, pull) for fold, pull, _ in hows]
+
+    assert pulls(tried(monkeypatch, lambda *_: True)) == [(True, 4.0), (True, 16.0), (True, 64.0)]
+    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 10)) == [(True, 4.0), (True, 16.0)]
+    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 1)) == [(True, 4.0), (True, 0.5)]
+    flat = pulls(tried(monkeypatch, lambda fold, _, __: fold == requad.FLAT))
+    assert flat == [(True, 4.0), (True, 0.5), (False, 4.0), (False, 16.0), (False, 64.0)]
+    assert tried(monkeypatch, lambda *_: False)[-1][2] > 10, "smoothed more in the end"
+    assert len(tried(monkeypatch, lambda *_: False, maps=3)) == 3, "no more maps than are left"
+
+
+def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:
+    """A bent sheet of 8192 triangles for 96 quads; the tool gets few of them, of the same area within the same border."""
+    n = 64
+    u, v = (g.ravel() / n for g in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
+    k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    points = np.stack([np.sin(u), v, np.cos(u)], axis=1)
+    body = halved(of_rows(points, np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)))
+    thin, whole = requad._thinned(body, 96), requad.target_of(body)
+    target = requad.target_of(thin)
+    assert len(thin.sizes) <= requad.DENSE * 96 < len(body.sizes) and requad.is_clean(thin)
+    assert target.area == pytest.approx(whole.area, rel=1e-3)
+    border = target.vertices[np.unique(target.border)]
+    assert whole.to_border(border).max() < 1e-3
+    assert target.to_border(points[[0, n, n * (n + 1), (n + 1) ** 2 - 1]]).max() < 1e-3, "its four corners"
+    assert requad._thinned(body, 8192) is body
 
 
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
     points = [(0, 0, 0), (0, 1, 0), (1, 0, 0), (1, 1, 0), (-1, 0, 0), (-1, 1, 0), (0, 0, 1), (0, 1, 1)]
     rows = np.array([(0, 2, 3), (0, 3, 1), (4, 0, 1), (4, 1, 5), (0, 1, 7), (0, 7, 6)])
-    parts, said = requad._parts(of_rows(np.array(points, float), rows), Balls(), SILENT)
+    parts, said = requad.parts_of(of_rows(np.array(points, float), rows), Balls(), SILENT)
     assert [len(part.sizes) for part in parts] == [2, 2, 2] and [f.code for f in said] == ["bodies-cut"]
-    assert all(requad._is_clean(part) for part in parts)
+    assert all(requad.is_clean(part) for part in parts)
 
 
 class Cells(Balls):
@@ -153,7 +200,7 @@ class Cells(Balls):
 def test_open_bodies_that_get_no_quads_are_cut_into_some() -> None:
     square = of_rows(np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
     made = requad.requad(square, 14, Cells()).polygons
-    assert requad._is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
+    assert requad.is_clean(made) and len(made.sizes) == 14 and (made.sizes == 4).all()
     p = made.vertices[made.corners.reshape(-1, 4)]
     areas = 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])[:, 2]
     assert areas.min() > 0 and areas.sum() == pytest.approx(1.0)
@@ -182,7 +229,7 @@ def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("filled", [tube(), sheet()], ids=["tube", "sheet"])
 def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, own, filling = filled
-    target = requad._target(halved(of_rows(points, own)))
+    target = requad.target_of(halved(of_rows(points, own)))
     opened = requad._opened(of_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
@@ -195,7 +242,7 @@ def poor(quads: PolygonMesh) -> set[str]:
 
 
 def sphere_target() -> Target:
-    return requad._target(halved(ball(24)))
+    return requad.target_of(halved(ball(24)))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -268,7 +315,7 @@ def test_needles_and_slivers_become_broad_or_go(spoil: Callable[[PolygonMesh, in
     p = spoilt.vertices[spoilt.corners.reshape(-1, 4)]
     lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
     assert sharpest(spoilt).min() < 5 or (lengths.min(axis=1) / lengths.max(axis=1)).min() < 0.05
-    assert requad._is_clean(spoilt) and not poor(spoilt)
+    assert requad.is_clean(spoilt) and not poor(spoilt)
     good = mended(spoilt, sphere_target())
     assert not check.findings(good) and len(good.sizes) in (len(spoilt.sizes), len(spoilt.sizes) - 1)
     p = good.vertices[good.corners.reshape(-1, 4)]
@@ -312,7 +359,7 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
     sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
     points = sheet.vertices.copy()
     points[[1, n + 2]] = points[[n + 2, 1]]  # a corner of the border and one within
-    target = requad._target(halved(sheet))
+    target = requad.target_of(halved(sheet))
     good = mended(PolygonMesh(points, sheet.corners, sheet.sizes), target)
     assert not poor(good)
     for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):

@@ -20,7 +20,10 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
 
     fold : radians, of the lines
     """
-    vertices, corners = _simplified(mesh, longest)
+    vertices, corners = mesh.vertices, mesh.corners
+    needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
+    if len(corners) > needed:
+        vertices, corners = simplified(vertices, corners, needed)
     for _ in range(40):
         mesh = Triangles(vertices, corners)
         long = np.abs(mesh.sides).ravel() > longest
@@ -36,13 +39,11 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
     return Triangles(vertices, corners)
 
 
-def _simplified(mesh: Triangles, longest: float) -> tuple[np.ndarray, np.ndarray]:
-    needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
-    if len(mesh.corners) <= needed:
-        return mesh.vertices, mesh.corners
+def simplified(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """About ``count`` triangles in the shape of more, edges collapsed where that changes least (Garland and Heckbert 1997)."""
     import igl
 
-    found = igl.qslim(np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.corners, np.int64), needed)
+    found = igl.qslim(np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64), count)
     v, f = (found[1], found[2]) if isinstance(found[0], bool | np.bool_) else (found[0], found[1])
     return np.asarray(v, float), np.asarray(f, np.int64)
 

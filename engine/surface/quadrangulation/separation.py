@@ -76,7 +76,14 @@ class _Search:
         self.relaxed = maps.relaxed(edge)
         self.uv = maps.map(edge, self.relaxed).reshape(-1, 2)
         self.held = (np.diff(maps.lattice.free.indptr) == 0).reshape(-1, 2)[self.chart.wedge]
-        self.middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
+        self._middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
+        # plain lists: a walk looks up one number after another, for which arrays are slow
+        self._opposite, self._cut, self._vertex = (
+            x.tolist() for x in (self.mesh.opposite, self.chart.cut, self.mesh.corners.ravel())
+        )
+        self._any_held = self.held.any(axis=1).tolist()
+        other = self.mesh.opposite.reshape(-1, 3)  # at the border the last triangle, to which no walk goes
+        self._way = np.linalg.norm(self._middles[other // 3] - self._middles[:, None], axis=2).ravel().tolist()
         self.found: dict[bytes, tuple[np.ndarray, float]] = {}
         self._rows: dict[int, np.ndarray] = {}
         self._steps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -88,8 +95,9 @@ class _Search:
 
     def look_round(self, corner: int, radius: float) -> None:
         """Note what lies within so many quads of a corner."""
-        mesh, vertex = self.mesh, self.mesh.corners.ravel()
-        place = mesh.vertices[vertex[corner]]
+        vertex, opposite = self._vertex, self._opposite
+        near = np.linalg.norm(self._middles - self.mesh.vertices[vertex[corner]], axis=1) <= radius * self.edge
+        near_enough = set(np.flatnonzero(near).tolist())
         start = _Frame(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1]), dtype=np.int64))
         order = count()
         todo = [(0.0, next(order), corner // 3, start)]
@@ -101,15 +109,13 @@ class _Search:
                 continue
             seen.add(f)
             for h in range(3 * f, 3 * f + 3):
-                if self.held[h].any() and vertex[h] != vertex[corner]:
+                if self._any_held[h] and vertex[h] != vertex[corner]:
                     self._compare(corner, h, frame, lines)
-                o = int(mesh.opposite[h])
-                g = o // 3
-                if o < 0 or g in seen or np.linalg.norm(self.middles[g] - place) > radius * self.edge:
+                g = opposite[h] // 3  # -1 at the border, which is near to nothing
+                if g in seen or g not in near_enough:
                     continue
-                there = far + float(np.linalg.norm(self.middles[g] - self.middles[f]))
-                next_frame = frame.over(*self._step(h)) if self.chart.cut[h] else frame
-                heapq.heappush(todo, (there, next(order), g, next_frame))
+                next_frame = frame.over(*self._step(h)) if self._cut[h] else frame
+                heapq.heappush(todo, (far + self._way[h], next(order), g, next_frame))
         for along, row in lines.values():
             if along < BESIDE:
                 self._note(row, 1.0)

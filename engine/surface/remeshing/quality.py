@@ -12,8 +12,10 @@ from ..mesh import PolygonMesh
 from .mend import Target
 
 KEPT = 0.1  # quad edges: so near to a side of a quad, a point of a sharp edge counts as kept; a tenth cannot be seen
-# what counts as none of each, so that a sphere's eight irregular vertices or a plane's zero degrees do not outweigh all else
-FEW, ALONG = 8.0, 5.0
+# so many irregular vertices are worth a degree. Twice as much of one as of the other weighs the same on a usual mesh, which
+# has 40 and 16; a product of both would take any direction for a few irregular vertices less on a smooth shell
+DEGREE = 2.5
+NONE = 20.0  # what counts as none of both together: unevenness and lost edges matter also where they are few
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class Quality:
 
     @property
     def cost(self) -> float:
-        """One number to compare by: a tenth less of one figure is worth about a tenth less of another."""
-        return (self.irregular + FEW) * (self.misalignment + ALONG) * (1.0 + self.unevenness) * (1.0 + self.lost)
+        """One number to compare by."""
+        return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
 
 
 def quality(quads: PolygonMesh, target: Target) -> Quality:

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ..checking.check import Finding, findings
-from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
+from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
+from ..quadrangulation.even import simplified
 from ..quadrangulation.quadrangulate import quadrangulate
+from .bodies import is_clean, is_closed, joined, parts_of, said, target_of
 from .mend import FOLDED, POOR, SHARP, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined, split
+from .tool import Tool
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one
@@ -38,14 +40,20 @@ TRIES = (
 CANDIDATES = 8
 FLAT = 180.0  # degrees: no fold is as sharp
 # degrees from which a fold is followed, how much the quads follow the curvature, and how much the surface is smoothed before:
-# what is tried before QuadriFlow; of a body without sharp folds those alone that follow none. On smooth shells 16 halves the
-# angle to the curvature, on others it folds the map or brings twice the irregular vertices. Smoothed much, homer gets 34
-# irregular vertices instead of QuadriFlow's 62; otherwise there is no map of it
-OWN: tuple[tuple[float, float, float], ...] = (
-    (SHARP, 16.0, 10.0), (SHARP, 4.0, 10.0), (SHARP, 0.5, 10.0),
-    (FLAT, 16.0, 10.0), (FLAT, 4.0, 10.0), (FLAT, 0.5, 10.0), (FLAT, 0.5, 30.0),
-)  # fmt: skip
-BESIDE = 1  # candidates of QuadriFlow that are tried where one of these has no poor quads
+# what is tried before QuadriFlow, row by row until one gives quads; a row is gone along while its tries do. Over 25 meshes a
+# stronger pull never gave a map where a weaker one had folded over itself, and sharp folds were always worth keeping
+OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
+    ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0), (SHARP, 64.0, 10.0)),
+    ((SHARP, 0.5, 10.0),),
+    ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0), (FLAT, 64.0, 10.0)),
+    ((FLAT, 0.5, 10.0),),
+    ((FLAT, 0.5, 30.0),),
+)
+MAPS = 10  # of these are tried of a body at most: of one that is remeshed from voxels, all the sizes of them together
+# triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on so many, and QuadriFlow
+# takes time in proportion to them: 18 s for 69,000, where the quads of 20,000 are as good
+DENSE = 20.0
+BESIDE = 1  # candidates of QuadriFlow that are tried where one of these gives useful quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
@@ -64,30 +72,6 @@ DOUBLED = 1.2
 # its back
 AT_BORDER = 0.6
 FILLING = 0.1  # quad edges between the middle of a quad and the surface from which on it fills a hole
-
-
-class Tool(Protocol):
-    """Makes quads; every call may take seconds, asks ``progress`` meanwhile, and may come back with nothing."""
-
-    def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh | None:
-        """The mesh as triangles, corners nearer than ``near`` joined, nothing without area."""
-        ...
-
-    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
-        """About ``count`` quads of one clean body, along its sharp edges where that is asked for."""
-        ...
-
-    def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
-        """The skin of a closed body as small faces."""
-        ...
-
-    def cells(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
-        """A body of large flat faces as polygons of about this size."""
-        ...
-
-    def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
-        """Pairs of bodies whose surfaces cut each other."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +96,13 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
     triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
     if triangles is None or not len(triangles.sizes):
         raise FlexMapsError("The faces of the mesh have no area; give it some that have")
-    parts, said = _parts(triangles, tool, progress)
-    areas = np.array([_target(part).area for part in parts])
+    parts, found = parts_of(triangles, tool, progress)
+    areas = np.array([target_of(part).area for part in parts])
     share = count * areas / areas.sum()
     large = share >= min(FEWEST, share.max())
     if not large.all():
-        said.append(
-            _said(
+        found.append(
+            said(
                 "bodies-left-out",
                 f"Bodies smaller than {FEWEST} quads of this size were left out: {(~large).sum()} of {len(parts)}, "
                 f"{areas[~large].sum() / areas.sum():.2g} of the area; ask for more quads to keep them",
@@ -131,107 +115,8 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
         name = f" of body {done + 1} of {len(kept)}" if len(kept) > 1 else ""
         made.append(_quads_of(parts[k], max(FEWEST, round(share[k] * count / share[large].sum())), tool, piece, name))
     progress(1.0, "Quads are ready")
-    quads = _joined(made)
-    return Requadded(replace(quads, vertices=quads.vertices / scale + low), said)
-
-
-# -- bodies --------------------------------------------------------------------------------------------------------------
-
-
-def _parts(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
-    """The bodies to be remeshed one by one."""
-    whole, said = _apart(triangles), []
-    if len(whole) > 1:
-        closed = np.array([_is_closed(part) for part in whole])
-        joined = np.arange(len(whole))
-        for a, b in tool.touching(whole, progress.quiet()):
-            if closed[a] and closed[b]:
-                joined[joined == joined[b]] = joined[a]
-        groups = [np.flatnonzero(joined == k) for k in np.unique(joined)]
-        if len(groups) < len(whole):
-            said.append(_said("bodies-joined", f"{len(whole)} bodies cut each other and became {len(groups)}"))
-        whole = [_joined([whole[k] for k in group]) for group in groups]
-    parts = []
-    for part in whole:
-        clean = _is_clean(part)
-        if not clean and not _is_closed(part):
-            pieces = _apart(_cut_apart(part))
-            if len(pieces) > 1:
-                said.append(
-                    _said(
-                        "bodies-cut",
-                        f"Open parts that meet three at an edge were cut apart there, into {len(pieces)} bodies",
-                    )
-                )
-            parts += pieces
-        else:
-            parts.append(part)
-    if any(_has_one_side(part) for part in parts if not _is_closed(part)):
-        raise FlexMapsError(
-            "A part has only one side, like a Moebius strip: cut it open along a row of edges (V in Blender)"
-        )
-    return parts, said
-
-
-def _said(code: str, message: str) -> Finding:
-    return Finding(code, "warning", message)
-
-
-def _apart(mesh: PolygonMesh) -> list[PolygonMesh]:
-    """The bodies of a mesh, each with its own vertices and its faces turned the same way."""
-    sides = sides_of(mesh)
-    body = bodies(sides, len(mesh.sizes))
-    turned, _, _ = inconsistent(sides, body)
-    corners = mesh.corners.reshape(-1, 3).copy()
-    corners[turned] = corners[turned][:, ::-1]
-    order = np.argsort(body, kind="stable")
-    ends = np.cumsum(np.bincount(body))
-    return [of_rows(mesh.vertices, corners[faces]) for faces in np.split(order, ends[:-1])]
-
-
-def _cut_apart(mesh: PolygonMesh) -> PolygonMesh:
-    """Every fan of faces round a vertex gets a vertex of its own; at an edge of three faces or more all part."""
-    fan = fans(sides_of(mesh))
-    _, first = np.unique(fan, return_index=True)
-    return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
-
-
-def _has_one_side(mesh: PolygonMesh) -> bool:
-    sides = sides_of(mesh)
-    return bool(len(inconsistent(sides, bodies(sides, len(mesh.sizes)))[1]))
-
-
-def _is_closed(mesh: PolygonMesh) -> bool:
-    return bool((np.bincount(sides_of(mesh).edge) > 1).all())
-
-
-def _is_clean(mesh: PolygonMesh) -> bool:
-    """Whether it is one body of two sides, with at most two faces at an edge and one fan at a vertex."""
-    sides = sides_of(mesh)
-    if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
-        return False
-    body = bodies(sides, len(mesh.sizes))
-    turned, one_sided, _ = inconsistent(sides, body)
-    return body.max() == 0 and not len(turned) and not len(one_sided)
-
-
-def _joined(parts: list[PolygonMesh]) -> PolygonMesh:
-    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    return PolygonMesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.corners + k for part, k in zip(parts, first, strict=False)]),
-        np.concatenate([part.sizes for part in parts]),
-    )
-
-
-def _target(mesh: PolygonMesh) -> Target:
-    """A mesh of triangles or quads as the surface that quads are to lie on."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    rows = [
-        np.stack([mesh.corners[starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
-        for k in range(1, int(mesh.sizes.max()) - 1)
-    ]
-    return Target(np.ascontiguousarray(mesh.vertices, float), np.concatenate(rows).astype(np.int64))
+    quads = joined(made)
+    return Requadded(replace(quads, vertices=quads.vertices / scale + low), found)
 
 
 # -- one body ------------------------------------------------------------------------------------------------------------
@@ -242,18 +127,15 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     middle, scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
     small = replace(body, vertices=(body.vertices - middle) * scale)
-    whole = _target(small)
+    whole = target_of(small)
     found: list[Judged] = []
-    tried, last = 0, ""
+    tried, maps, last = 0, MAPS, ""
     for surface in _surfaces(small, whole, count, tool, progress.quiet()):
-        for how in OWN if len(_target(surface).sharp) else [one for one in OWN if one[0] == FLAT]:
-            progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
-            tried += 1
-            judged = _own(surface, whole, count, how, progress.quiet())
-            if isinstance(judged, Judged):
-                found.append(judged)
-        enough = BESIDE if any(not any(one.faults) for one in found) else CANDIDATES
-        for number, (seed, factor, times, sharp) in enumerate(TRIES if surface is small else TRIES[:OF_VOXELS], 1):
+        progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
+        more, maps = _along(surface, whole, count, maps, progress.quiet())
+        found, tried = found + more, tried + 1
+        enough, of_voxels = BESIDE if _useful(found) else CANDIDATES, surface.sizes[0] == 4
+        for number, (seed, factor, times, sharp) in enumerate(TRIES[:OF_VOXELS] if of_voxels else TRIES, 1):
             tried += 1
             progress(1.0 - 0.85**tried, f"QuadriFlow: try {tried}{name}")
             raw = tool.quads(surface, max(FEWEST, round(factor * count / 4**times)), seed, sharp, progress.quiet())
@@ -268,7 +150,7 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
                 break
         if found:
             break
-    if not found and _is_clean(small) and not _is_closed(small):
+    if not found and is_clean(small) and not is_closed(small):
         found += _by_cells(small, whole, count, tool, progress.quiet())
     if not found:
         raise FlexMapsError(
@@ -279,11 +161,33 @@ def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, nam
     return replace(best, vertices=best.vertices / scale + middle)
 
 
+def _useful(found: list[Judged]) -> bool:
+    """Whether any has room for every spiral and misses nothing of the surface."""
+    return any(not any(one.faults[:2]) for one in found)
+
+
+def _along(surface: PolygonMesh, whole: Target, count: int, maps: int, progress: Progress) -> tuple[list[Judged], int]:
+    """Quads along the curvature, by ``OWN``, and how many of so many ``maps`` are left after them."""
+    found: list[Judged] = []
+    for row in OWN:
+        for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
+            if not maps:
+                return found, maps
+            maps -= 1
+            judged = _own(surface, whole, count, how, progress)
+            if isinstance(judged, str):
+                break
+            found.append(judged)
+        if _useful(found):
+            break
+    return found, maps
+
+
 def _own(
     surface: PolygonMesh, whole: Target, count: int, how: tuple[float, float, float], progress: Progress
 ) -> Judged | str:
     """Quads along the curvature, judged, or why there are none; ``how`` as in ``OWN``."""
-    triangles, (fold, alignment, smoothing) = _target(surface), how
+    triangles, (fold, alignment, smoothing) = target_of(surface), how
     edge = (triangles.area / count) ** 0.5
     given = of_rows(triangles.vertices, triangles.triangles)
     try:
@@ -295,16 +199,25 @@ def _own(
 
 def _surfaces(body: PolygonMesh, target: Target, count: int, tool: Tool, progress: Progress) -> Iterator[PolygonMesh]:
     """What QuadriFlow is to work on: the body itself if it is clean, then its skins of voxels, the finest first."""
-    if _is_clean(body):
-        yield body
+    if is_clean(body):
+        yield _thinned(body, count)
     edge = (target.area / count) ** 0.5
     for factor in VOXELS:
         skin = tool.voxels(body, factor * edge, progress)
         if skin is None or not len(skin.sizes):
             continue
         largest = _outer(skin)
-        if largest is not None and _is_clean(largest):
+        if largest is not None and is_clean(largest):
             yield largest
+
+
+def _thinned(body: PolygonMesh, count: int) -> PolygonMesh:
+    """A clean body of no more triangles than its quads need."""
+    triangles = target_of(body)
+    if len(triangles.triangles) <= DENSE * count:
+        return body
+    fewer = of_rows(*simplified(triangles.vertices, triangles.triangles, round(DENSE * count)))
+    return fewer if is_clean(fewer) else body
 
 
 def _outer(skin: PolygonMesh) -> PolygonMesh | None:
@@ -349,7 +262,7 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
     """The quads cut into four ``times`` times, mended and judged, or why they are no use."""
     if not (raw.sizes == 4).all():
         return "QuadriFlow left faces that are no quads"
-    if not _is_clean(raw):
+    if not is_clean(raw):
         return "its quads are no clean surface"
     opened = _opened(raw, whole)
     quads = mended(refined(opened, whole, times) if times or sharp else opened, whole)
@@ -358,7 +271,7 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
     if errors:
         folded = sum(len(f.faces) for f in errors if f.code in FOLDED)
         return f"{folded} of {len(quads.sizes)} quads are folded" if folded else "its quads differ too much in size"
-    made = _target(quads)
+    made = target_of(quads)
     edge = (whole.area / count) ** 0.5
     if made.area > DOUBLED * whole.area:
         return "its open side was closed, or both of its sides were covered"
@@ -379,7 +292,7 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
 def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
     """Without the quads that fill holes: QuadriFlow fills every one that has no more than 25 of its edges round it."""
     rows = raw.corners.reshape(-1, 4)
-    size = (_target(raw).area / len(rows)) ** 0.5
+    size = (target_of(raw).area / len(rows)) ** 0.5
     at_border = whole.to_border(raw.vertices) < AT_BORDER * size
     corners = raw.vertices[rows]
     middles = corners.mean(axis=1)
@@ -390,4 +303,4 @@ def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
     if not filling.any() or filling.all():
         return raw
     opened = of_rows(raw.vertices, rows[~filling])
-    return opened if _is_clean(opened) else raw
+    return opened if is_clean(opened) else raw

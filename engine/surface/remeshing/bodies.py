@@ -1,0 +1,109 @@
+"""The bodies of a mesh that are remeshed one by one, and what joins them or cuts them apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from ...progress import Progress
+from ..checking.check import Finding
+from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
+from ..mesh import PolygonMesh
+from .mend import Target, of_rows
+from .tool import Tool
+
+
+def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
+    """The bodies to be remeshed one by one."""
+    whole, found = apart(triangles), []
+    if len(whole) > 1:
+        closed = np.array([is_closed(part) for part in whole])
+        group_of = np.arange(len(whole))
+        for a, b in tool.touching(whole, progress.quiet()):
+            if closed[a] and closed[b]:
+                group_of[group_of == group_of[b]] = group_of[a]
+        groups = [np.flatnonzero(group_of == k) for k in np.unique(group_of)]
+        if len(groups) < len(whole):
+            found.append(said("bodies-joined", f"{len(whole)} bodies cut each other and became {len(groups)}"))
+        whole = [joined([whole[k] for k in group]) for group in groups]
+    parts = []
+    for part in whole:
+        clean = is_clean(part)
+        if not clean and not is_closed(part):
+            pieces = apart(cut_apart(part))
+            if len(pieces) > 1:
+                found.append(
+                    said(
+                        "bodies-cut",
+                        f"Open parts that meet three at an edge were cut apart there, into {len(pieces)} bodies",
+                    )
+                )
+            parts += pieces
+        else:
+            parts.append(part)
+    if any(has_one_side(part) for part in parts if not is_closed(part)):
+        raise FlexMapsError(
+            "A part has only one side, like a Moebius strip: cut it open along a row of edges (V in Blender)"
+        )
+    return parts, found
+
+
+def said(code: str, message: str) -> Finding:
+    return Finding(code, "warning", message)
+
+
+def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
+    """The bodies of a mesh, each with its own vertices and its faces turned the same way."""
+    sides = sides_of(mesh)
+    body = bodies(sides, len(mesh.sizes))
+    turned, _, _ = inconsistent(sides, body)
+    corners = mesh.corners.reshape(-1, 3).copy()
+    corners[turned] = corners[turned][:, ::-1]
+    order = np.argsort(body, kind="stable")
+    ends = np.cumsum(np.bincount(body))
+    return [of_rows(mesh.vertices, corners[faces]) for faces in np.split(order, ends[:-1])]
+
+
+def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
+    """Every fan of faces round a vertex gets a vertex of its own; at an edge of three faces or more all part."""
+    fan = fans(sides_of(mesh))
+    _, first = np.unique(fan, return_index=True)
+    return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
+
+
+def has_one_side(mesh: PolygonMesh) -> bool:
+    sides = sides_of(mesh)
+    return bool(len(inconsistent(sides, bodies(sides, len(mesh.sizes)))[1]))
+
+
+def is_closed(mesh: PolygonMesh) -> bool:
+    return bool((np.bincount(sides_of(mesh).edge) > 1).all())
+
+
+def is_clean(mesh: PolygonMesh) -> bool:
+    """Whether it is one body of two sides, with at most two faces at an edge and one fan at a vertex."""
+    sides = sides_of(mesh)
+    if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
+        return False
+    body = bodies(sides, len(mesh.sizes))
+    turned, one_sided, _ = inconsistent(sides, body)
+    return body.max() == 0 and not len(turned) and not len(one_sided)
+
+
+def joined(parts: list[PolygonMesh]) -> PolygonMesh:
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return PolygonMesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate([part.corners + k for part, k in zip(parts, first, strict=False)]),
+        np.concatenate([part.sizes for part in parts]),
+    )
+
+
+def target_of(mesh: PolygonMesh) -> Target:
+    """A mesh of triangles or quads as the surface that quads are to lie on."""
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    rows = [
+        np.stack([mesh.corners[starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
+        for k in range(1, int(mesh.sizes.max()) - 1)
+    ]
+    return Target(np.ascontiguousarray(mesh.vertices, float), np.concatenate(rows).astype(np.int64))
