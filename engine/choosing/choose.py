@@ -371,4 +371,13 @@ def _note(search: _Search, best: Proposal, given: Proposal | None, reached: bool
         return f"Chosen for {asked}: {what}."
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
-    return f"No layout was found for {asked}; the nearest has {what}. {best.judged.advice}"
+    return f"No layout was found for {asked}; the nearest has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
+
+
+def _no_nearer(search: _Search, best: Judged) -> str:
+    """A sentence on layouts of more panels, with a blank after it; nothing where none was judged, or one may come nearer."""
+    most = max(search.judged, key=lambda one: one.laid.panels)
+    left = most.rms if most.share >= LONG else EXPECTED * most.rms
+    if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:
+        return ""
+    return f"Up to {most.laid.panels} panels bring it no nearer. "
