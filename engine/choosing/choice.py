@@ -67,7 +67,7 @@ class Proposal:
             "max_percent": round(100.0 * self.judged.largest, 4),
             "proved": self.proved,
             "strain_share_max": round(self.judged.strain, 4),
-            "slots_closed": self.judged.closed,
+            **({} if self.judged.closed is None else {"slots_closed": self.judged.closed}),
             "symmetries_kept": laid.symmetric,
             "sheets": self.sheets,
             **({} if self.cut is None else {"cut_minutes": round(self.cut / 60.0, 1)}),

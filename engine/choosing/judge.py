@@ -18,15 +18,21 @@ from ..patches.splitting.split import split
 from ..patches.tracing.trace import make_disks
 from ..progress import SILENT, Progress
 from ..simulation.shortfall import curvature_within
-from ..spirals.design import fitted, from_curvature
+from ..spirals.design import curvature_adjusted, fitted
+from ..spirals.spiral import alike
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.symmetry import Symmetry, keeping
+from .lines import evenly
 
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.5
 FIRST = 0.05  # of the given layout, so that there is something to see soon
+FULL = 1.0  # of what comes near to a goal that it does not hold: what the optimiser will make of it after all
+# Quads for which a short search is meant, and the least share of it for fewer: the same number of steps then takes less. With the
+# same time a dome of 48 quads was searched to a millionth of its size
+QUADS, LEAST = 1000, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +54,14 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Idea:
-    """Where a surface could be cut, (E,) bool, and how somebody came upon that, in a few words."""
+    """Where a surface could be cut, (E,) bool, and how somebody came upon that, in a few words.
+
+    even : what is no disk is opened as symmetrically as the cuts are
+    """
 
     cut: Bool[np.ndarray, " edges"]
     origin: str
+    even: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +97,8 @@ class Judged:
 
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
     blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
-    advice : what limits the match, in a sentence; closed : slots that close; share : of the patience that it was given
+    advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
+    share : of the patience that it was given
     cut_length : metres of cuts, without connectors; contours : how many closed curves they are
     spirals : widths and twists, as in ``Piece``
     """
@@ -96,7 +107,7 @@ class Judged:
     rms: float
     largest: float
     strain: float
-    closed: int
+    closed: int | None
     blame: Float[np.ndarray, " quads"]
     kind: Int[np.ndarray, " quads"]
     advice: str
@@ -107,13 +118,18 @@ class Judged:
 
 
 def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
-    """An idea laid flat: what is no disk is opened, what is larger than a sheet is cut. None where that cannot be.
+    """An idea laid flat: what is no disk is opened, what is larger than a sheet is cut. None where that cannot be, or
+    where it would be no other than one that is not ``even``.
 
     most : radians of curvature that a panel may take up; what has more is not tried
     """
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
-        disks = make_disks(PatchLayout(piece.mesh, idea.cut & ~piece.mesh.border))
+        cut: np.ndarray | None = idea.cut & ~piece.mesh.border
+        cut = evenly(cut, piece.mesh, piece.symmetries) if idea.even else cut
+        if cut is None:
+            return None
+        disks = make_disks(PatchLayout(piece.mesh, cut))
         if taken_up(disks) > most:
             return None
         flat = split(flatten(disks, layout, progress), layout, sheet, progress)
@@ -129,21 +145,29 @@ def taken_up(layout: PatchLayout) -> float:
     return float(np.bincount(layout.patch_of, curvature_within(layout)).max())
 
 
-def judge(piece: Piece, laid: Laid, share: float = SHORT, progress: Progress = SILENT) -> Judged | None:
+def judge(
+    piece: Piece, laid: Laid, share: float = SHORT, progress: Progress = SILENT, thorough: bool | None = None
+) -> Judged | None:
     """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
 
-    It starts from the piece's spirals; a short search from nothing else, and without regard to slots that close.
+    thorough : whether several starts are tried, and slots that close minded and counted; by default in long searches alone
+    It starts from the piece's spirals, or from those that the curvature asks for.
     """
-    settings = piece.settings
-    params = replace(settings.optimise, patience=share * (settings.optimise.patience or 1.0))
+    settings, quick = piece.settings, share <= SHORT
+    thorough = not quick if thorough is None else thorough
+    params = settings.optimise
+    patience = share * (params.patience or 1.0)
+    if not thorough:
+        patience *= float(np.clip(len(piece.mesh.quads) / QUADS, LEAST, 1.0))
+        params = replace(params, restart=False, open_slots=False)
+    params = replace(params, patience=patience)
     try:
         if piece.spirals is None:
-            curved = curvature.rms_curvature(piece.mesh)
-            design = from_curvature(laid.flat, settings.spiral, curved, progress.quiet())
+            width, twist = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
+            spirals = alike(width), twist
         else:
-            design = fitted(laid.flat, settings.spiral, *piece.spirals, prove=False, progress=progress.quiet())
-            if share <= SHORT:
-                params = replace(params, restart=False, open_slots=False)
+            spirals = piece.spirals
+        design = fitted(laid.flat, settings.spiral, *spirals, prove=not quick, progress=progress.quiet())
         found = optimise(
             design,
             piece.mesh,
@@ -152,24 +176,25 @@ def judge(piece: Piece, laid: Laid, share: float = SHORT, progress: Progress = S
             settings.simulate,
             supports=piece.supports,
             force=piece.force,
+            prove=not quick,
             progress=progress.quiet(),
         )
     except FlexMapsError:
         return None
-    return _judged(laid, found, share) if found.after.equilibrium.converged else None
+    return _judged(laid, found, share, thorough) if found.after.equilibrium.converged else None
 
 
-def _judged(laid: Laid, found: Optimisation, share: float) -> Judged:
+def _judged(laid: Laid, found: Optimisation, share: float, thorough: bool) -> Judged:
     after, limits = found.after, reach(found)
     bends = laplacian_difference(after.assembly.pairs, after.equilibrium.pose.centres, after.target.centroids)
-    match, slots = after.match, after.slots()
+    match, measured = after.match, after.slots() if thorough else None
     curves = [curve for panel in after.design.outlines() for curve in (panel.outer, *panel.holes)]
     return Judged(
         laid,
         match["rms_percent"] / 100.0,
         match["max_percent"] / 100.0,
         0.0 if after.strain is None else float(after.strain.max()),
-        0 if slots is None else len(slots.closed),
+        None if measured is None else len(measured.closed),
         (bends**2).sum(axis=1),
         limits.kind,
         limits.advice,

@@ -3,7 +3,7 @@ layouts made symmetric."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -159,6 +159,18 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
         yield "along all mirror planes", np.any(found, axis=0)
 
 
+def unlike(
+    sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
+) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+    """Those that are not the image of one before: of the sixteen mirror planes along a torus of 32 quads, two."""
+    seen = set[bytes]()
+    for name, cut in sketches:
+        if cut.tobytes() not in seen:
+            images = (np.isin(np.arange(len(cut)), symmetry.edges[cut]) for symmetry in symmetries)
+            seen.update(image.tobytes() for image in (cut, *images))
+            yield name, cut
+
+
 def completed(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
@@ -178,6 +190,20 @@ def completed(
     for name, layouts in ways.items():
         sound = [one for one in layouts.values() if one.any() and (one != cut).any() and keeping(symmetries, one)]
         yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:COMPLETED])
+
+
+def evenly(
+    cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
+) -> Bool[np.ndarray, " edges"] | None:
+    """Symmetric cuts whose tubes and rings are opened in images of one cut, with the fewest of them.
+
+    None where one symmetry at least is left when they are opened anywhere, and where there is none to begin with.
+    """
+    kept = keeping(symmetries, cut)
+    if not kept or keeping(kept, make_disks(PatchLayout(mesh, cut)).cut):
+        return None
+    sound = [one for one in (_opened(cut, mesh, symmetry) for symmetry in kept) if keeping(kept, one)]
+    return min(sound, key=lambda one: int(one.sum()), default=None)
 
 
 def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:

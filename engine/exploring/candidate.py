@@ -80,7 +80,7 @@ def evaluate(base: Base, values: Values) -> Candidate:
         mesh = _sized(start.mesh, values)
         laid = _laid(base, start, mesh, settings, values)
         piece = Piece(mesh, settings, base.supports, base.force)
-        judged = judge(piece, laid, base.effort)
+        judged = judge(piece, laid, base.effort, thorough=True)
         if judged is None:
             return Candidate(values, fault="No shape was found that its panels come to rest in")
         return Candidate(
@@ -123,7 +123,7 @@ def _measured(judged: Judged, settings: Settings, material: Material) -> dict[st
         "rms_percent": 100.0 * judged.rms,
         "max_percent": 100.0 * judged.largest,
         "strain_share": judged.strain,
-        "slots_closed": judged.closed,
+        **({} if judged.closed is None else {"slots_closed": judged.closed}),
         "panels": made.panels,
         "joints": judged.laid.joints,
         "sheets": made.sheets,

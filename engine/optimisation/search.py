@@ -251,10 +251,12 @@ class Search:
         """The best spirals and flat shapes near to a design."""
         params, start = self.task.params, here.point
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
-        method, part = METHODS[params.method], progress.part(0.0, 0.9)
+        method, part, steps = METHODS[params.method], progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine(
             start.problem, start, here.design, rough, method, self.trace, self.accepted, part, self.first
         )
+        if not self.trace.rows[steps:]:
+            return here  # time was over before the first step, or no step brought anything
         within, other = progress.at(0.9, codesign.MOVING), self._settled(here, found, progress.at(0.9, codesign.MOVING))
         for share in BACK:
             if other is not None and other.value < here.value:
