@@ -43,7 +43,7 @@ from .engine.surface.mesh import PolygonMesh, QuadMesh
 if TYPE_CHECKING:
     import bpy
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "explore",
+__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "compare", "explore",
            "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
            "simulate", "spirals", "take", "use"]  # fmt: skip
 
@@ -222,6 +222,18 @@ def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     return _to(held, "design", progress, "simulate")
 
 
+def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: Tell = None) -> Piece:
+    """Lay a scan of the built piece over the simulated shape, or over the target where there is none; ``result.scan`` has it.
+
+    scan : an .ply, .obj, .stl or .off file of points or of a mesh; unit : mm, cm, m or in, else metres or millimetres by the size
+    anywhere : False where the scan is turned by 30 degrees at most; quicker and surer
+    """
+    from .engine.scanning import reading
+
+    ready = replace(piece.result, scanned=reading.read(scan, unit, anywhere), rest=_rest(piece))
+    return _go_on(replace(piece, made=ready), ("compare",), progress)
+
+
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
     held = change(piece, supports=supports)
@@ -366,6 +378,18 @@ def _begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
         made = None  # ``check`` says what is wrong, and so does every stage
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
     return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
+
+
+def _rest(piece: Piece) -> Any:
+    """The pose that the object of a piece holds, where that is up to date."""
+    if piece.uid is None or piece.result.simulation is not None:
+        return piece.result.rest
+    import bpy
+
+    from .bridge.store import equilibrium, mesh, objects
+
+    obj = objects.find(piece.uid)
+    return equilibrium.resting(obj, bpy.context.scene, mesh.read_surface(obj, bpy.context.scene))
 
 
 def _go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:

@@ -48,7 +48,9 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     names = [name for name in MADE if any(fnmatch.fnmatch(name, one) for one in options.only.split(","))]
     known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else {}
-    starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names][: options.starts]
+    starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names][
+        : options.starts
+    ]
     for name, seed in starts:
         if f"{name} {seed}" in known:
             continue
@@ -65,8 +67,18 @@ def main(arguments: list[str]) -> int:
             table.add(row(name, "starts that end right", f"of {len(found)}", float(np.mean(found <= NEAR)), None))
             table.add(row(name, "median distance", "", float(f"{np.median(found):.2g}"), None))
     if starts:
-        table.add(row("all", "processor seconds, median", "", float(np.median([known[f"{a} {b}"][1] for a, b in starts])), None))
-        table.add(at_least("all", "starts that end right", WANTED, float(np.mean(np.concatenate([*ends.values()]) <= NEAR))))
+        table.add(
+            row(
+                "all",
+                "processor seconds, median",
+                "",
+                float(np.median([known[f"{a} {b}"][1] for a, b in starts])),
+                None,
+            )
+        )
+        table.add(
+            at_least("all", "starts that end right", WANTED, float(np.mean(np.concatenate([*ends.values()]) <= NEAR)))
+        )
     table.finish(None)
     return 0
 

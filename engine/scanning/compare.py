@@ -15,10 +15,15 @@ from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
 from .surface import Surface
 
-SEEN = 0.1  # share of the size within which a point of the scan is taken for the piece: the paper's largest error is 0.041
+SEEN = (
+    0.1  # share of the size within which a point of the scan is taken for the piece: the paper's largest error is 0.041
+)
 SIDE = 0.85  # cosine: a point further than 32 degrees from a quad's normal lies beyond a border, not over the quad
+MEDIAN = 15  # points whose median tells where a spiral is: scatters a third as much as one point, and stays local
 LEAST = 3  # points over a spiral that tell where it is; fewer may all be outliers
 COVERED = 0.3  # share of the spirals that a scan of the same piece covers at least
+# share of the size: 26 pieces bent by up to 4 % end at 0.9 % RMS at most, scans of 7 other objects at 3.1 % at least
+ALIEN = 0.025
 CLUTTER = 0.5  # weight of a table's points below which they tell nothing of the piece
 ALIKE = 10.0  # times the scan may be larger or smaller than the piece where its unit is guessed: metres for millimetres is 1000
 
@@ -61,6 +66,11 @@ class Comparison:
     def highest(self) -> float:
         """The largest distance of a covered spiral, metres."""
         return float(np.nanmax(np.abs(self.distances)))
+
+    @property
+    def shown_mm(self) -> Float[np.ndarray, " quads"]:
+        """Millimetres from every spiral's centre to the scan, -1 where the scan does not show it: for maps and attributes."""
+        return np.where(self.covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
 
     def report(self) -> dict[str, Any]:
         """The block "scan" of report.json; percentages are of the piece's diagonal, as the paper's."""
@@ -110,6 +120,12 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
         raise FlexMapsError(
             f"The scan covers only {100 * seen:.0f} % of the piece's spirals; is it another object, or in another unit?"
         )
+    rms = float(np.sqrt(np.nanmean(distances**2)))
+    if rms > ALIEN:
+        raise FlexMapsError(
+            f"The scan lies RMS {100 * rms:.1f} % of the size from the piece where it comes nearest; is it another object, "
+            "in another unit, or did the piece snap into another shape?"
+        )
     return Comparison(
         turn=found.turn,
         shift=size * found.shift + middle - scale * found.turn @ centre,
@@ -148,19 +164,24 @@ def _distances(
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
     """Of every spiral the distance to the scan, shares of the size, and which points show the piece.
 
-    It is the median over the points whose closest point lies on its quad, so that a few outliers have no say.
+    It is the median over the points whose closest points on the piece lie nearest to the spiral's centre, within one edge of its
+    quad, so that a few outliers have no say.
     """
+    from scipy.spatial import cKDTree
+
     triangle, foot = surface.closest(laid)
     away = laid - foot
     height = np.einsum("ij,ij->i", away, surface.normals[triangle])
     far = np.linalg.norm(away, axis=1)
     over = (far <= found.reach) | (np.abs(height) >= SIDE * far)
     shown = (far < SEEN) & over & (found.weights >= CLUTTER)
-    quad = triangle[shown] // 2
-    order = np.lexsort((height[shown], quad))
-    count = np.bincount(quad, minlength=len(mesh.quads))
-    first = np.cumsum(count) - count
-    sorted_heights = np.append(height[shown][order], 0.0)
-    low, high = np.maximum(first + (count - 1) // 2, 0), first + count // 2
-    middle = (sorted_heights[np.minimum(low, len(order))] + sorted_heights[np.minimum(high, len(order))]) / 2
-    return np.where(count >= LEAST, middle, np.nan), shown
+    centres = surface.vertices[surface.triangles].reshape(-1, 6, 3).mean(axis=1)
+    if np.count_nonzero(shown) < LEAST:
+        return np.full(len(centres), np.nan), shown
+    reach = np.sqrt(mesh.areas) * np.linalg.norm(np.ptp(surface.vertices, axis=0)) / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    distance, near = cKDTree(foot[shown]).query(centres, min(MEDIAN, np.count_nonzero(shown)))
+    heights = np.append(height[shown], np.nan)[np.where(distance < reach[:, None], near, -1)]
+    told = np.count_nonzero(np.isfinite(heights), axis=1) >= LEAST
+    middle = np.full(len(centres), np.nan)
+    middle[told] = np.nanmedian(heights[told], axis=1)
+    return middle, shown

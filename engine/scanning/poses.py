@@ -16,8 +16,12 @@ import numpy as np
 from ..arrays import Float, Int
 from .surface import Distances
 
-AT_ONCE = 256  # poses in one array: 256 poses of 400 points and six columns are 5 MB, which a processor's cache nearly holds
-DAMPED = 1e-3  # share of the mean stiffness added in every direction: steps stay short where the surface slides in itself
+AT_ONCE = (
+    256  # poses in one array: 256 poses of 400 points and six columns are 5 MB, which a processor's cache nearly holds
+)
+DAMPED = (
+    1e-3  # share of the mean stiffness added in every direction: steps stay short where the surface slides in itself
+)
 LONGEST = 0.3  # radians and shares of the size: the longest step, for a pose that nothing holds
 
 
@@ -95,9 +99,7 @@ class Fit:
         found = [poses]
         for way in range(ways):
             twists = both[None, :, None] * weak[:, None, :, way]
-            found.append(
-                poses.repeated(len(both)).moved(np.repeat(about, len(both), axis=0), twists.reshape(-1, 6))
-            )
+            found.append(poses.repeated(len(both)).moved(np.repeat(about, len(both), axis=0), twists.reshape(-1, 6)))
         return Poses.joined(found)
 
     def _cost(self, poses: Poses, reach: float) -> np.ndarray:

@@ -61,13 +61,19 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
 def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
     """Points of the mesh in a file."""
     random = np.random.default_rng(0)
-    fans = [(start, k) for start, size in zip(np.cumsum(raw.sizes) - raw.sizes, raw.sizes, strict=True) for k in range(1, size - 1)]
+    fans = [
+        (start, k)
+        for start, size in zip(np.cumsum(raw.sizes) - raw.sizes, raw.sizes, strict=True)
+        for k in range(1, size - 1)
+    ]
     if not fans:
         return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]
     first, step = np.array(fans).T
     triangles = np.column_stack([raw.corners[first], raw.corners[first + step], raw.corners[first + step + 1]])
     if triangles.min() < 0 or triangles.max() >= len(raw.vertices):
-        raise FlexMapsError(f"{name}: a face refers to a vertex that is not there; it may be cut short, export it again")
+        raise FlexMapsError(
+            f"{name}: a face refers to a vertex that is not there; it may be cut short, export it again"
+        )
     corners = raw.vertices[triangles]
     with np.errstate(invalid="ignore", over="ignore"):
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

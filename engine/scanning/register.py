@@ -19,17 +19,35 @@ from .surface import Surface, Table
 
 # Measured on 26 surfaces of the zoo, 20 scans each (`bench make`): with 3 offsets instead of 5 and reaches from 0.12 on, a coil
 # and a knotted tube are caught between their own turns; without the looks along the weak ways half of all gables end wrong.
-TILTS = ((0.0, 1), (12.0, 6), (25.0, 14))  # degrees, turns so far from the given pose: any of 30 degrees is near one of them
+TILTS = (
+    (0.0, 1),
+    (12.0, 6),
+    (25.0, 14),
+)  # degrees, turns so far from the given pose: any of 30 degrees is near one of them
+WIDEST = 45.0  # degrees: poses turned further are left out, or a symmetric piece may be laid in another of its right poses
 ANYWHERE = 600  # turns tried where any pose may be: the median of all poses is 15 degrees from the nearest
-OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)  # shares of the surface's extents between its middle and the middle of the scan
+OFFSETS = (
+    -0.25,
+    -0.125,
+    0.0,
+    0.125,
+    0.25,
+)  # shares of the surface's extents between its middle and the middle of the scan
 FEW_OFFSETS = (-0.2, 0.0, 0.2)  # the same where any turn is tried
 FIRST = (0.04, 0.02)  # reaches of the first guesses
 SIEVED = 120  # guesses that go on from there
 LOOKS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
-LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))  # steps along weak ways at the last reach
+LAST_LOOKS = (
+    (0.03, 0.06, 0.12),
+    (0.005, 0.01, 0.02),
+    (0.0015, 0.003, 0.006),
+)  # steps along weak ways at the last reach
 POINTS = (120, 400, 1500, 3000)  # of the scan: while guesses are many, few, very few, and at the end
-NOISES = 3.0  # the last reach in standard deviations of the scan's noise: weighs 95 % of a normal distribution by over 0.3
+NOISES = (
+    3.0  # the last reach in standard deviations of the scan's noise: weighs 95 % of a normal distribution by over 0.3
+)
 SHARPEST, BLUNTEST = 0.0005, 0.03  # shares of the size between which that reach stays
+BESIDE = 0.05  # share of the size beyond which points are beside the piece: a piece that was built badly, bent by 4 %, is not
 CLUTTER = 0.03  # share of the scan's points beside the piece from which on a plane is looked for
 TRIES = 300  # planes through three points each: one in ten points on the plane is met in 26 % of such searches, one in five in 91 %
 
@@ -59,10 +77,11 @@ def register(
     table = Table(surface)
     points = scan[np.random.default_rng(0).permutation(len(scan))]
     rough = [Fit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINTS]
-    poses = _sieved(rough[0], _guesses(surface, points, anywhere), progress.part(0.0, 0.5))
+    poses = _sieved(rough[0], _guesses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
     for k, (reach, steps) in enumerate(LOOKS):
         progress(0.5 + 0.1 * k, "Scan: looking along the surface")
         poses = _looked(rough[1], poses, reach, steps, reach / 2, 30, 0.02)
+        poses = poses if anywhere else _upright(poses)
     poses = distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
     progress(0.8, "Scan: measuring its noise")
     exact = Fit(surface, points[: POINTS[2]], rough[2].weights)
@@ -84,11 +103,23 @@ def _guesses(surface: Surface, points: np.ndarray, anywhere: bool) -> Poses:
     if anywhere:
         turns = Rotation.random(ANYWHERE, rng=0).as_matrix()
     else:
-        turns = Rotation.from_rotvec(np.concatenate([np.radians(tilt) * _ball(count) for tilt, count in TILTS])).as_matrix()
+        turns = Rotation.from_rotvec(
+            np.concatenate([np.radians(tilt) * _ball(count) for tilt, count in TILTS])
+        ).as_matrix()
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
-    offsets = np.array(list(itertools.product(FEW_OFFSETS if anywhere else OFFSETS, repeat=3))) * (high - low) + (low + high) / 2
+    offsets = (
+        np.array(list(itertools.product(FEW_OFFSETS if anywhere else OFFSETS, repeat=3))) * (high - low)
+        + (low + high) / 2
+    )
     turns = np.repeat(turns, len(offsets), axis=0)
     return Poses(turns, np.tile(offsets, (len(turns) // len(offsets), 1)) - turns @ np.median(points, axis=0))
+
+
+def _upright(poses: Poses) -> Poses:
+    """Those that are turned by ``WIDEST`` at most, or all where there is none."""
+    cosine = (np.trace(poses.turns, axis1=1, axis2=2) - 1) / 2
+    near = np.flatnonzero(cosine >= np.cos(np.radians(WIDEST)))
+    return poses[near] if len(near) else poses
 
 
 def _ball(count: int) -> np.ndarray:
@@ -99,7 +130,7 @@ def _ball(count: int) -> np.ndarray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _sieved(fit: Fit, poses: Poses, progress: Progress) -> Poses:
+def _sieved(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
     """The best of the first guesses, fitted some at a time so that it can be stopped."""
     parts = []
     for k in range(0, len(poses), 1024):
@@ -108,7 +139,7 @@ def _sieved(fit: Fit, poses: Poses, progress: Progress) -> Poses:
         for reach in FIRST:
             part = fit.fitted(part, reach, 4)
         parts.append(part)
-    poses = Poses.joined(parts)
+    poses = Poses.joined(parts) if anywhere else _upright(Poses.joined(parts))
     return distinct(poses, fit.cost(poses, 0.01), fit.points[:4], SIEVED, 0.02)
 
 
@@ -143,7 +174,7 @@ def _weights(surface: Surface, points: np.ndarray, pose: Poses, reach: float) ->
     """
     laid = pose.laid(points)[0]
     off = surface(laid)[1]
-    beside, weights = laid[off > 3 * reach], np.ones(len(points))
+    beside, weights = laid[off > BESIDE], np.ones(len(points))
     if len(beside) < CLUTTER * len(points):
         return weights
     normal, origin = _plane(beside, reach)

@@ -53,7 +53,9 @@ class Surface:
 
     def closest(self, points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Of every point the triangle that is nearest and the (points, 3) point of it."""
-        _, triangle, foot = self.tree.squared_distance(self.vertices, self.triangles, np.ascontiguousarray(points, float))
+        _, triangle, foot = self.tree.squared_distance(
+            self.vertices, self.triangles, np.ascontiguousarray(points, float)
+        )
         return np.asarray(triangle).ravel(), np.asarray(foot).reshape(-1, 3)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,7 +79,9 @@ class Table:
     def __init__(self, surface: Surface):
         self._low = surface.vertices.min(axis=0) - MARGIN
         self._counts = np.ceil((surface.vertices.max(axis=0) + MARGIN - self._low) / STEP).astype(np.int32) + 1
-        nodes = np.stack(np.meshgrid(*map(np.arange, self._counts), indexing="ij"), -1).reshape(-1, 3) * STEP + self._low
+        nodes = (
+            np.stack(np.meshgrid(*map(np.arange, self._counts), indexing="ij"), -1).reshape(-1, 3) * STEP + self._low
+        )
         direction, distance = surface(nodes)
         height = np.einsum("ij,ij->i", direction, nodes) - distance
         self._direction, self._height = direction.astype(np.float32), height.astype(np.float32)
