@@ -20,6 +20,7 @@ SEEN = (
 )
 SIDE = 0.85  # cosine: a point further than 32 degrees from a quad's normal lies beyond a border, not over the quad
 MEDIAN = 15  # points whose median tells where a spiral is: scatters a third as much as one point, and stays local
+SPARSE = 0.15  # share of the usual number of points over a spiral: fewer are outliers where the scan shows nothing
 LEAST = 3  # points over a spiral that tell where it is; fewer may all be outliers
 COVERED = 0.3  # share of the spirals that a scan of the same piece covers at least
 # share of the size: 26 pieces bent by up to 4 % end at 0.9 % RMS at most, scans of 7 other objects at 3.1 % at least
@@ -164,8 +165,8 @@ def _distances(
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
     """Of every spiral the distance to the scan, shares of the size, and which points show the piece.
 
-    It is the median over the points whose closest points on the piece lie nearest to the spiral's centre, within one edge of its
-    quad, so that a few outliers have no say.
+    It is the median over the points whose closest points on the piece lie nearest to the spiral's centre, within half an edge of
+    its quad, so that a few outliers have no say.
     """
     from scipy.spatial import cKDTree
 
@@ -178,10 +179,13 @@ def _distances(
     centres = surface.vertices[surface.triangles].reshape(-1, 6, 3).mean(axis=1)
     if np.count_nonzero(shown) < LEAST:
         return np.full(len(centres), np.nan), shown
-    reach = np.sqrt(mesh.areas) * np.linalg.norm(np.ptp(surface.vertices, axis=0)) / np.linalg.norm(np.ptp(mesh.vertices, axis=0))
-    distance, near = cKDTree(foot[shown]).query(centres, min(MEDIAN, np.count_nonzero(shown)))
-    heights = np.append(height[shown], np.nan)[np.where(distance < reach[:, None], near, -1)]
-    told = np.count_nonzero(np.isfinite(heights), axis=1) >= LEAST
+    tree, size = cKDTree(foot[shown]), float(np.linalg.norm(np.ptp(mesh.vertices[np.unique(mesh.quads)], axis=0)))
+    half = 0.5 * np.sqrt(mesh.areas) / size
+    count = tree.query_ball_point(centres, half, return_length=True)
+    usual = np.median(count[count >= LEAST]) if (count >= LEAST).any() else 0.0
+    told = count >= max(LEAST, SPARSE * usual)
+    distance, near = tree.query(centres, min(MEDIAN, np.count_nonzero(shown)))
+    heights = np.append(height[shown], np.nan)[np.where(distance < half[:, None], near, -1)]
     middle = np.full(len(centres), np.nan)
     middle[told] = np.nanmedian(heights[told], axis=1)
     return middle, shown

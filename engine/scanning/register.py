@@ -24,7 +24,9 @@ TILTS = (
     (12.0, 6),
     (25.0, 14),
 )  # degrees, turns so far from the given pose: any of 30 degrees is near one of them
-WIDEST = 45.0  # degrees: poses turned further are left out, or a symmetric piece may be laid in another of its right poses
+WIDEST = (
+    45.0  # degrees: poses turned further are left out, or a symmetric piece may be laid in another of its right poses
+)
 ANYWHERE = 600  # turns tried where any pose may be: the median of all poses is 15 degrees from the nearest
 OFFSETS = (
     -0.25,
