@@ -230,7 +230,11 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
     """
     from .engine.scanning import reading
 
-    ready = replace(piece.result, scanned=reading.read(scan, unit, anywhere), rest=_rest(piece))
+    ready = replace(piece.result, scanned=reading.read(scan, unit, anywhere))
+    if piece.uid is not None and ready.simulation is None:
+        from .bridge.store import snapshot
+
+        ready = replace(ready, rest=snapshot.rest_of(piece.uid))
     return _go_on(replace(piece, made=ready), ("compare",), progress)
 
 
@@ -378,18 +382,6 @@ def _begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
         made = None  # ``check`` says what is wrong, and so does every stage
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
     return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
-
-
-def _rest(piece: Piece) -> Any:
-    """The pose that the object of a piece holds, where that is up to date."""
-    if piece.uid is None or piece.result.simulation is not None:
-        return piece.result.rest
-    import bpy
-
-    from .bridge.store import equilibrium, mesh, objects
-
-    obj = objects.find(piece.uid)
-    return equilibrium.resting(obj, bpy.context.scene, mesh.read_surface(obj, bpy.context.scene))
 
 
 def _go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:

@@ -28,26 +28,15 @@ WIDEST = (
     45.0  # degrees: poses turned further are left out, or a symmetric piece may be laid in another of its right poses
 )
 ANYWHERE = 600  # turns tried where any pose may be: the median of all poses is 15 degrees from the nearest
-OFFSETS = (
-    -0.25,
-    -0.125,
-    0.0,
-    0.125,
-    0.25,
-)  # shares of the surface's extents between its middle and the middle of the scan
+OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)  # shares of the surface's extents: its middle from that of the scan
 FEW_OFFSETS = (-0.2, 0.0, 0.2)  # the same where any turn is tried
 FIRST = (0.04, 0.02)  # reaches of the first guesses
 SIEVED = 120  # guesses that go on from there
+# reach of each round, and its steps along the weak ways: a scan of three fifths is at first up to 0.3 off along a ridge
 LOOKS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
-LAST_LOOKS = (
-    (0.03, 0.06, 0.12),
-    (0.005, 0.01, 0.02),
-    (0.0015, 0.003, 0.006),
-)  # steps along weak ways at the last reach
+LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))  # the same steps at the last reach
 POINTS = (120, 400, 1500, 3000)  # of the scan: while guesses are many, few, very few, and at the end
-NOISES = (
-    3.0  # the last reach in standard deviations of the scan's noise: weighs 95 % of a normal distribution by over 0.3
-)
+NOISES = 3.0  # the last reach in standard deviations of the scan's noise: 95 % of a normal distribution weigh over 0.47
 SHARPEST, BLUNTEST = 0.0005, 0.03  # shares of the size between which that reach stays
 BESIDE = 0.05  # share of the size beyond which points are beside the piece: a piece that was built badly, bent by 4 %, is not
 CLUTTER = 0.03  # share of the scan's points beside the piece from which on a plane is looked for
