@@ -43,7 +43,7 @@ from .engine.surface.mesh import PolygonMesh, QuadMesh
 if TYPE_CHECKING:
     import bpy
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "explore",
+__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "compare", "explore",
            "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
            "simulate", "spirals", "take", "use"]  # fmt: skip
 
@@ -220,6 +220,22 @@ def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     """The shape that the assembled panels take, and what keeps it from the target."""
     held = change(piece, supports=supports)
     return _to(held, "design", progress, "simulate")
+
+
+def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: Tell = None) -> Piece:
+    """Lay a scan of the built piece over the simulated shape, or over the target where there is none; ``result.scan`` has it.
+
+    scan : an .ply, .obj, .stl or .off file of points or of a mesh; unit : mm, cm, m or in, else metres or millimetres by the size
+    anywhere : False where the scan is turned by 30 degrees at most; quicker and surer
+    """
+    from .engine.scanning import reading
+
+    ready = replace(piece.result, scanned=reading.read(scan, unit, anywhere))
+    if piece.uid is not None and ready.simulation is None:
+        from .bridge.store import snapshot
+
+        ready = replace(ready, rest=snapshot.rest_of(piece.uid))
+    return _go_on(replace(piece, made=ready), ("compare",), progress)
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:

@@ -15,6 +15,7 @@ from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
 from ..engine.runs import job
+from ..engine.scanning.reading import UNITS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from . import summary
@@ -69,6 +70,7 @@ def parser() -> argparse.ArgumentParser:
     _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
+    _comparing(_command(commands, "compare", _compare, summary.whole, "lay a scan of the built piece over its shape"))
     _exploring(
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
@@ -121,6 +123,14 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
 def _formats(made: argparse.ArgumentParser) -> None:
     made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
+
+
+def _comparing(made: argparse.ArgumentParser) -> None:
+    made.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
+    made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
+    made.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
+    made.add_argument("--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer")
+    made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
 
 
 def _exploring(made: argparse.ArgumentParser) -> None:
@@ -224,6 +234,14 @@ def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return _saved(args, api.optimise(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    piece, told = api.load(args.mesh, **_source(args)), Progress(tell)
+    if args.simulate:
+        piece = api.simulate(piece, progress=told.part(0.0, 0.6))
+    found = api.compare(piece, args.scan, unit=args.unit or "", anywhere=not args.near, progress=told.part(0.6, 1.0))
+    return api.report(found, args.out)
 
 
 def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

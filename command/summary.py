@@ -41,6 +41,10 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
 
         text, warning = equilibrium.sentences(described["equilibrium"])
         print(f"  {'warning: ' if warning else ''}{text}")
+    if "scan" in described:
+        from ..bridge.store import scans
+
+        print(f"  {scans.sentence(described['scan'])}")
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")

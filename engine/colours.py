@@ -20,6 +20,7 @@ LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
     "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
     "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
 }
+UNSEEN = np.array([0.62, 0.62, 0.62])  # what was not measured: a grey that no scale has; by eye
 LEAST_DISTANCE = 0.1  # mm: the scale of distances reaches at least to here, or rounding errors would be coloured
 
 

@@ -10,7 +10,12 @@ from ..bridge.hosts import background, preload
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.store.objects import unusable
 
-STAGES = {"WIDTH": "Spirals", "ANISOTROPY": "Spirals", "TWIST": "Spirals"}  # what to press first
+STAGES = {
+    "WIDTH": "Spirals",
+    "ANISOTROPY": "Spirals",
+    "TWIST": "Spirals",
+    "SCAN": "Compare with a scan",
+}  # what to press first
 
 
 class Overlay(bpy.types.Operator):
@@ -38,6 +43,7 @@ class Overlay(bpy.types.Operator):
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
             ("REACH", "Limits", "What keeps every spiral from bending as the target does"),
             ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            ("SCAN", "Scan", "How far the built piece, scanned, is from the simulated shape"),
             ("SLOT", "Slots", "Narrowest slot beside the arms of every spiral in the simulated shape"),
         ],
         default="ENERGY",

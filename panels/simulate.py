@@ -39,6 +39,12 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
         block = notes.read(obj.data).get("equilibrium")
         if block is not None:
             _equilibrium(result(layout, context, "equilibrium"), context, obj, block)
+        body = fold(layout, "flexmaps_scan", "As built")
+        if body is not None:
+            body.operator("flexmaps.compare_file", icon="POINTCLOUD_DATA")
+            block = notes.read(obj.data).get("scan")
+            if block is not None:
+                _scan(result(body, context, "scan"), context, block)
 
 
 def _loads(layout: Any, obj: bpy.types.Object) -> None:
@@ -80,3 +86,16 @@ def _equilibrium(layout: Any, context: bpy.types.Context, obj: bpy.types.Object,
         number(grid, "Iterations", str(block.get("iterations")), alert=True)
     kinds = (("DISTANCE", "Distance"), ("STRAIN_ENERGY", "Energy"), ("SAFETY", "Safety"), ("SLOT", "Slots"))
     choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)
+
+
+def _scan(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> None:
+    """What the comparison with a scan found."""
+    for text in block["remarks"]:
+        wrapped(layout, context, text, icon="INFO")
+    grid = numbers(layout)
+    size = "{:.2f} mm, {:.2f} %"
+    number(grid, "RMS distance", size.format(block["rms_mm"], block["rms_percent"]))
+    number(grid, "Largest distance", size.format(block["max_mm"], block["max_percent"]))
+    number(grid, "Shown by the scan", iface_("{:.0f} % of the spirals").format(100 * block["covered"]))
+    number(grid, "Points beside the piece", f"{100 * block['points_beside']:.0f} %")
+    choice_row(layout, context.window_manager, "flexmaps_overlay", (("SCAN", "Distance of the scan"),))

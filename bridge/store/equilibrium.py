@@ -22,7 +22,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
-from . import attributes, notes, pose, states
+from . import attributes, notes, pose, scans, states
 from .i18n import translate
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def forget(obj: bpy.types.Object) -> None:
     for name in (*NAMES, REACH):
         attributes.remove(obj, attributes.PREFIX + name)
     pose.forget(obj)
+    scans.forget(obj)
     _remove(obj, keys_of(obj.data))
 
 
@@ -117,6 +118,7 @@ def write(
     if limits is not None:
         attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
+    scans.forget(obj)
     obj.data.update()
 
 

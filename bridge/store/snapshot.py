@@ -10,11 +10,12 @@ import numpy as np
 
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
+from ...engine.mechanics.assembly import Pose
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
-from . import mesh, notes, objects, settings, supports
+from . import equilibrium, mesh, notes, objects, settings, supports
 from .surface import Surface
 
 
@@ -111,3 +112,9 @@ def read(obj: bpy.types.Object) -> Stored:
     return Stored(
         surface.polygons, used, surface.uid, replace(result, supports=held, force=force), snapshot.seams(result)
     )
+
+
+def rest_of(uid: int) -> Pose | None:
+    """The pose of an object's simulation, where that is sound and up to date."""
+    obj, scene = objects.find(uid), bpy.context.scene
+    return equilibrium.resting(obj, scene, mesh.read_surface(obj, scene))

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
-from ..store import attributes, equilibrium
+from ..store import attributes, equilibrium, scans
 from .legend import Legend
 
 # kind -> (attribute, label, unit)
@@ -23,6 +23,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "REACH": ("flexmaps_reach", "What limits the match", ""),
     "SAFETY": ("flexmaps_strain", "Strain", "%"),
     "SLOT": ("flexmaps_slot", "Slots", "mm"),
+    "SCAN": ("flexmaps_scan", "Distance of the scan", "mm"),
 }
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
 OPEN = 0.3  # mm: the scale of the slots ends at least here, the smallest one that a laser leaves
@@ -65,6 +66,11 @@ def painted(
         return colours.on_scale(high - values, 0.0, high, colours.BAD), Legend(
             text, f"{high:.2g} mm", "closed", colours.BAD
         )
+    if kind == "SCAN":
+        high = max(high, colours.LEAST_DISTANCE)
+        rgb = colours.on_scale(np.maximum(values, 0.0), 0.0, high, colours.BAD)
+        rgb[values < 0] = colours.linear(colours.UNSEEN)
+        return rgb, Legend(f"{label}, grey where there is none", "0", f"{high:.3g} mm", colours.BAD)
     if kind == "ANISOTROPY":
         low, high = 0.0, max(high, LEAST_ANISOTROPY)
     if kind == "DISTANCE":
@@ -118,4 +124,6 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
 
 def current(obj: bpy.types.Object, kind: str) -> bool:
     """Colours of a simulation that the mesh has left behind are not shown."""
+    if kind == "SCAN":
+        return scans.current(obj, bpy.context.scene)
     return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)

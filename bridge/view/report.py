@@ -56,13 +56,16 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
     import bpy
 
-    from ..store import attributes, equilibrium, notes, states
+    from ..store import attributes, equilibrium, notes, scans, states
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = states.of(obj, bpy.context.scene)
     blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
-    found = Reported(taken, blocks)
+    if not scans.current(obj, bpy.context.scene):
+        blocks.pop("scan", None)
+    scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
+    found = Reported(taken, blocks, values={"scan": scan})
     if "equilibrium" not in blocks:
         return found
     key = equilibrium.key_of(obj.data)
@@ -74,7 +77,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
-    return replace(found, shape=shape, values=values)
+    return replace(found, shape=shape, values=found.values | values)
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -86,7 +89,9 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     stages.needed(result, "flat")
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
     measured = report_page.measured(result)
-    if found.shape is not None:
+    if found.shape is None:
+        measured = replace(measured, scan=found.values.get("scan"))
+    else:
         to_metres = taken.surface.to_metres
         world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
         used = np.unique(taken.surface.polygons.corners)  # the engine knows no others

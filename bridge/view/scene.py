@@ -16,9 +16,9 @@ from ...engine.runs import report
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, mesh, notes, settings, states, supports
+from ..store import equilibrium, mesh, notes, scans, settings, states, supports
 from ..store.surface import Surface
-from . import choices, collection, colouring, flat_panels, materials, meshes
+from . import choices, collection, colouring, flat_panels, materials, meshes, scan_points
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
@@ -107,6 +107,8 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
+    if result.scan is not None:
+        scans.write(obj, result.scan, scan_points.show(obj, scene, result.scan))
     notes.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from ..arrays import Bool, Float, Int
 from ..optimisation import reach
 from ..optimisation.reach import Reach
 from ..patches.flattening.flatten import FlatPatches
+from ..scanning.compare import Comparison
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
@@ -22,7 +23,7 @@ from .drawing import Drawing, hexes
 from .plots import Colouring
 
 NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
-         "slots", "limits")  # fmt: skip
+         "slots", "limits", "scan")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
 # mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
@@ -38,6 +39,7 @@ class Measured:
     shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
     slot : mm, the narrowest slot beside the arms in that shape
     kind : what limits the match, into ``reach.NAMES``
+    scan : mm from the scan of the built piece, negative where it does not show the spiral
     """
 
     mesh: QuadMesh
@@ -53,6 +55,7 @@ class Measured:
     strain: Float[np.ndarray, " quads"] | None = None
     slot: Float[np.ndarray, " quads"] | None = None
     kind: Int[np.ndarray, " quads"] | None = None
+    scan: Float[np.ndarray, " quads"] | None = None
 
     @classmethod
     def of(
@@ -62,6 +65,7 @@ class Measured:
         design: SpiralDesign | None = None,
         simulation: Simulation | None = None,
         limits: Reach | None = None,
+        scan: Comparison | None = None,
     ) -> Measured:
         """Of what the stages have made."""
         values: dict[str, Any] = {}
@@ -87,6 +91,8 @@ class Measured:
             values["slot"] = None if slots is None else 1e3 * slots.of_quads
         if limits is not None:
             values["kind"] = limits.kind
+        if scan is not None:
+            values["scan"] = scan.shown_mm
         return cls(mesh, **values)
 
 
@@ -96,7 +102,8 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
     described : the report of the same run; distortion : the limit of the layout, where the scale of the distortion ends
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
-    return layout | spirals | _choices(described) | _history(described) | _match(measured, described)
+    match = _match(measured, described)
+    return layout | spirals | _choices(described) | _history(described) | match | _scan(measured, described)
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
@@ -188,3 +195,16 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
         fills = np.array([colour for colour, _ in looks])[m.kind]
         found["limits"] = plots.flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
     return found
+
+
+def _scan(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """The shape with the distance of the built piece's scan; grey where the scan does not show it."""
+    if m.scan is None or not (m.scan >= 0).any():
+        return {}
+    block = described.get("scan", {})
+    high = max(float(m.scan.max()), colours.LEAST_DISTANCE)
+    title = "Distance of the scan" + (f", RMS {block['rms_mm']:.3g} mm" if "rms_mm" in block else "")
+    far = Colouring.of(title, np.maximum(m.scan, 0.0), "mm", colours.BAD, 0.0, high)
+    far = replace(far, fills=np.where((m.scan < 0)[:, None], colours.UNSEEN, far.fills))
+    shape = m.mesh.vertices if m.shape is None else m.shape
+    return {"scan": plots.shape_map(shape, m.mesh.quads, np.zeros((len(m.mesh.quads), 4), bool), far)}

@@ -33,7 +33,7 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
 
 def measured(result: Result) -> Measured:
     """What the plots of a run show."""
-    return Measured.of(result.mesh, result.flat, result.design, result.simulation, result.limits)
+    return Measured.of(result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan)
 
 
 def write(
@@ -131,6 +131,8 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     better = described.get("optimise", {})
     if "end" in better:
         notes.append((not better["finished"], f"How optimising ended: {better['end']}"))
+    if "scan" in described:
+        notes += [(False, f"Scan {described['scan']['file']}: {text}") for text in described["scan"]["remarks"]]
     if "reach" in described:
         notes.append((False, described["reach"]["advice"]))
     notes += [(True, text) for text in described.get("sheets", {}).get("warnings", ())]

@@ -17,6 +17,8 @@ from ..optimisation.optimise import Optimisation
 from ..optimisation.reach import Reach
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
+from ..scanning.compare import Comparison
+from ..scanning.reading import Scan
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
@@ -38,6 +40,7 @@ class Result:
     choice : the layouts that were compared, if that was asked for, and which of them flat is
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
+    scanned : a scan of the built piece to compare with; scan : it laid over the simulated shape, or the target
     sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
     lost : why a member that was there once cannot be used, by its name; reported instead of "there is none yet"
     undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
@@ -60,6 +63,8 @@ class Result:
     optimisation: Optimisation | None = None
     simulation: Simulation | None = None
     limits: Reach | None = None
+    scanned: Scan | None = None
+    scan: Comparison | None = None
     sheets: CutSheets | None = None
     estimates: Estimates | None = None
     assembly: AssemblyCheck | None = None

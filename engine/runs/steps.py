@@ -13,6 +13,7 @@ import numpy as np
 from ..assembling import check as assembly_check
 from ..choosing import choose
 from ..choosing.judge import Piece
+from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..optimisation import optimise, reach
 from ..params import Settings
@@ -21,6 +22,7 @@ from ..patches.merging import merge
 from ..patches.splitting import split
 from ..patches.tracing import trace
 from ..progress import Progress
+from ..scanning import compare
 from ..simulation import simulate
 from ..spirals import design
 from ..surface import curvature
@@ -117,6 +119,20 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
     return replace(result, simulation=found, limits=limits)
 
 
+def _compare(result: Result, settings: Settings, progress: Progress) -> Result:
+    if result.scanned is None:
+        raise FlexMapsError("There is no scan to compare with; give its file to 'compare'")
+    mesh, simulated = (
+        result.mesh,
+        result.simulation is not None or (result.rest is not None and result.design is not None),
+    )
+    if result.simulation is not None:
+        mesh = mesh.moved(result.simulation.vertices)
+    elif result.rest is not None and result.design is not None:
+        mesh = mesh.moved(simulate.carried(result.design, result.rest, mesh))
+    return replace(result, scan=compare.compare(mesh, result.scanned, simulated, progress))
+
+
 def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     split.check_size(result.design.flat, settings.layout, settings.sheet)
@@ -142,6 +158,7 @@ STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
     "spirals": _spirals,
     "optimise": _optimise,
     "simulate": _simulate,
+    "compare": _compare,
     "sheets": _sheets,
     "estimate": _estimate,
 }

@@ -26,7 +26,10 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link"}
-DRAWN = set(run_plots.NAMES) - {"choices"}  # that one needs layouts to choose from, see test_choose
+DRAWN = set(run_plots.NAMES) - {
+    "choices",
+    "scan",
+}  # these need layouts to choose from and a scan, see test_choose, test_compare
 FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 

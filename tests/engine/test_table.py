@@ -25,6 +25,7 @@ GIVEN = {
     "force",
     "seams",
     "rest",
+    "scanned",
     "lost",
     "undone",
     "seconds",
@@ -138,7 +139,7 @@ def test_notes_are_dropped_with_what_they_tell_of() -> None:
 
 
 def test_every_block_is_told(made: Result) -> None:
-    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"choose", "optimise"}  # which nobody asked for
+    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"choose", "optimise", "scan"}  # which nobody asked for
     assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 

@@ -1,0 +1,109 @@
+"""A scan of the built piece, laid over the predicted shape and measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.store import notes
+from ..bridge.store.i18n import translate
+from ..engine.progress import Progress
+from .continued import Continuation, ContinuedStage
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..engine.runs.result import Result
+
+
+class Asked:
+    """What is asked about a scan: where it is, its unit, how it lies."""
+
+    filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Scan", description="Points or a mesh of the built piece", subtype="FILE_PATH", options={"SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(  # type: ignore[valid-type]
+        default="*.ply;*.obj;*.stl;*.off", options={"HIDDEN"}
+    )
+    unit: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Unit",
+        description="Of the numbers in the scan's file",
+        items=[
+            ("GUESS", "Guess", "Metres or millimetres, whichever comes nearer the piece's size"),
+            ("mm", "Millimetres", ""),
+            ("cm", "Centimetres", ""),
+            ("m", "Metres", ""),
+            ("in", "Inches", ""),
+        ],
+        default="GUESS",
+    )
+    anywhere: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Any pose",
+        description="The scan may lie and be turned in any way; off, where it is turned by 30 degrees at most, is quicker and surer",
+        default=True,
+    )
+
+
+class Compare(Asked, ContinuedStage, bpy.types.Operator):
+    """Lay a scan of the built piece over the simulated shape and show how far it is from it"""
+
+    bl_idname = "flexmaps.compare"
+    bl_label = "Compare with a scan"
+    loaded = True
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.store import equilibrium
+        from ..engine.scanning import reading
+
+        path = Path(bpy.path.abspath(self.filepath))
+        unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere
+        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
+
+        def go_on(result: Result, progress: Progress) -> Any:
+            from dataclasses import replace
+
+            from ..engine.runs import job
+
+            progress(0.0, "Reading the scan")
+            scan = reading.read(path, unit, anywhere)
+            return job.go_on(replace(result, rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import scans
+        from ..bridge.view import scan_points
+        from ..engine.runs import report
+
+        scans.write(obj, result.scan, scan_points.show(obj, context.scene, result.scan))
+        blocks = report.blocks(result, ("scan",))
+        notes.write_all(obj.data, blocks)
+        return scans.sentence(blocks["scan"])
+
+    shows = "SCAN"
+
+
+class CompareFile(Asked, bpy.types.Operator):
+    """Choose the file of a scan of the built piece, and compare it with the simulated shape"""
+
+    bl_idname = "flexmaps.compare_file"
+    bl_label = "Compare with a scan"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return Compare.poll(context)
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        if not Path(bpy.path.abspath(self.filepath)).is_file():
+            self.report({"ERROR"}, translate("There is no file {}; choose a scan", self.filepath))
+            return {"CANCELLED"}
+        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"  # with a window it runs beside it
+        return bpy.ops.flexmaps.compare(how, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
+
+
+CLASSES = (Compare, CompareFile)
