@@ -806,7 +806,11 @@ class PageParams(Params):
         "Assembly",
         "How the panels come together in the 3D view",
         choices=(
-            ("RESTING", "Simulated", "Through the shapes in which half-finished pieces rest, as in the animation; takes longer"),
+            (
+                "RESTING",
+                "Simulated",
+                "Through the shapes in which half-finished pieces rest, as in the animation; takes longer",
+            ),
             ("AT_ONCE", "Quick", "Every panel takes its final shape as it comes"),
         ),
     )

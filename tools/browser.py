@@ -44,7 +44,10 @@ def obstacle() -> str | None:
     if os.geteuid() != 0 or shutil.which("apt-get") is None:
         return f"no browser: install one of {', '.join(NAMES[:3])}, or name it in FLEXMAPS_BROWSER"
     print("Installing Chromium (once, about a minute)", file=sys.stderr, flush=True)
-    for command in (["apt-get", "update", "-q"], ["apt-get", "install", "-q", "-y", "--no-install-recommends", "chromium"]):
+    for command in (
+        ["apt-get", "update", "-q"],
+        ["apt-get", "install", "-q", "-y", "--no-install-recommends", "chromium"],
+    ):
         if subprocess.run(command, capture_output=True).returncode:
             return f"no browser: '{' '.join(command)}' failed"
     return None
@@ -65,7 +68,14 @@ class Browser:
         assert program is not None
         # the browser reads from file 3 and writes to file 4
         shell = f'exec "$0" "$@" 3<&{there} 4>&{back}'
-        words = [program, *OPTIONS, *options, "--remote-debugging-pipe", f"--user-data-dir={self._folder.name}", "about:blank"]
+        words = [
+            program,
+            *OPTIONS,
+            *options,
+            "--remote-debugging-pipe",
+            f"--user-data-dir={self._folder.name}",
+            "about:blank",
+        ]
         self._process = subprocess.Popen(
             ["bash", "-c", shell, *words], pass_fds=(there, back), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
@@ -80,16 +90,25 @@ class Browser:
         width, height = SIZES[size]
         phone = size == "phone"
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=2 if phone else 1, mobile=phone
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=2 if phone else 1,
+            mobile=phone,
         )
         self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
-        features = [("prefers-color-scheme", "dark" if dark else "light"), ("prefers-reduced-motion", "reduce" if still else "")]
+        features = [
+            ("prefers-color-scheme", "dark" if dark else "light"),
+            ("prefers-reduced-motion", "reduce" if still else ""),
+        ]
         self.call("Emulation.setEmulatedMedia", features=[{"name": name, "value": value} for name, value in features])
 
     def __enter__(self) -> Browser:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -177,7 +196,9 @@ class Browser:
 
     def settle(self) -> None:
         """Wait until what was asked to be drawn is drawn."""
-        self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 50))))")
+        self.evaluate(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 50))))"
+        )
 
     def middle(self, selector: str) -> tuple[float, float]:
         """The middle of an element, in the window."""
@@ -197,7 +218,14 @@ class Browser:
         a, b = self.middle(selector)
         self.call("Input.dispatchMouseEvent", type="mousePressed", x=a, y=b, button="left", clickCount=1)
         for share in (0.5, 1.0):
-            self.call("Input.dispatchMouseEvent", type="mouseMoved", x=a + share * x, y=b + share * y, button="left", buttons=1)
+            self.call(
+                "Input.dispatchMouseEvent",
+                type="mouseMoved",
+                x=a + share * x,
+                y=b + share * y,
+                button="left",
+                buttons=1,
+            )
         self.call("Input.dispatchMouseEvent", type="mouseReleased", x=a + x, y=b + y, button="left", clickCount=1)
         self.settle()
 
@@ -206,7 +234,8 @@ class Browser:
 
         def points(share: float) -> list[dict[str, float]]:
             return [
-                {"x": a[0] + share * (b[0] - a[0]), "y": a[1] + share * (b[1] - a[1]), "id": k} for k, (a, b) in enumerate(ways)
+                {"x": a[0] + share * (b[0] - a[0]), "y": a[1] + share * (b[1] - a[1]), "id": k}
+                for k, (a, b) in enumerate(ways)
             ]
 
         self.call("Input.dispatchTouchEvent", type="touchStart", touchPoints=points(0.0))

@@ -169,9 +169,7 @@ def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
     for patch, quads in enumerate(layout.patches):
         centres = design.arms.centre[quads]
         middle = int(quads[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))])
-        found.append(
-            {"name": panel_name(patch), "colour": shades[patch], "hub": middle, "step": joined.index(patch)}
-        )
+        found.append({"name": panel_name(patch), "colour": shades[patch], "hub": middle, "step": joined.index(patch)})
     return found
 
 
@@ -258,7 +256,9 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
         values.append(("strain", "Strain", "% of the limit", 100.0 * m.strain, high, colours.BAD))
     stiff = stiffness(shown.design, material)
     if stiff is not None:
-        values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm a radian", stiff, float(stiff.max()), colours.MUCH))
+        values.append(
+            ("stiffness", "Stiffness of the arms", "N\u00b7mm a radian", stiff, float(stiff.max()), colours.MUCH)
+        )
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
         low = float(numbers.min()) if name == "stiffness" else 0.0

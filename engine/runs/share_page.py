@@ -45,11 +45,17 @@ def scripts() -> list[str]:
 def policy(texts: Sequence[str] = ()) -> str:
     """What a page with these scripts allows its browser, as a Content-Security-Policy: no request, and no other script."""
     hashes = "".join(f" 'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in texts)
-    return f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src{hashes or ' ' + repr('none')}"
+    return (
+        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src{hashes or ' ' + repr('none')}"
+    )
 
 
 def page(
-    piece: str, title: str, described: Mapping[str, Any], drawn: Mapping[str, Drawing], pictures: Sequence[str] = INSTEAD
+    piece: str,
+    title: str,
+    described: Mapping[str, Any],
+    drawn: Mapping[str, Drawing],
+    pictures: Sequence[str] = INSTEAD,
 ) -> str:
     """The page as HTML text.
 

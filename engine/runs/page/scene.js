@@ -175,6 +175,16 @@ class View3D {
     this.ask();
   }
 
+  /** Go some of the way to look from a direction. @param {THREE.Vector3} way @param {number} share */
+  turnTo(way, share) {
+    const away = this.camera.position.clone().sub(this.controls.target);
+    const length = away.length();
+    away.normalize().lerp(way.clone().normalize(), share);
+    if (Math.hypot(away.x, away.y) < 1e-3 || away.length() < 0.1) away.y -= 0.1; // neither from the pole nor from within
+    this.camera.position.copy(this.controls.target).add(away.setLength(length));
+    this.controls.update();
+  }
+
   /** @private @param {KeyboardEvent} event */
   key(event) {
     const turns = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };

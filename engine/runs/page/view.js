@@ -2,6 +2,7 @@
 
 const STEP = 1.5; // how long a panel takes to fly and to be joined, in steps (`FLIGHT` + `CLOSING` of film.py)
 const SECONDS = 1.1; // for one step of the film, as it plays
+const FACING = 0.8; // seconds in which the view turns to a panel
 const LIT = "#f59e0b"; // the panel that comes next
 const PALE = "#aeb6c0"; // those that are there
 
@@ -215,7 +216,12 @@ class Page {
         chip.style.setProperty("--own", seam.colour);
         const joints = seam.joints.length === 1 ? "1 joint" : `${seam.joints.length} joints`;
         const names = seam.joints.length === 1 ? seam.joints[0][1] : `${seam.name}1 to ${seam.name}${seam.joints.length}`;
-        line.append(chip, ` ${joints} ${seam.other === null ? "within the panel" : `to panel ${seam.other}`}: ${names}`);
+        const text = document.createElement("span");
+        text.textContent = seam.other === null ? "within the panel" : `to panel ${seam.other}`;
+        const small = document.createElement("small");
+        small.textContent = `${joints}, ${names}`;
+        text.append(small);
+        line.append(chip, text);
         return line;
       }),
     );
@@ -241,20 +247,33 @@ class Page {
     this.find("[name=play]").setAttribute("aria-pressed", "true");
   }
 
-  /** The panel of this step flies to its place. */
+  /** The panel of this step flies to its place, seen from outside. */
   playStep() {
     const step = /** @type {number} */ (this.step);
     const end = Math.min(step + STEP, this.piece.length);
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) this.show(end);
-    else this.run(step, end);
+    this.skin.pull(end, 0);
+    const hubs = this.skin.hubs[this.piece.panels.findIndex((panel) => panel.step === step)];
+    const way = new THREE.Vector3();
+    for (const hub of hubs) way.add(this.view.hub(hub).normal);
+    way.normalize().add(new THREE.Vector3(0, 0, 0.35));
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
+      this.view.turnTo(way, 1);
+      this.show(end);
+    } else {
+      this.run(step, end, way);
+    }
   }
 
-  /** @private @param {number} from @param {number} to */
-  run(from, to) {
+  /** @private @param {number} from @param {number} to @param {THREE.Vector3} [way]  from where to look at it */
+  run(from, to, way) {
     this.stop();
     const began = performance.now();
+    let last = began;
     const tick = (now) => {
       const time = Math.min(from + Math.max(now - began, 0) / 1000 / SECONDS, to);
+      // what is left of the turn becomes less evenly, so that a hand on the piece is not fought for long
+      if (way && now - began < 1000 * FACING) this.view.turnTo(way, 1 - Math.exp((-5 * (now - last)) / (1000 * FACING)));
+      last = now;
       this.show(time);
       if (time < to) this.playing = requestAnimationFrame(tick);
       else this.stop();
