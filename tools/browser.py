@@ -171,12 +171,13 @@ class Browser:
 
     def open(self, path: Path, address: str = "", ready: str = "document.readyState == 'complete'") -> None:
         """Open a file, with ``address`` after its own (#...), and wait until an expression holds. What was noted is forgotten."""
-        self._loaded = False
-        self.messages.clear()
-        self.requests.clear()
-        self.call("Page.navigate", url=path.resolve().as_uri() + address)
-        while not self._loaded:
-            self._next()
+        for url in ("about:blank", path.resolve().as_uri() + address):  # from the page itself, another address would not load it anew
+            self._loaded = False
+            self.messages.clear()
+            self.requests.clear()
+            self.call("Page.navigate", url=url)
+            while not self._loaded:
+                self._next()
         self.wait(ready)
 
     def wait(self, ready: str) -> None:

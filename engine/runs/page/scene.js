@@ -123,18 +123,17 @@ class View3D {
     const middle = new THREE.Vector3();
     for (const axis of [right, up, back]) {
       let [low, high] = [Infinity, -Infinity];
-      for (const point of points) {
+      for (const { point, rim } of points) {
         const at = point.dot(axis);
-        low = Math.min(low, at);
-        high = Math.max(high, at);
+        low = Math.min(low, at - rim);
+        high = Math.max(high, at + rim);
       }
       middle.addScaledVector(axis, 0.5 * (low + high));
     }
     const tall = Math.tan((Math.PI * this.camera.fov) / 360);
     const wide = tall * this.camera.aspect;
     let away = this.skin.piece.edge;
-    const rim = 0.7 * this.skin.piece.edge; // from a hub to the end of its arms
-    for (const point of points) {
+    for (const { point, rim } of points) {
       point.sub(middle);
       const beside = Math.max((Math.abs(point.dot(right)) + rim) / wide, (Math.abs(point.dot(up)) + rim) / tall);
       away = Math.max(away, point.dot(back) + ROOM * beside);
@@ -150,7 +149,10 @@ class View3D {
     this.controls.update();
   }
 
-  /** The hubs that are there, and the target if it is shown. @private @param {number} steps @returns {THREE.Vector3[]} */
+  /**
+   * The hubs that are there with the lengths of their arms, and the target if it is shown.
+   * @private @param {number} steps @returns {{point: THREE.Vector3, rim: number}[]}
+   */
   points(steps) {
     const { skin } = this;
     const found = [];
@@ -159,11 +161,12 @@ class View3D {
       if (steps && skin.piece.panels[panel].step >= steps) continue;
       const shift = skin.shifts.subarray(3 * panel);
       const at = skin.centres.subarray(3 * quad);
-      found.push(new THREE.Vector3(at[0] + shift[0], at[1] + shift[1], at[2] + shift[2]));
+      const point = new THREE.Vector3(at[0] + shift[0], at[1] + shift[1], at[2] + shift[2]);
+      found.push({ point, rim: skin.rims[quad] });
     }
     if (this.target.visible) {
       const target = skin.arrays.target;
-      for (let i = 0; i < target.length; i += 3) found.push(new THREE.Vector3().fromArray(target, i));
+      for (let i = 0; i < target.length; i += 3) found.push({ point: new THREE.Vector3().fromArray(target, i), rim: 0 });
     }
     return found;
   }

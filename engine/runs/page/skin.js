@@ -48,6 +48,12 @@ class Skin {
     for (let quad = 0; quad < this.quads; quad++) this.hubs[arrays.patch[quad]].push(quad);
     this.first = new Int32Array(this.arms + 1);
     for (let arm = 0; arm < this.arms; arm++) this.first[arm + 1] = this.first[arm] + arrays.sections[arm];
+    /** How far the arms of every spiral reach. */
+    this.rims = new Float32Array(this.quads);
+    for (let arm = 0; arm < this.arms; arm++) {
+      const reach = Math.hypot(arrays.tip[2 * arm], arrays.tip[2 * arm + 1]);
+      this.rims[arm >> 2] = Math.max(this.rims[arm >> 2], reach);
+    }
     this.shifts = new Float32Array(3 * piece.panels.length);
     this.pull(piece.length, 0);
     this.full.set(this.moved);

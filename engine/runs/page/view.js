@@ -26,7 +26,7 @@ class Page {
     this.follow();
   }
 
-  /** @template {HTMLElement} T @param {string} selector @returns {T} */
+  /** An element; what is only there for a simulated piece may be missing. @template {HTMLElement} T @param {string} selector @returns {T} */
   find(selector) {
     return /** @type {T} */ (this.root.querySelector(selector));
   }
@@ -107,8 +107,9 @@ class Page {
     this.step = guided ? Math.min(Math.max(Number(asked[1]), 1), steps) - 1 : null;
     if (this.step !== null) this.last = this.step + 1;
     this.root.dataset.mode = guided ? "guide" : "view";
-    this.find("[name=whole]").setAttribute("aria-pressed", String(!guided));
-    this.root.querySelector("[name=guide]")?.setAttribute("aria-pressed", String(guided));
+    for (const [name, on] of [["whole", !guided], ["guide", guided]]) {
+      this.find(`[name=${name}]`)?.setAttribute("aria-pressed", String(on));
+    }
     if (guided) {
       this.tell();
       this.playStep();
@@ -125,7 +126,8 @@ class Page {
     this.shown = time;
     this.skin.pull(time, this.step === null ? this.apart * smooth(time / Math.max(this.piece.length, 1e-9)) : 0);
     this.view.update(steps);
-    if (this.step === null) /** @type {HTMLInputElement} */ (this.find("[name=way]")).value = String(time);
+    const way = /** @type {HTMLInputElement | null} */ (this.find("[name=way]"));
+    if (way && this.step === null) way.value = String(time);
   }
 
   /** Colours, target and texts as they are asked for. */
@@ -326,7 +328,8 @@ async function start() {
 }
 
 /**
- * For tests and the curious: `flexmaps.at(time)` puts the piece there and gives the hubs' centres in millimetres.
+ * For tests and the curious: `flexmaps.at(time)` puts the piece there; `hubs` are the hubs' centres, `corners` those of their
+ * arms, in millimetres.
  * @param {Page} page
  */
 function hook(page) {
@@ -336,8 +339,8 @@ function hook(page) {
       at: (time) => {
         page.stop();
         page.show(time);
-        return Array.from(page.skin.centres);
       },
+      hubs: () => Array.from(page.skin.centres),
       corners: () => Array.from(page.skin.positions),
       /** Milliseconds of a picture of everything, also when nothing has changed. */
       frame: () => {
