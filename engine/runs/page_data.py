@@ -257,7 +257,7 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
     stiff = stiffness(shown.design, material)
     if stiff is not None:
         values.append(
-            ("stiffness", "Stiffness of the arms", "N\u00b7mm a radian", stiff, float(stiff.max()), colours.MUCH)
+            ("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH)
         )
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None

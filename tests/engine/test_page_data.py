@@ -13,7 +13,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import panel_mesh
-from flexmaps.engine.display.skin import DETAIL, Skin
+from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
@@ -124,7 +124,7 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     )  # fmt: skip
     here, closed = Pose(1e-3 * centres, rotations), (true.partner >= 0).astype(float)
     corners = replace(skin, full=skin.tips(here, closed)).placed(here, closed, 1e-3 * made["thickness"])
-    panels = panel_mesh(found.design, DETAIL)
+    panels = panel_mesh(found.design, detail_of(found.design))
     drawn = np.full((4 * len(panels.arm), 3), np.nan)
     used = panels.used < len(drawn)
     drawn[panels.used[used]] = panels.placed(bent(found.design, pose), pose)[used]

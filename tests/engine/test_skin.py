@@ -9,7 +9,7 @@ from flexmaps.engine.assembling.blend import Blend
 from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.display import arrange
 from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
-from flexmaps.engine.display.skin import DETAIL, Skin
+from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
@@ -45,7 +45,7 @@ def joined(skin: Skin) -> np.ndarray:
 
 def test_it_ends_as_the_elastic_arms_do(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, DETAIL), Skin.of(made, pose)
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
     wanted = sections(panels, panels.placed(bent(made, pose), pose))
     found = skin.placed(pose, joined(skin), made.params.thickness)
     there = np.isfinite(wanted)
@@ -55,7 +55,7 @@ def test_it_ends_as_the_elastic_arms_do(piece):
 
 def test_it_begins_flat(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, DETAIL), Skin.of(made, pose)
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
     places = arrange.side_by_side(made.flat)
     wanted = sections(panels, panels.flat(places))
     centres = np.c_[made.arms.centre + places[made.flat.layout.patch_of], np.zeros(len(made.width))]
@@ -69,7 +69,7 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     """Poses that no simulation has seen: arms are where a beam would be, as nearly as can be seen."""
     made, pose = piece
     layout, count = made.flat.layout, len(made.width)
-    mesh, panels, skin = layout.mesh, panel_mesh(made, DETAIL), Skin.of(made, pose)
+    mesh, panels, skin = layout.mesh, panel_mesh(made, detail_of(made)), Skin.of(made, pose)
     flat = Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
     inner = ~mesh.border
     inside = ~layout.cut[inner]

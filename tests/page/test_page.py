@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import panel_mesh
-from flexmaps.engine.display.skin import DETAIL
+from flexmaps.engine.display.skin import detail_of
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.runs import job, page_data, report, report_page
@@ -97,7 +97,7 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(browser: Module
         ends = np.array(page.evaluate("flexmaps.hubs()")).reshape(-1, 3)
         assert np.abs(ends - 1e3 * pose.centres).max() < 0.05
         corners = np.array(page.evaluate("flexmaps.corners()")).reshape(-1, 3)
-        panels = panel_mesh(piece.design, DETAIL)
+        panels = panel_mesh(piece.design, detail_of(piece.design))
         drawn = np.full((4 * len(panels.arm), 3), np.nan)
         used = panels.used < len(drawn)
         drawn[panels.used[used]] = panels.placed(bent(piece.design, pose), pose)[used]

@@ -36,6 +36,8 @@ class View3D {
     this.asked = false;
     this.steps = 0; // see `update`
     this.away = 0; // from the middle, where all is seen
+    this.size = ""; // of the canvas, in pixels of the page
+    this.resize();
   }
 
   /** @private */
@@ -215,10 +217,12 @@ class View3D {
     this.ask();
   }
 
-  /** @private */
+  /** Fill the room that the page gives, if that is another than before. @private */
   resize() {
     const box = this.canvas.parentElement.getBoundingClientRect();
-    if (!box.width || !box.height) return;
+    const size = `${box.width} ${box.height}`;
+    if (!box.width || !box.height || size === this.size) return;
+    this.size = size;
     this.renderer.setSize(box.width, box.height, false);
     this.camera.aspect = box.width / box.height;
     this.camera.updateProjectionMatrix();
