@@ -297,10 +297,7 @@ def report(
 
 
 def share(piece: Piece | bpy.types.Object, path: str | Path, *, progress: Tell = None) -> Path:
-    """Write one page that holds the piece in 3D, to send to somebody: from flat panels to the shape, and how to join them.
-
-    Of a piece that was not simulated, its flat panels and the target; the page says so. Of an object: of what was last done to it.
-    """
+    """Write one page that holds the piece in 3D, to send to somebody; of one that was not simulated, flat panels and target."""
     from .bridge.hosts import pages
 
     told = _progress(progress)

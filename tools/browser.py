@@ -171,7 +171,10 @@ class Browser:
 
     def open(self, path: Path, address: str = "", ready: str = "document.readyState == 'complete'") -> None:
         """Open a file, with ``address`` after its own (#...), and wait until an expression holds. What was noted is forgotten."""
-        for url in ("about:blank", path.resolve().as_uri() + address):  # from the page itself, another address would not load it anew
+        for url in (
+            "about:blank",
+            path.resolve().as_uri() + address,
+        ):  # from the page itself, another address would not load it anew
             self._loaded = False
             self.messages.clear()
             self.requests.clear()

@@ -256,9 +256,7 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
         values.append(("strain", "Strain", "% of the limit", 100.0 * m.strain, high, colours.BAD))
     stiff = stiffness(shown.design, material)
     if stiff is not None:
-        values.append(
-            ("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH)
-        )
+        values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH))
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
         low = float(numbers.min()) if name == "stiffness" else 0.0

@@ -86,7 +86,9 @@ class Page(HTMLParser):
 
 
 @settings(max_examples=60)
-@given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), max_size=12), st.sampled_from([1e-3, 0.01, 1.0]))
+@given(
+    st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), max_size=12), st.sampled_from([1e-3, 0.01, 1.0])
+)
 def test_packed_numbers_come_back_to_half_a_step(rows, step):
     values = np.array(rows).reshape(-1, 3)
     packed = Packed()
@@ -186,7 +188,10 @@ def test_without_spirals_there_is_no_view():
 
 
 def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
-    assert page_data.stiffness(replace(dome.design, width=np.full_like(dome.design.width, np.nan)), MATERIALS["pom"]) is None
+    assert (
+        page_data.stiffness(replace(dome.design, width=np.full_like(dome.design.width, np.nan)), MATERIALS["pom"])
+        is None
+    )
 
 
 # -- names -----------------------------------------------------------------------------------------------------------------
@@ -203,7 +208,9 @@ def test_no_name_gets_out_of_its_place(dome, kind):
         whole = report_page.page(described, {}, (), "", text)
     page = Page(whole)
     assert len(page.scripts) == 1 + len(share_page.SCRIPTS)
-    assert [kind.get("type") for kind, _ in page.scripts if kind.get("type") == "application/json"] == ["application/json"]
+    assert [kind.get("type") for kind, _ in page.scripts if kind.get("type") == "application/json"] == [
+        "application/json"
+    ]
     assert not any("alert(1)" in body for kind, body in page.scripts if kind.get("type") != "application/json")
     assert any(NASTY in each for each in page.texts)
 
@@ -228,4 +235,6 @@ def test_the_library_carries_its_licence_and_version(root):
     version = wanted["dependencies"]["three"]
     assert re.fullmatch(r"\d+\.\d+\.\d+", version) and licence.startswith(f"three.js {version}\n")
     body = licence.partition("\n\n")[2].strip()
-    assert body.startswith("The MIT License") and body in (share_page.FOLDER / "three.min.js").read_text(encoding="utf-8")
+    assert body.startswith("The MIT License") and body in (share_page.FOLDER / "three.min.js").read_text(
+        encoding="utf-8"
+    )

@@ -85,7 +85,9 @@ def moved(page: Any, name: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(browser: ModuleType, piece: Result, folder: Path, size: str) -> None:
+def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
+    browser: ModuleType, piece: Result, folder: Path, size: str
+) -> None:
     assert piece.simulation is not None and piece.design is not None
     pose = piece.simulation.equilibrium.pose
     with browser.Browser(size) as page:
@@ -238,7 +240,9 @@ def test_the_guide_goes_step_by_step(browser: ModuleType, piece: Result, folder:
             assert chips == seams
             letters = page.evaluate("[...document.querySelectorAll('.labels .letter')].map((each) => each.textContent)")
             assert {re.sub(r"\d", "", each) for each in letters} == set(seams)
-            shown = page.evaluate("[...document.querySelectorAll('.labels .letter')].filter((each) => !each.hidden).length")
+            shown = page.evaluate(
+                "[...document.querySelectorAll('.labels .letter')].filter((each) => !each.hidden).length"
+            )
             assert shown > 0 or not seams
             page.picture(PICTURES / f"guide-{size}-{step}.png")
             if step < count:
@@ -318,7 +322,9 @@ def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, siz
         assert page.messages == []
 
 
-def test_how_long_a_thousand_spirals_take(browser: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_how_long_a_thousand_spirals_take(
+    browser: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """For a person: the times depend on the machine, so nothing asserts them."""
     found = result("three_holes")
     page_file = written(found, tmp_path, "Three holes") / "share.html"
