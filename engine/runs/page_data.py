@@ -259,6 +259,8 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
         values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH))
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
+        if not np.isfinite(numbers).all():  # attributes of a .blend file that somebody changed
+            continue
         low = float(numbers.min()) if name == "stiffness" else 0.0
         packed.add(name, np.clip((numbers - low) / max(high - low, 1e-12), 0.0, 1.0), 1.0 / SHADES)
         shades = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.rint(255 * scale).astype(int).tolist()]

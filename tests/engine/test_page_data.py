@@ -183,6 +183,21 @@ def test_what_was_not_simulated_lies_flat(dome):
         assert np.ptp(own[:, 2]) == 0.0
 
 
+def test_values_that_were_spoilt_have_no_colours(dome):
+    found = Shown.of(dome)
+    spoilt = replace(found.measured, distance=np.full(len(dome.mesh.quads), np.nan))
+    made, _ = read(page_data.text(replace(found, measured=spoilt), SETTINGS, "it"))
+    assert {one["name"] for one in made["colourings"]} == {"strain", "stiffness"}
+
+
+@pytest.mark.parametrize("name", ["quad", "two_bodies"])
+def test_the_smallest_piece_and_one_of_two_bodies(name):
+    found = result(name, "spirals" if name == "quad" else "simulate")
+    made, arrays = read(page_data.text(Shown.of(found), ObjectSettings(), "it"))
+    assert len(made["tracks"]) == len(made["panels"]) == len(made["seams"]) == len(found.flat.layout.patches)
+    assert arrays["sections"].shape == (4 * len(found.mesh.quads), 1)
+
+
 def test_without_spirals_there_is_no_view():
     assert Shown.of(result("dome", "merge")) is None
 
