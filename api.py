@@ -17,7 +17,6 @@ inside a piece are the engine's, in metres and radians. What a user can get wron
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
@@ -33,7 +32,6 @@ from .engine.mechanics.loads import standing
 from .engine.params import ObjectSettings, changed, wish
 from .engine.progress import SILENT, Progress
 from .engine.runs import job, stages
-from .engine.runs import report as reporting
 from .engine.runs.piece import Piece
 from .engine.surface.checking import check as checking
 from .engine.surface.checking.check import Finding
@@ -44,7 +42,7 @@ if TYPE_CHECKING:
     import bpy
 
 __all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "compare", "explore",
-           "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
+           "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "share", "sheets", "show",
            "simulate", "spirals", "take", "use"]  # fmt: skip
 
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
@@ -299,27 +297,29 @@ def export(
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
-def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) -> dict[str, Any]:
+def report(
+    piece: Piece | bpy.types.Object, folder: str | Path | None = None, *, progress: Tell = None
+) -> dict[str, Any]:
     """The figures of everything that has run, as in report.json; with a folder, writes report.html, report.json and plots there.
 
-    Of an object, instead of a piece: of what was last done to it in Blender. The page opens without a network.
+    Of an object, instead of a piece: of what was last done to it in Blender. The page opens without a network; where there are
+    spirals it holds them in 3D, and share.html beside it holds them alone, unless ``page.viewer`` is off.
     """
-    from .bridge.view import report as held
-    from .engine import files
-    from .engine.runs import report_page as pages
+    from .bridge.hosts import pages
 
-    if isinstance(piece, Piece):
-        described = reporting.build(piece.result, source=piece.name, settings=piece.settings)
-        limit = piece.settings.layout.distortion_limit
-        drawn = pages.drawings(piece.result, described, limit) if folder is not None else {}
-    else:
-        described, drawn = held.of_object(piece)
-    if folder is not None:
-        out = Path(folder)
-        with files.replacing_many(pages.stale(out)) as new:
-            pages.write(described, drawn, out, new)
-            new(out / "report.json").write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    return described
+    if folder is None:
+        return pages.described(piece)
+    return pages.write(piece, Path(folder), _progress(progress))
+
+
+def share(piece: Piece | bpy.types.Object, path: str | Path, *, progress: Tell = None) -> Path:
+    """Write one page that holds the piece in 3D, to send to somebody; of one that was not simulated, flat panels and target."""
+    from .bridge.hosts import pages
+
+    told = _progress(progress)
+    if isinstance(piece, Piece) and piece.result.design is None:
+        piece, told = spirals(piece, progress=told.part(0.0, 0.5)), told.part(0.5, 1.0)
+    return pages.share(piece, Path(path), told)
 
 
 def run(

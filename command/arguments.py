@@ -83,6 +83,10 @@ def parser() -> argparse.ArgumentParser:
     page.add_argument(
         "--out", required=True, metavar="FOLDER", help="folder for report.html, report.json and the plots"
     )
+    share = _command(
+        commands, "share", _share, summary.whole, "simulate where needed; the piece in 3D as one page to send"
+    )
+    share.add_argument("--out", required=True, metavar="FILE.html", help="the page")
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
     listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
@@ -272,7 +276,19 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    """Of an object that was simulated in Blender what it holds; of anything else, of a simulation made now."""
+    told = Progress(tell)
+    return api.report(_simulated(args, told.part(0.0, 0.7)), args.out, progress=told.part(0.7, 1.0))
+
+
+def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    told = Progress(tell)
+    piece = _simulated(args, told.part(0.0, 0.7))
+    api.share(piece, args.out, progress=told.part(0.7, 1.0))
+    return api.report(piece)
+
+
+def _simulated(args: argparse.Namespace, tell: Any) -> Any:
+    """Of an object that was simulated in Blender the object; of anything else a piece that is simulated now."""
     import bpy
 
     from ..bridge.store import notes, objects, states
@@ -281,8 +297,8 @@ def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     if piece.uid is not None and not args.settings and not args.supports:
         obj = objects.find(piece.uid)
         if "equilibrium" in notes.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):
-            return api.report(obj, args.out)
-    return api.report(api.simulate(piece, progress=tell), args.out)
+            return obj
+    return api.simulate(piece, progress=tell)
 
 
 def _listed() -> dict[str, Any]:

@@ -793,6 +793,30 @@ class FilmParams(Params):
 
 
 @dataclass(frozen=True)
+class PageParams(Params):
+    """The report's page."""
+
+    viewer: bool = setting(
+        True,
+        "3D view",
+        "Hold the piece in 3D on the report's page, and write share.html, the piece alone to send to somebody",
+    )
+    coming: str = setting(
+        "RESTING",
+        "Assembly",
+        "How the panels come together in the 3D view",
+        choices=(
+            (
+                "RESTING",
+                "Simulated",
+                "Through the shapes in which half-finished pieces rest, as in the animation; takes longer",
+            ),
+            ("AT_ONCE", "Quick", "Every panel takes its final shape as it comes"),
+        ),
+    )
+
+
+@dataclass(frozen=True)
 class ObjectSettings(Settings):
     """All settings that an object in Blender carries with it."""
 
@@ -803,6 +827,7 @@ class ObjectSettings(Settings):
     preview: PreviewParams = field(default_factory=PreviewParams)
     film: FilmParams = field(default_factory=FilmParams)
     render: RenderParams = field(default_factory=RenderParams)
+    page: PageParams = field(default_factory=PageParams)
 
 
 S = TypeVar("S", bound=Settings)

@@ -26,7 +26,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import pose
-        from ..bridge.view import animation, preview
+        from ..bridge.view import preview
         from ..engine.runs import stages
 
         settings, stored = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
@@ -37,11 +37,12 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.assembling import film as assembly_film
+            from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
 
             design = stages.needed(result, "design")
             detail = DETAILS[settings.film.film_detail]
-            table = animation.on_table(design, stored)
+            table = arrange.on_table(design, stored)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
             material = settings.material.chosen

@@ -39,6 +39,7 @@ class Report(ContinuedStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.hosts import pages
         from ..bridge.view import report as held
 
         found = held.read(obj, snapshot)
@@ -50,19 +51,21 @@ class Report(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
             from ..engine.display import raster
-            from ..engine.runs import report_page as pages
+            from ..engine.runs import report_page
 
-            described, drawn = held.drawn(result, found, progress.part(0.0, 0.3))
+            told = pages.of_object(result, found, progress.part(0.0, 0.2))
+            drawn, view = told.drawn, told.piece(progress.part(0.2, 0.5)) if folder is not None else None
             while not letters.done():  # and hear a stop meanwhile
-                progress(0.3, "Waiting for letters")
+                progress(0.5, "Waiting for letters")
                 time.sleep(0.02)
-            shown, drawing_it = {}, progress.part(0.3, 0.9)
+            shown, drawing_it = {}, progress.part(0.5, 0.9)
             for k, (kind, drawing) in enumerate(drawn.items()):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.pixels(drawing, letters.result())
             if folder is not None:
-                with files.replacing_many(pages.stale(folder)) as new:
-                    pages.write(described, drawn, folder, new, progress=progress.part(0.9, 1.0))
+                with files.replacing_many(report_page.stale(folder)) as new:
+                    rest = progress.part(0.9, 1.0)
+                    report_page.write(told.described, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder
 
         return go_on
@@ -97,4 +100,39 @@ class Report(ContinuedStage, bpy.types.Operator):
             yield
 
 
-CLASSES = (Report,)
+class Share(ContinuedStage, bpy.types.Operator):
+    """Write one page that holds the piece in 3D, to send to somebody who has only a browser: from flat panels to the shape, and how to join them step by step"""
+
+    bl_idname = "flexmaps.share"
+    bl_label = "Share page"
+
+    browse: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
+    )
+
+    needs = "design"
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.hosts import pages
+        from ..bridge.view import report as held
+
+        found = held.read(obj, snapshot)
+        path = _folder(snapshot.settings.export.folder) / f"{_file_name(snapshot.name)}-share.html"
+
+        def go_on(result: Result, progress: Progress) -> Any:
+            told = pages.of_object(result, found, progress.part(0.0, 0.2))
+            return pages.save(told, path, progress.part(0.2, 1.0)), found.pose is not None
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        path, simulated = result
+        if self.browse and not bpy.app.background:
+            bpy.ops.wm.url_open(url=path.as_uri())
+        if simulated:
+            return translate("The piece in 3D: {}", path)
+        self.level = "WARNING"
+        return translate("Not simulated yet, so the page shows flat panels and target only: {}", path)
+
+
+CLASSES = (Report, Share)

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.settings import unsaved
-from ..engine.params import ConnectorParams, CostParams, CutParams, ExportParams, SheetParams
+from ..engine.params import ConnectorParams, CostParams, CutParams, ExportParams, PageParams, SheetParams
 from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
@@ -52,7 +52,12 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         block = notes.read(obj.data).get("sheets")
         if block is not None:
             _sheets(result(layout, context, "sheets"), block)
-        layout.operator("flexmaps.report", icon="FILE_TEXT").browse = True
+        body = fold(layout, "flexmaps_page", "Page")
+        if body is not None:
+            settings_rows(body, settings.page, PageParams)
+        row = layout.row(align=True)
+        row.operator("flexmaps.report", icon="FILE_TEXT").browse = True
+        row.operator("flexmaps.share", icon="URL").browse = True
 
 
 def _sheets(layout: Any, block: dict[str, Any]) -> None:

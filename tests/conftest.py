@@ -108,6 +108,16 @@ def real_blender() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def browser() -> ModuleType:
+    """The tool that drives a real browser; skips where there can be none, and says why."""
+    module = load_tool("browser")
+    reason = module.obstacle()
+    if reason is not None:
+        pytest.skip(reason)
+    return module
+
+
+@pytest.fixture(scope="session")
 def shared_meshes() -> Path:
     """The folder of the larger test meshes beside the checkout; skips where it is not there."""
     folder = ROOT.parent / "shared" / "meshes"

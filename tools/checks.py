@@ -21,6 +21,7 @@ TIERS = {
     "database": "the offline simulations",
     "blender": "operators and sidebar through Blender as a module",
     "install": "the zip, installed into a fresh Blender",
+    "page": "the report's page in a real browser",
     "window": "a real Blender with its window",
 }
 LONGEST = "blender"

@@ -15,9 +15,10 @@ from typing import Any
 from ...engine import files
 from ...engine.assembling import sheet as assembly_sheet
 from ...engine.fabrication.writers import export, parts, series
-from ...engine.params import Settings
+from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
-from ...engine.runs import job, report, report_page
+from ...engine.runs import job, page_data, report, report_page
+from ...engine.runs.page_data import Shown
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {
@@ -42,7 +43,7 @@ def folder(out: Path) -> Iterator[files.NewFile]:
 
 def write(
     result: job.Result,
-    settings: Settings,
+    settings: ObjectSettings,
     name: str,
     out: Path,
     new: files.NewFile,
@@ -68,7 +69,7 @@ def write(
             simulated = result.simulation is not None
             made = (True, result.flat is not None, simulated, simulated)
             draws = (picture.layout, picture.panels, picture.shape, picture.overview)
-            shares = (0.3, 0.45, 0.6, 0.8)
+            shares = (0.3, 0.42, 0.55, 0.73)
             for share, wanted, draw, (file, says) in zip(shares, made, draws, PICTURES.items(), strict=True):
                 if wanted:
                     progress(share, f"rendering {file}")
@@ -77,7 +78,10 @@ def write(
     described = report.build(result, source=name, files=written, settings=settings)
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
-    report_page.write(described, drawn, out, new, shown)
+    view, show = Shown.of(result), settings.page.viewer
+    rest = progress.part(0.9, 1.0)
+    piece = page_data.text(view, settings, report_page.title_of(described), rest) if view and show else None
+    report_page.write(described, drawn, out, new, shown, piece=piece)
     progress(1.0, "done")
     return described
 

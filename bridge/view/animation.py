@@ -12,32 +12,15 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
-from ...engine.display import arrange
 from ..store import attributes
 from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
     from ...engine.assembling.film import Film, Track
-    from ...engine.mechanics.assembly import Pose
-    from ...engine.spirals.design import SpiralDesign
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # on the empty
-TABLE = 1.3  # width of the rows of panels over that of the piece; by eye
 LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived; by eye
-
-
-def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
-    """Metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
-    flat = design.flat
-    spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
-    tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
-    low, high = tips.min(axis=(0, 1)), tips.max(axis=(0, 1))
-    places = arrange.side_by_side(flat, TABLE * float(np.linalg.norm((high - low)[:2])))
-    (corner, top), gap = arrange.patch_boxes(flat), 2.0 * flat.layout.mesh.median_edge
-    corner, top = (corner + places).min(axis=0), (top + places).max(axis=0)
-    shift = np.array([0.5 * (low + high)[0] - 0.5 * (corner + top)[0], low[1] - gap - top[1]])
-    return np.c_[places + shift, np.full(len(places), low[2])]
 
 
 def show(

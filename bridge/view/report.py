@@ -12,11 +12,13 @@ from ...engine.display.drawing import Drawing
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import report, report_page, stages
+from ...engine.runs.page_data import Shown
 from ...engine.runs.result import Result
 
 if TYPE_CHECKING:
     import bpy
 
+    from ...engine.mechanics.assembly import Pose
     from ..store.snapshot import Snapshot
 
 SIMULATED = ("equilibrium", "reach", "optimise")
@@ -29,12 +31,14 @@ class Reported:
     blocks : the notes of the stages that are not out of date
     shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
     values : (F,) arrays of that simulation, or None, by the names of ``Measured``
+    pose : where it has left the hubs; None as ``shape`` is, or where it was lost
     """
 
     taken: Snapshot
     blocks: dict[str, Any]
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
+    pose: Pose | None = None
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -42,21 +46,26 @@ def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]
 
     Raises ``FlexMapsError`` where the object cannot be used, where the check finds errors, or where nothing was laid out yet.
     """
+    found = taken(obj)
+    return drawn(found.taken.result(), found)
+
+
+def taken(obj: bpy.types.Object) -> Reported:
+    """Read an object on Blender's main thread; raises ``FlexMapsError`` where it cannot be used."""
     import bpy
 
     from ..store import mesh, snapshot
     from ..store import settings as properties
 
     surface = mesh.read_surface(obj, bpy.context.scene)
-    taken = snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings))
-    return drawn(taken.result(), read(obj, taken))
+    return read(obj, snapshot.take(obj, surface, properties.read(obj.flexmaps, ObjectSettings)))
 
 
 def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
     import bpy
 
-    from ..store import attributes, equilibrium, notes, scans, states
+    from ..store import attributes, equilibrium, notes, pose, scans, states
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
@@ -77,7 +86,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
-    return replace(found, shape=shape, values=found.values | values)
+    return replace(found, shape=shape, values=found.values | values, pose=pose.read(obj, taken.surface.to_metres))
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -88,14 +97,24 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     taken = found.taken
     stages.needed(result, "flat")
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
-    measured = report_page.measured(result)
-    if found.shape is None:
-        measured = replace(measured, scan=found.values.get("scan"))
-    else:
-        to_metres = taken.surface.to_metres
-        world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
-        used = np.unique(taken.surface.polygons.corners)  # the engine knows no others
-        measured = replace(measured, shape=world[used], **found.values)
+    measured = _measured(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
     return described, run_plots.drawings(measured, described, taken.settings.layout.distortion_limit)
+
+
+def shown(result: Result, found: Reported) -> Shown | None:
+    """What the page's 3D view shows of a result that was taken from an object; None where there are no spirals."""
+    if result.design is None:
+        return None
+    return Shown(result.design, _measured(result, found), found.pose)
+
+
+def _measured(result: Result, found: Reported) -> run_plots.Measured:
+    measured = report_page.measured(result)
+    if found.shape is None:
+        return replace(measured, scan=found.values.get("scan"))
+    to_metres = found.taken.surface.to_metres
+    world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
+    used = np.unique(found.taken.surface.polygons.corners)  # the engine knows no others
+    return replace(measured, shape=world[used], **found.values)

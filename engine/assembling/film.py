@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..arrays import Float, Int
 from ..display.panel_mesh import Detail, PanelMesh, panel_mesh
 from ..fabrication.connectors.tips import Tip
 from ..materials import Material
-from ..mechanics.arms.bent import Bender
+from ..mechanics.arms.bent import CLOSE, Bender
 from ..mechanics.assembly import Pose, nearest_rotation, rest_joints
 from ..mechanics.vectors import rotation_vector, times
 from ..params import SimulateParams
@@ -60,18 +61,54 @@ class Track:
     places: Float[np.ndarray, "times 3"]
 
 
+class Actors(Protocol):
+    """What is filmed: points that follow from where the hubs are, and the quad of each."""
+
+    @property
+    def vertex_quad(self) -> np.ndarray: ...
+
+    def placed(
+        self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The points (V, 3) metres, and the wrenches (A, 6) of the arms; arguments as of ``Bender.bent``."""
+
+
 @dataclass(frozen=True, eq=False)
-class Film:
-    """panels : the mesh of all panels; tracks : one a panel, in the order in which they are joined; length : in steps
+class Bodies:
+    """The panels with their thickness, and arms that bend."""
+
+    panels: PanelMesh
+    bender: Bender
+
+    @property
+    def vertex_quad(self) -> np.ndarray:
+        return self.panels.vertex_quad
+
+    def placed(
+        self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        arms = self.bender.bent(pose, closed, wrench, only, close)
+        return self.panels.placed(arms, pose, only), arms.wrench
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """tracks : one a panel, in the order in which they are joined; length : in steps
 
     stages : the shapes in which half-finished pieces rest; stage_times : when each is reached
     """
 
-    panels: PanelMesh
     tracks: tuple[Track, ...]
     length: float
     stages: Stages
     stage_times: Float[np.ndarray, " stages"]
+
+
+@dataclass(frozen=True, eq=False)
+class Film(Shots):
+    """``panels`` : the mesh of all panels, whose vertices the tracks move."""
+
+    panels: PanelMesh
 
 
 def film(
@@ -90,17 +127,28 @@ def film(
     with connectors. Raises FlexMapsError where a spiral is outside the elastic model's range.
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
+    panels = panel_mesh(design, detail, tips)
+    shots = shoot(design, pose, table, found, Bodies(panels, Bender.of(design)), progress.part(0.5, 1.0))
+    return Film(shots.tracks, shots.length, shots.stages, shots.stage_times, panels)
+
+
+def shoot(
+    design: SpiralDesign,
+    pose: Pose,
+    table: Float[np.ndarray, "patches 3"],
+    found: Stages,
+    actors: Actors,
+    progress: Progress = SILENT,
+) -> Shots:
+    """What becomes of ``actors`` on the way through stages that were found; other arguments as of ``film``."""
     order = steps(design.flat.layout)
-    shot = _Shooting(
-        design, panel_mesh(design, detail, tips), table, float(np.linalg.norm(np.ptp(pose.centres, axis=0)))
-    )
+    shot = _Shooting(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
     for number, step in enumerate(order):
         own = [stage for stage in found.all if stage.step == number]
         shot.fly(number, step.panel, own[0])
-        part = progress.part(0.5 + 0.5 * number / len(order), 0.5 + 0.5 * (number + 1) / len(order))
-        shot.join(number + FLIGHT, own, part)
+        shot.join(number + FLIGHT, own, progress.part(number / len(order), (number + 1) / len(order)))
     tracks = tuple(shot.reels[step.panel].track() for step in order)
-    return Film(shot.panels, tracks, len(order) - 1 + FLIGHT + CLOSING, found, np.array(shot.stage_times))
+    return Shots(tracks, len(order) - 1 + FLIGHT + CLOSING, found, np.array(shot.stage_times))
 
 
 Moment = tuple[float, np.ndarray, np.ndarray]
@@ -151,11 +199,11 @@ class _Reel:
 class _Shooting:
     """The film as it is made: where everything is, and what was last recorded of it."""
 
-    def __init__(self, design: SpiralDesign, panels: PanelMesh, table: np.ndarray, size: float):
-        self.design, self.panels, self.size = design, panels, size
+    def __init__(self, design: SpiralDesign, actors: Actors, table: np.ndarray, size: float):
+        self.design, self.actors, self.size = design, actors, size
         mesh, self.patch = design.flat.layout.mesh, design.flat.layout.patch_of
         count, inner = len(self.patch), ~mesh.border
-        self.bender, self.edge = Bender.of(design), mesh.median_edge
+        self.edge = mesh.median_edge
         self.pairs, self.lever = mesh.edge_quads[inner], rest_joints(mesh, design.flat.corners)[0]
         flat = np.c_[design.arms.centre, np.zeros(count)]
         self.middle = means(flat, self.patch)
@@ -166,8 +214,8 @@ class _Shooting:
         self.inside &= ~design.flat.layout.cut[inner]
         self.closed = np.zeros(len(self.pairs), bool)
         self.wrench = np.zeros((4 * count, 6))
-        flat_shape = panels.placed(self.bender.bent(self.pose, self.inside), self.pose)
-        owner = self.patch[panels.vertex_quad]
+        flat_shape, _ = actors.placed(self.pose, self.inside, self.wrench, np.ones(count, bool), CLOSE)
+        owner = self.patch[actors.vertex_quad]
         self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
         self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())  # from the panels, as last recorded
@@ -213,7 +261,7 @@ class _Shooting:
         bending = self._bending(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
-        arms = self.bender.bent(end, stage.closed, self.wrench, np.isin(self.patch, bending))
+        last, wrench = self.actors.placed(end, stage.closed, self.wrench, np.isin(self.patch, bending), CLOSE)
         moments: list[Moment] = []
         for k in range(1, count + 1):
             progress((k - 1) / count, "Bending the panels")
@@ -222,18 +270,17 @@ class _Shooting:
             moments.append((begin + share * long, *self._frames(here)))
             some = bending[k * counts[bending] % count == 0]
             if len(some):
-                quads, bent = np.isin(self.patch, some), arms
+                points = last
                 if k < count:
-                    load = (1.0 - share) * self.wrench + share * arms.wrench
-                    bent = self.bender.bent(here, self.closed, load, quads, NEAR)
-                points = self.panels.placed(bent, here, quads)
+                    load = (1.0 - share) * self.wrench + share * wrench
+                    points, _ = self.actors.placed(here, self.closed, load, np.isin(self.patch, some), NEAR)
                 _, turns, places = moments[-1]
                 for reel in (self.reels[p] for p in some.tolist()):
                     shape = (points[reel.vertices] - places[reel.patch]) @ turns[reel.patch]
                     reel.bend(begin, begin + share * long, shape)
         self._move(moments, np.unique(self.patch[stage.hubs]).tolist(), stage.whole)
         self._remember(end, bending)
-        self.pose, self.closed, self.wrench = end, self.closed | stage.closed, arms.wrench
+        self.pose, self.closed, self.wrench = end, self.closed | stage.closed, wrench
 
     def _with(self, stage: Stage) -> Pose:
         """The pose of all hubs, with those of a stage where it has them."""

@@ -99,6 +99,21 @@ def find_stages(
     return Stages(tuple(reversed(found)), tuple(reversed(search.skipped)))
 
 
+def at_once(design: SpiralDesign, pose: Pose) -> Stages:
+    """Stages that nothing was sought for: every panel takes its final shape as it comes, and all its seams are closed with it."""
+    layout, found = design.flat.layout, []
+    order, bodies, sides = steps(layout), _bodies(layout), layout.mesh.edge_quads[~layout.mesh.border]
+    for number, step in enumerate(order):
+        body = bodies[step.panel]
+        patches = [p for p in step.there if bodies[p] == body]
+        hubs = np.flatnonzero(np.isin(layout.patch_of, patches))
+        closed = np.isin(layout.patch_of[sides], patches).all(axis=1)
+        whole = all(bodies[later.panel] != body for later in order[number + 1 :])
+        seam = step.joins[-1].name if step.joins else ""
+        found.append(Stage(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
+    return Stages(tuple(found), ())
+
+
 class _Search:
     """The piece as it is taken apart."""
 

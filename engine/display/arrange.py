@@ -10,8 +10,11 @@ import numpy as np
 from ..arrays import Float
 
 if TYPE_CHECKING:
+    from ..mechanics.assembly import Pose
     from ..patches.flattening.flatten import FlatPatches
+    from ..spirals.design import SpiralDesign
 
+TABLE = 1.3  # width of the rows of panels on a table over that of the piece beside them; by eye
 ASPECT = 1.6  # width over height of the page that is filled, as of a screen
 # widths of rows that are tried, in that of a page that the boxes fill; finer steps were not measured
 WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
@@ -45,6 +48,19 @@ def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Floa
     np.minimum.at(low, patch, points)
     np.maximum.at(high, patch, points)
     return low, high
+
+
+def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
+    """Metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
+    flat = design.flat
+    spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
+    tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
+    low, high = tips.min(axis=(0, 1)), tips.max(axis=(0, 1))
+    places = side_by_side(flat, TABLE * float(np.linalg.norm((high - low)[:2])))
+    (corner, top), gap = patch_boxes(flat), 2.0 * flat.layout.mesh.median_edge
+    corner, top = (corner + places).min(axis=0), (top + places).max(axis=0)
+    shift = np.array([0.5 * (low + high)[0] - 0.5 * (corner + top)[0], low[1] - gap - top[1]])
+    return np.c_[places + shift, np.full(len(places), low[2])]
 
 
 def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT) -> Float[np.ndarray, "boxes 2"]:

@@ -13,17 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from ..display import run_plots
-from ..display.drawing import FONT, Drawing, svg
+from ..display.drawing import Drawing, svg
 from ..display.plots import bars
 from ..display.run_plots import Measured
-from ..fabrication.estimates import duration
 from ..files import NewFile
 from ..params import SHOWN, ObjectSettings
 from ..progress import SILENT, Progress
+from . import share_page
 from .result import Result
 
 PAGE, PLOTS = "report.html", "plots"
-TEMPLATES = Path(__file__).with_name("page")
 
 
 def drawings(result: Result, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
@@ -43,14 +42,18 @@ def write(
     new: NewFile,
     pictures: Sequence[tuple[str, Path]] = (),
     progress: Progress = SILENT,
+    piece: str | None = None,
 ) -> list[Path]:
     """Write the page, and every plot as an SVG file of its own beside it; returns the files, the page first.
 
-    pictures : what they show, and PNG files
+    pictures : what they show, and PNG files; piece : from ``page_data``: the page shows it in 3D, and the page that shows it alone
+        is written too
     """
     plots = {name: svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
     shown = [(text, file.read_bytes()) for text, file in pictures]
-    texts = {out / PAGE: page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"))}
+    texts = {out / PAGE: page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"), piece)}
+    if piece is not None:
+        texts[out / share_page.SHARE] = share_page.page(piece, title_of(described), described, drawn)
     texts |= {out / PLOTS / f"{name}.svg": text for name, text in plots.items()}
     for path, text in texts.items():
         new(path).write_text(text, encoding="utf-8")
@@ -59,7 +62,7 @@ def write(
 
 def stale(out: Path) -> list[Path]:
     """The files that ``write`` may have written before."""
-    return [out / PAGE, *(out / PLOTS / f"{name}.svg" for name in run_plots.NAMES)]
+    return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in run_plots.NAMES)]
 
 
 def page(
@@ -67,36 +70,40 @@ def page(
     plots: Mapping[str, str],
     pictures: Sequence[tuple[str, bytes]] = (),
     made: str = "",
+    piece: str | None = None,
 ) -> str:
     """The page as HTML text.
 
     described : the report, see ``report.build``; plots : SVG texts by name, see ``run_plots.drawings``
     pictures : PNG files with what they show, for the top, of more than three the first one large; made : when
+    piece : from ``page_data``, if it is shown in 3D
     """
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"duration": duration, "sheet_size": _sheet_size}
+    environment = share_page.environment()
+    environment.filters["sheet_size"] = _sheet_size
+    scripts = share_page.scripts() if piece is not None else []
     seconds = described.get("seconds", {})
     changed, settings = _settings(described.get("settings", {}))
-    return environment.get_template("report.html.j2").render(
+    text = environment.get_template("report.html.j2").render(
         report=described,
+        piece=piece,
+        scripts=scripts,
+        policy=share_page.policy(scripts),
+        scrolls=True,
         plots=plots,
         pictures=[(text, b64encode(data).decode("ascii")) for text, data in pictures],
         made=made,
-        font=FONT,
-        title=_title(described),
+        title=title_of(described),
         subtitle=_subtitle(described),
         notes=_notes(described),
         changed=changed,
         settings=settings,
         times_plot=svg(bars([*seconds.items()], f"{sum(seconds.values()):.1f} seconds in all", "s")),
     )
+    return str(text)
 
 
-def _title(described: Mapping[str, Any]) -> str:
+def title_of(described: Mapping[str, Any]) -> str:
+    """What the piece is called: its file's name."""
     name = str(described.get("input", {}).get("file", "FlexMaps"))
     return name.rsplit(".", 1)[0] or name
 

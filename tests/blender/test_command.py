@@ -17,7 +17,7 @@ from flexmaps.engine.exploring.folder import Folder
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 
-COMMANDS = ("run", "check", "layout", "simulate", "optimise", "export", "report")
+COMMANDS = ("run", "check", "layout", "simulate", "optimise", "export", "report", "share")
 QUICK = ("--set", "optimise.iterations=2", "--set", "sheet.nesting=FAST")
 
 
@@ -144,6 +144,9 @@ def test_results_to_standard_output_and_progress_to_standard_error(
     assert better["equilibrium"]["rms_percent"] < report["equilibrium"]["rms_percent"]
     before = pytest.approx(report["equilibrium"]["laplacian_rmse_mm"], rel=1e-3)
     assert better["optimise"]["laplacian_rmse_mm_before"] == before, "went on from the spirals in the file"
+    assert run("share", tmp_path / "o.blend", "--out", tmp_path / "one.html") == 0
+    assert '"simulated":true' in (tmp_path / "one.html").read_text(encoding="utf-8")
+    capfd.readouterr()
     assert run("report", tmp_path / "o.blend", "--json", "--out", tmp_path / "rep") == 0
     told = json.loads(capfd.readouterr().out)
     assert told["optimise"]["history"] == better["optimise"]["history"], "what the file holds, not a new one"

@@ -31,7 +31,7 @@ GIVEN = {
     "seconds",
 }
 # sections that say how to search, what to draw and where to write, so that no result depends on them
-NO_RESULT = {"choose", "explore", "optimise", "remesh", "export", "preview", "film", "render"}
+NO_RESULT = {"page", "choose", "explore", "optimise", "remesh", "export", "preview", "film", "render"}
 
 
 @pytest.fixture(scope="module")

@@ -45,6 +45,7 @@ def test_command_and_api_of_the_installed_extension(
     report = json.loads(said("simulate", "out"))
     assert report["equilibrium"]["converged"] and "100%" in said("simulate", "err")
     assert (tmp_path / "report" / "report.html").is_file()
+    assert (tmp_path / "report" / "share.html").is_file()  # what it is made of came with the zip
     assert (tmp_path / "sheets" / "sheet-01.svg").is_file()
     assert said("mistake", "out") == ""
     assert said("mistake", "err").count("flexmaps: ") == 1 and "Traceback" not in said("mistake", "err")

@@ -1,0 +1,85 @@
+"""The report's page and the page to share, written of a piece or of an object in Blender."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...engine import files
+from ...engine.display.drawing import Drawing
+from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings
+from ...engine.progress import SILENT, Progress
+from ...engine.runs import page_data, report, report_page, share_page, stages
+from ...engine.runs.page_data import Shown
+from ...engine.runs.piece import Piece
+from ...engine.runs.result import Result
+from ..view import report as held
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What there is to tell: the report, its plots, and what the view shows, if there are spirals; ``lost`` : why not."""
+
+    described: dict[str, Any]
+    drawn: dict[str, Drawing]
+    shown: Shown | None
+    settings: ObjectSettings
+    lost: FlexMapsError | None = None
+
+    def piece(self, progress: Progress = SILENT) -> str | None:
+        """What the view reads, if the page is to hold it."""
+        if self.shown is None or not self.settings.page.viewer:
+            return None
+        return page_data.text(self.shown, self.settings, report_page.title_of(self.described), progress)
+
+
+def described(piece: Any) -> dict[str, Any]:
+    """The report of a piece or an object."""
+    if isinstance(piece, Piece):
+        return report.build(piece.result, source=piece.name, settings=piece.settings)
+    return _told(piece).described
+
+
+def write(piece: Any, out: Path, progress: Progress = SILENT) -> dict[str, Any]:
+    """Write the page of a piece or an object with its plots, and report.json, into a folder; returns the report."""
+    told = _told(piece)
+    view = told.piece(progress.part(0.0, 0.9))
+    with files.replacing_many(report_page.stale(out)) as new:
+        report_page.write(told.described, told.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
+        new(out / "report.json").write_text(json.dumps(told.described, indent=2) + "\n", encoding="utf-8")
+    return told.described
+
+
+def share(piece: Any, path: Path, progress: Progress = SILENT) -> Path:
+    """Write the page to share; returns its path. Raises ``FlexMapsError`` where there are no spirals."""
+    return save(_told(piece), path, progress)
+
+
+def save(told: Told, path: Path, progress: Progress = SILENT) -> Path:
+    """The same of what was read before; touches no Blender data."""
+    if told.shown is None:
+        raise told.lost or FlexMapsError(stages.MISSING["design"])
+    title = report_page.title_of(told.described)
+    view = page_data.text(told.shown, told.settings, title, progress.part(0.0, 0.95))
+    text = share_page.page(view, title, told.described, told.drawn)
+    with files.replacing(path) as new:
+        new.write_text(text, encoding="utf-8")
+    return path
+
+
+def _told(piece: Any) -> Told:
+    if isinstance(piece, Piece):
+        found = described(piece)
+        drawn = report_page.drawings(piece.result, found, piece.settings.layout.distortion_limit)
+        return Told(found, drawn, Shown.of(piece.result), piece.settings)
+    read = held.taken(piece)
+    return of_object(read.taken.result(), read)
+
+
+def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
+    """Of what was read from an object; touches no Blender data."""
+    found, drawn = held.drawn(result, read, progress)
+    return Told(found, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))

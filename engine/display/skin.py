@@ -1,0 +1,140 @@
+"""Panels with true spirals that follow their hubs without a solver: what a page can bend by itself.
+
+Every section of an arm hangs on two frames: that of its hub, and that of its tip, which lies half way between the two hubs
+of its joint. In between, it moves with a share of both ("skinning", as for figures in animation). What that leaves of the
+elastic arm's true shape in the final pose (``bent``) is kept section by section, and is added in the measure in
+which an arm is bent as much as in the end. So flat panels and the final pose are exact, and all between is near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Float, Int
+from ..mechanics.arms.bent import Bender, hub_ends
+from ..mechanics.assembly import Pose, rest_joints
+from ..mechanics.vectors import exponential, rotation_vector, times
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from .panel_mesh import Detail, panel_mesh
+
+# pieces of a straight arm and degrees of twist for each more, by eye: few spirals are looked at from near, and of more than MANY
+# each has some 40 pixels of a screen. It saves a fifth of the triangles, of 290 to 370 a spiral on four surfaces
+DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Arm 4 f + k is arm k of quad f. Lengths in metres; flat is seen from the hub's centre, in the frame of its patch.
+
+    arm : of every section, from the tips to the roots; share : how far it moves with the tip
+    left, right : flat, its edges
+    tip : flat, where every arm ends; axis : radians, of its side; partner : the arm that it meets, or -1
+    way, turn : what the hub and tip frames leave, in the hub's frame: metres and rotation vectors
+    full : (A, 6) how the tip is moved against the hub in the final pose, see ``tips``
+    """
+
+    arm: Int[np.ndarray, " sections"]
+    share: Float[np.ndarray, " sections"]
+    left: Float[np.ndarray, "sections 2"]
+    right: Float[np.ndarray, "sections 2"]
+    tip: Float[np.ndarray, "arms 2"]
+    axis: Float[np.ndarray, " arms"]
+    partner: Int[np.ndarray, " arms"]
+    way: Float[np.ndarray, "sections 3"]
+    turn: Float[np.ndarray, "sections 3"]
+    full: Float[np.ndarray, "arms 6"]
+
+    @classmethod
+    def of(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
+        """The panels of a design, which end in a pose, if there is one."""
+        mesh = design.flat.layout.mesh
+        panels = panel_mesh(design, detail_of(design), (), progress.part(0.0, 0.3))
+        arm = panels.arm
+        hub = np.maximum(hub_ends(design).ravel()[arm], 1e-9)
+        flat = panels.line[:, None] + panels.sides
+        spokes = 0.5 * (design.flat.corners + np.roll(design.flat.corners, -1, axis=1)) - design.arms.centre[:, None]
+        inner = ~mesh.border
+        both = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
+        partner, axis = np.full(4 * len(mesh.quads), -1), np.zeros(4 * len(mesh.quads))
+        partner[both] = both[:, ::-1]
+        axes = rest_joints(mesh, design.flat.corners)[1]
+        axis[both] = np.arctan2(axes[..., 1, 0], axes[..., 0, 0])
+        nothing = np.zeros((len(arm), 3))
+        skin = cls(
+            arm, np.clip(1.0 - panels.t / hub, 0.0, 1.0), flat[:, 0, :2], flat[:, 1, :2], spokes.reshape(-1, 2), axis,
+            partner, nothing, nothing, np.zeros((len(axis), 6)),
+        )  # fmt: skip
+        if pose is None:
+            return skin
+        arms = Bender.of(design).bent(pose, progress=progress.part(0.3, 1.0))
+        place, turn = arms.at(arm, panels.t, panels.line)
+        middle = place + times(turn, panels.sides.mean(axis=1))
+        full = skin.tips(pose, (partner >= 0).astype(float))
+        back = np.swapaxes(pose.rotations, 1, 2)[arm // 4]
+        # as the hub sees them
+        own = times(back, middle - pose.centres[arm // 4])
+        turned = rotation_vector(back @ turn)
+        guess, guessed = skin.followed(full)
+        return cls(
+            arm, skin.share, skin.left, skin.right, skin.tip, axis, partner, own - guess, turned - guessed, full
+        )  # fmt: skip
+
+    def tips(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
+        """Metres and rotation vectors: how every tip is moved against its hub, in the hub's frame.
+
+        closed : 1 where the tip lies half way to its partner's, 0 where it is rigid with its hub, or in between
+        """
+        quad, met = np.arange(len(self.tip)) // 4, np.flatnonzero(self.partner >= 0)
+        end = pose.centres[quad] + times(pose.rotations[quad], _flat(self.tip))
+        frame = pose.rotations[quad] @ _about_z(self.axis)
+        other = self.partner[met]
+        out = np.zeros((len(self.tip), 6))
+        back = np.swapaxes(pose.rotations, 1, 2)[quad[met]]
+        out[met, :3] = 0.5 * closed[met, None] * times(back, end[other] - end[met])
+        across = rotation_vector(np.swapaxes(frame[met], 1, 2) @ frame[other])
+        out[met, 3:] = times(_about_z(self.axis[met]), 0.5 * closed[met, None] * across)
+        return out
+
+    def followed(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
+        """Middles (n, 3) metres and turns (n, 3) of the sections, in their hubs' frames, between hub and tip."""
+        middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
+        way, turn = moved[self.arm, :3], moved[self.arm, 3:]
+        share = self.share[:, None]
+        with_tip = tip + way + times(exponential(turn), middle - tip)
+        return (1.0 - share) * middle + share * with_tip, share * turn
+
+    def placed(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
+        """(n, 4, 3) metres: of every section the left and right edge above, then below; the page does the same."""
+        moved = self.tips(pose, closed)
+        middle, turn = self.followed(moved)
+        measure = self.measure(moved)[self.arm, None]
+        quad = self.arm // 4
+        rotation = pose.rotations[quad] @ exponential(turn + measure * self.turn)
+        middle = pose.centres[quad] + times(pose.rotations[quad], middle + measure * self.way)
+        half = _flat(0.5 * (self.left - self.right))
+        up = 0.5 * thickness * rotation[:, :, 2]
+        left, right = middle + times(rotation, half), middle - times(rotation, half)
+        return np.stack([left + up, right + up, left - up, right - up], axis=1)
+
+    def measure(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
+        """From 0 to 1: how much of the arms' final bend they have."""
+        size = np.linalg.norm(self.tip, axis=1)
+        unit = np.concatenate([np.repeat(1.0 / size[:, None], 3, axis=1), np.ones((len(size), 3))], axis=1)
+        full = self.full * unit
+        return np.clip((moved * unit * full).sum(axis=1) / np.maximum((full**2).sum(axis=1), 1e-12), 0.0, 1.0)
+
+
+def detail_of(design: SpiralDesign) -> Detail:
+    """How finely the spirals of a design are drawn."""
+    return DETAIL if len(design.width) <= MANY else COARSE
+
+
+def _flat(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"]:
+    return np.c_[points, np.zeros(len(points))]
+
+
+def _about_z(angle: Float[np.ndarray, " angles"]) -> Float[np.ndarray, "angles 3 3"]:
+    return exponential(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=1))

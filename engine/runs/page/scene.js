@@ -1,0 +1,330 @@
+// The piece drawn by three.js: panels, target, labels; turned by hand, fingers or keys. A picture is made when something changes.
+
+const FROM = [0.45, -0.8, 0.55]; // the direction of the first look
+const TURN_KEY = Math.PI / 24; // radians that an arrow key turns the piece
+const ROOM = 1.12; // how much more than the piece the view shows
+const GHOST = 0.2; // how much of the target is seen through it
+
+class View3D {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {HTMLElement} labels  holds the texts over the picture
+   * @param {Skin} skin
+   */
+  constructor(canvas, labels, skin) {
+    this.canvas = canvas;
+    this.labels = labels;
+    this.skin = skin;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.camera = new THREE.PerspectiveCamera(32, 1, 1, 1e5);
+    this.camera.up.set(0, 0, 1);
+    this.camera.position.set(...FROM);
+    this.scene = new THREE.Scene();
+    this.scene.add(this.camera, new THREE.HemisphereLight(0xffffff, 0xaeb6c0, 2.3));
+    const light = new THREE.DirectionalLight(0xffffff, 1.9);
+    light.position.set(-0.5, 0.9, 0.6); // over the left shoulder
+    this.camera.add(light);
+    this.addPanels();
+    this.addTarget();
+    this.controls = new THREE.OrbitControls(this.camera, canvas);
+    this.controls.addEventListener("change", () => this.ask());
+    canvas.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+    /** @type {{element: HTMLElement, place: () => {at: THREE.Vector3, normal: THREE.Vector3 | null}, always: boolean}[]} */
+    this.texts = [];
+    this.asked = false;
+    this.steps = 0; // see `update`
+    this.away = 0; // from the middle, where all is seen
+    this.size = ""; // of the canvas, in pixels of the page
+    this.resize();
+  }
+
+  /** @private */
+  addPanels() {
+    const { corners, ends } = this.skin.triangles();
+    this.ends = ends;
+    this.geometry = new THREE.BufferGeometry();
+    this.geometry.setIndex(new THREE.BufferAttribute(corners, 1));
+    this.position = new THREE.BufferAttribute(this.skin.positions, 3);
+    this.colour = new THREE.BufferAttribute(new Uint8Array(this.skin.positions.length), 3, true);
+    this.geometry.setAttribute("position", this.position);
+    this.geometry.setAttribute("color", this.colour);
+    this.panels = new THREE.Mesh(this.geometry, new THREE.MeshLambertMaterial({ vertexColors: true, flatShading: true }));
+    this.panels.frustumCulled = false; // it moves
+    this.scene.add(this.panels);
+  }
+
+  /** The target as a pale surface with its quads. @private */
+  addTarget() {
+    const { target, quads } = this.skin.arrays;
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(target, 3));
+    const faces = [];
+    const lines = [];
+    const seen = new Set();
+    for (let i = 0; i < quads.length; i += 4) {
+      const q = quads.subarray(i, i + 4);
+      faces.push(q[0], q[1], q[2], q[0], q[2], q[3]);
+      for (let k = 0; k < 4; k++) {
+        const [a, b] = [Math.min(q[k], q[(k + 1) % 4]), Math.max(q[k], q[(k + 1) % 4])];
+        const name = a * target.length + b;
+        if (!seen.has(name)) lines.push(a, b);
+        seen.add(name);
+      }
+    }
+    geometry.setIndex(faces);
+    const edges = new THREE.BufferGeometry();
+    edges.setAttribute("position", geometry.getAttribute("position"));
+    edges.setIndex(lines);
+    const look = { color: 0x7c8794, transparent: true, depthWrite: false };
+    this.target = new THREE.Group();
+    this.target.add(new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ ...look, opacity: GHOST, side: THREE.DoubleSide })));
+    this.target.add(new THREE.LineSegments(edges, new THREE.LineBasicMaterial({ ...look, opacity: 2 * GHOST })));
+    this.target.visible = false;
+    this.scene.add(this.target);
+  }
+
+  /**
+   * Give every spiral its colour.
+   * @param {(quad: number) => THREE.Color} colourOf
+   */
+  paint(colourOf) {
+    const skin = this.skin;
+    const bytes = this.colour.array;
+    for (let quad = 0; quad < skin.quads; quad++) {
+      const rgb = colourOf(quad).toArray().map((x) => Math.round(255 * x));
+      const fill = (from, to) => {
+        for (let i = from; i < to; i++) bytes[i] = rgb[i % 3];
+      };
+      fill(12 * skin.first[4 * quad], 12 * skin.first[4 * quad + 4]);
+      fill(12 * skin.sections + 6 * quad, 12 * skin.sections + 6 * quad + 6);
+    }
+    this.colour.needsUpdate = true;
+    this.ask();
+  }
+
+  /** After hubs have moved: bring bodies and view up to date. @param {number} steps  only the panels of the first so many */
+  update(steps) {
+    this.steps = steps;
+    this.skin.draw();
+    this.position.needsUpdate = true;
+    this.geometry.setDrawRange(0, steps ? this.ends[steps - 1] : Infinity);
+    this.look(steps);
+    this.ask();
+  }
+
+  /** Keep what is there in sight, from where and as near as it was looked at before. @private @param {number} steps */
+  look(steps) {
+    const zoom = this.away ? this.camera.position.distanceTo(this.controls.target) / this.away : 1;
+    const back = this.camera.position.clone().sub(this.controls.target).normalize();
+    const right = new THREE.Vector3().crossVectors(this.camera.up, back).normalize();
+    const up = new THREE.Vector3().crossVectors(back, right);
+    const points = this.points(steps);
+    // the middle of what is seen from there, then how far away all of it fits
+    const middle = new THREE.Vector3();
+    for (const axis of [right, up, back]) {
+      let [low, high] = [Infinity, -Infinity];
+      for (const { point, rim } of points) {
+        const at = point.dot(axis);
+        low = Math.min(low, at - rim);
+        high = Math.max(high, at + rim);
+      }
+      middle.addScaledVector(axis, 0.5 * (low + high));
+    }
+    const tall = Math.tan((Math.PI * this.camera.fov) / 360);
+    const wide = tall * this.camera.aspect;
+    let away = this.skin.piece.edge;
+    for (const { point, rim } of points) {
+      point.sub(middle);
+      const beside = Math.max((Math.abs(point.dot(right)) + rim) / wide, (Math.abs(point.dot(up)) + rim) / tall);
+      away = Math.max(away, point.dot(back) + ROOM * beside);
+    }
+    this.away = away;
+    this.controls.target.copy(middle);
+    this.camera.position.copy(middle).addScaledVector(back, away * zoom);
+    this.camera.near = away / 100;
+    this.camera.far = 20 * away;
+    this.camera.updateProjectionMatrix();
+    this.controls.minDistance = 0.05 * away;
+    this.controls.maxDistance = 6 * away;
+    this.controls.update();
+  }
+
+  /**
+   * The hubs that are there with the lengths of their arms, and the target if it is shown.
+   * @private @param {number} steps @returns {{point: THREE.Vector3, rim: number}[]}
+   */
+  points(steps) {
+    const { skin } = this;
+    const found = [];
+    for (let quad = 0; quad < skin.quads; quad++) {
+      const panel = skin.arrays.patch[quad];
+      if (steps && skin.piece.panels[panel].step >= steps) continue;
+      const shift = skin.shifts.subarray(3 * panel);
+      const at = skin.centres.subarray(3 * quad);
+      const point = new THREE.Vector3(at[0] + shift[0], at[1] + shift[1], at[2] + shift[2]);
+      found.push({ point, rim: skin.rims[quad] });
+    }
+    if (this.target.visible) {
+      const target = skin.arrays.target;
+      for (let i = 0; i < target.length; i += 3) found.push({ point: new THREE.Vector3().fromArray(target, i), rim: 0 });
+    }
+    return found;
+  }
+
+  /** As at first. */
+  home() {
+    this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...FROM).setLength(this.away));
+    this.look(this.steps);
+    this.ask();
+  }
+
+  /** Go some of the way to look from a direction. @param {THREE.Vector3} way @param {number} share */
+  turnTo(way, share) {
+    const away = this.camera.position.clone().sub(this.controls.target);
+    const length = away.length();
+    away.normalize().lerp(way.clone().normalize(), share);
+    if (Math.hypot(away.x, away.y) < 1e-3 || away.length() < 0.1) away.y -= 0.1; // neither from the pole nor from within
+    this.camera.position.copy(this.controls.target).add(away.setLength(length));
+    this.controls.update();
+  }
+
+  /** @private @param {KeyboardEvent} event */
+  key(event) {
+    const turns = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const zooms = { "+": 0.87, "=": 0.87, "-": 1.15 };
+    const [target, position] = [this.controls.target, this.camera.position];
+    const away = position.clone().sub(target);
+    if (event.key in turns) {
+      const [about, over] = turns[event.key];
+      const flat = Math.hypot(away.x, away.y);
+      const height = Math.min(Math.max(Math.atan2(away.z, flat) - over * TURN_KEY, -1.5), 1.5);
+      const angle = Math.atan2(away.y, away.x) - about * TURN_KEY;
+      const length = away.length();
+      away.set(Math.cos(height) * Math.cos(angle), Math.cos(height) * Math.sin(angle), Math.sin(height)).multiplyScalar(length);
+    } else if (event.key in zooms) {
+      away.multiplyScalar(zooms[event.key]);
+    } else if (event.key === "Home") {
+      this.home();
+      return;
+    } else {
+      return;
+    }
+    event.preventDefault();
+    position.copy(target).add(away);
+    this.controls.update();
+    this.ask();
+  }
+
+  /** Fill the room that the page gives, if that is another than before. @private */
+  resize() {
+    const box = this.canvas.parentElement.getBoundingClientRect();
+    const size = `${box.width} ${box.height}`;
+    if (!box.width || !box.height || size === this.size) return;
+    this.size = size;
+    this.renderer.setSize(box.width, box.height, false);
+    this.camera.aspect = box.width / box.height;
+    this.camera.updateProjectionMatrix();
+    if (this.away) this.look(this.steps);
+    this.ask();
+  }
+
+  /** Draw soon, once. */
+  ask() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => {
+      this.asked = false;
+      this.render();
+    });
+  }
+
+  render() {
+    this.renderer.render(this.scene, this.camera);
+    this.placeTexts();
+  }
+
+  // -- texts over the picture --------------------------------------------------------------------------------------------
+
+  /**
+   * @param {{text: string, name: string, colour: string | null, always: boolean,
+   *          place: () => {at: THREE.Vector3, normal: THREE.Vector3 | null}}[]} texts
+   */
+  setTexts(texts) {
+    this.labels.replaceChildren();
+    this.texts = texts.map(({ text, name, colour, always, place }) => {
+      const element = document.createElement("span");
+      element.textContent = text;
+      element.className = name;
+      if (colour) element.style.setProperty("--own", colour);
+      this.labels.append(element);
+      return { element, place, always };
+    });
+    this.ask();
+  }
+
+  /** Where every text belongs; of those that would cover each other the first. @private */
+  placeTexts() {
+    const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
+    const taken = [];
+    for (const { element, place, always } of this.texts) {
+      const { at, normal } = place();
+      const away = normal ? normal.dot(this.camera.position.clone().sub(at)) < 0 : false;
+      at.project(this.camera);
+      const [x, y] = [0.5 * width * (1 + at.x), 0.5 * height * (1 - at.y)];
+      const room = 9 + 3.6 * (element.textContent ?? "").length;
+      const hidden = at.z > 1 || (!always && taken.some(([a, b, r]) => Math.abs(a - x) < room + r && Math.abs(b - y) < 20));
+      if (!hidden) taken.push([x, y, room]);
+      element.hidden = hidden;
+      element.classList.toggle("behind", away);
+      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
+    }
+  }
+
+  /** Place and normal of a spiral's hub now. @param {number} quad */
+  hub(quad) {
+    const skin = this.skin;
+    const panel = skin.arrays.patch[quad];
+    const at = new THREE.Vector3().fromArray(skin.centres, 3 * quad).add(new THREE.Vector3().fromArray(skin.shifts, 3 * panel));
+    const turn = new THREE.Quaternion().fromArray(skin.turns, 4 * quad);
+    return { at, normal: new THREE.Vector3(0, 0, 1).applyQuaternion(turn) };
+  }
+
+  /** Place of an arm's tip now. @param {number} arm */
+  tip(arm) {
+    const at = new THREE.Vector3().fromArray(this.skin.tipAt(arm, new Float32Array(3), 1));
+    return { at, normal: this.hub(arm >> 2).normal };
+  }
+
+  // -- pictures ----------------------------------------------------------------------------------------------------------
+
+  /** A picture of what is seen, with the background and the texts that are shown. @returns {Promise<Blob>} */
+  picture() {
+    this.render();
+    const out = document.createElement("canvas");
+    [out.width, out.height] = [this.canvas.width, this.canvas.height];
+    const scale = out.width / this.canvas.clientWidth;
+    const pen = /** @type {CanvasRenderingContext2D} */ (out.getContext("2d"));
+    pen.fillStyle = getComputedStyle(this.canvas.parentElement).backgroundColor;
+    pen.fillRect(0, 0, out.width, out.height);
+    pen.drawImage(this.canvas, 0, 0);
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    for (const { element } of this.texts) {
+      if (element.hidden || element.classList.contains("behind")) continue;
+      const style = getComputedStyle(element);
+      const box = element.getBoundingClientRect();
+      const from = this.canvas.getBoundingClientRect();
+      const [x, y] = [scale * (box.left - from.left), scale * (box.top - from.top)];
+      pen.fillStyle = style.backgroundColor;
+      pen.beginPath();
+      pen.roundRect(x, y, scale * box.width, scale * box.height, 6 * scale);
+      pen.fill();
+      pen.font = `${style.fontWeight} ${scale * parseFloat(style.fontSize)}px ${style.fontFamily}`;
+      pen.fillStyle = style.color;
+      pen.fillText(element.textContent ?? "", x + 0.5 * scale * box.width, y + 0.5 * scale * box.height);
+    }
+    return new Promise((resolve) => out.toBlob((blob) => resolve(/** @type {Blob} */ (blob)), "image/png"));
+  }
+}

@@ -1,0 +1,423 @@
+// Where everything is at a time: hubs follow the film, arms follow their hubs. The same as `skin.py`, in millimetres.
+
+/**
+ * @typedef {Object} Track  What becomes of one panel; times in steps of the assembly.
+ * @property {number} panel
+ * @property {number[]} changes  when it has the shapes `which`
+ * @property {number[]} which
+ * @property {number[]} times  when it is turned and placed as in `turns` and `places`
+ * @property {number[][]} turns  quaternions x, y, z, w
+ * @property {number[][]} places
+ *
+ * @typedef {Object} Piece  What `page_data.py` writes.
+ * @property {string} title
+ * @property {boolean} simulated
+ * @property {number} thickness
+ * @property {number} edge
+ * @property {number} length  of the film, in steps
+ * @property {{name: string, colour: string, hub: number, step: number}[]} panels
+ * @property {{name: string, colour: string, other: string | null, joints: [number, string][]}[][]} seams  step by step
+ * @property {{name: string, label: string, unit: string, low: number, high: number, scale: string[]}[]} colourings
+ * @property {Track[]} tracks
+ * @property {string[]} notes
+ * @property {Object<string, Listed>} arrays
+ * @property {string} block
+ */
+
+class Skin {
+  /**
+   * @param {Piece} piece
+   * @param {Arrays} arrays
+   */
+  constructor(piece, arrays) {
+    this.piece = piece;
+    this.arrays = arrays;
+    this.quads = arrays.patch.length;
+    this.arms = 4 * this.quads;
+    this.sections = arrays.share.length;
+    /** Centres and quaternions of the hubs now. */
+    this.centres = new Float32Array(3 * this.quads);
+    this.turns = new Float32Array(4 * this.quads);
+    /** How the tips are moved against their hubs: way, then rotation vector. */
+    this.moved = new Float32Array(6 * this.arms);
+    this.full = new Float32Array(6 * this.arms);
+    /** Of every section four corners, left and right above and below; then of every hub its middle above and below. */
+    this.positions = new Float32Array(12 * this.sections + 6 * this.quads);
+    /** @type {number[][]} hubs of every panel */
+    this.hubs = piece.panels.map(() => []);
+    for (let quad = 0; quad < this.quads; quad++) this.hubs[arrays.patch[quad]].push(quad);
+    this.first = new Int32Array(this.arms + 1);
+    for (let arm = 0; arm < this.arms; arm++) this.first[arm + 1] = this.first[arm] + arrays.sections[arm];
+    /** How far the arms of every spiral reach. */
+    this.rims = new Float32Array(this.quads);
+    for (let arm = 0; arm < this.arms; arm++) {
+      const reach = Math.hypot(arrays.tip[2 * arm], arrays.tip[2 * arm + 1]);
+      this.rims[arm >> 2] = Math.max(this.rims[arm >> 2], reach);
+    }
+    this.shifts = new Float32Array(3 * piece.panels.length);
+    this.pull(piece.length, 0);
+    this.full.set(this.moved);
+    /** The middle of every panel in the end, seen from the middle of all. */
+    this.outwards = this.ways();
+  }
+
+  /**
+   * Put everything where it is at a time.
+   * @param {number} time  in steps
+   * @param {number} apart  how far the panels are drawn apart, from 0 to 1
+   */
+  pull(time, apart) {
+    for (const track of this.piece.tracks) this.placePanel(track, time);
+    this.moveTips(time);
+    for (let i = 0; i < this.shifts.length; i++) this.shifts[i] = apart ? apart * this.outwards[i] : 0;
+  }
+
+  /** @private @param {Track} track @param {number} time */
+  placePanel(track, time) {
+    const [one, two, way] = bracket(track.changes, time);
+    const hubs = this.hubs[track.panel];
+    const centres = this.arrays[`centres ${track.panel}`];
+    const turns = this.arrays[`turns ${track.panel}`];
+    const first = track.which[one] * hubs.length;
+    const second = track.which[two] * hubs.length;
+    const [from, to, share] = bracket(track.times, time);
+    const whole = mixedTurn(track.turns[from], 0, track.turns[to], 0, share, new Float32Array(4), 0);
+    const place = [0, 1, 2].map((k) => (1 - share) * track.places[from][k] + share * track.places[to][k]);
+    const own = new Float32Array(4);
+    const point = new Float32Array(3);
+    for (let i = 0; i < hubs.length; i++) {
+      for (let k = 0; k < 3; k++) {
+        point[k] = (1 - way) * centres[3 * (first + i) + k] + way * centres[3 * (second + i) + k];
+      }
+      turned(whole, 0, point);
+      for (let k = 0; k < 3; k++) this.centres[3 * hubs[i] + k] = place[k] + point[k];
+      mixedTurn(turns, 4 * (first + i), turns, 4 * (second + i), way, own, 0);
+      product(whole, own, this.turns, 4 * hubs[i]);
+    }
+  }
+
+  /** Joints that are closed pull the tips of both their arms half way to each other. @private @param {number} time */
+  moveTips(time) {
+    const { joints, closings, axis } = this.arrays;
+    const ends = [new Float32Array(3), new Float32Array(3)];
+    const frames = [new Float32Array(4), new Float32Array(4)];
+    const across = new Float32Array(4);
+    const vector = new Float32Array(3);
+    for (let joint = 0; joint < joints.length / 2; joint++) {
+      const begin = closings ? closings[2 * joint] : 0;
+      const closed = closings ? 0.5 * smooth((time - begin) / (closings[2 * joint + 1] - begin)) : 0;
+      for (let side = 0; side < 2; side++) {
+        const arm = joints[2 * joint + side];
+        this.tipAt(arm, ends[side], 0);
+        aboutZ(this.turns, arm & ~3, axis[arm], frames[side]);
+      }
+      for (let side = 0; side < 2; side++) {
+        const arm = joints[2 * joint + side];
+        for (let k = 0; k < 3; k++) vector[k] = closed * (ends[1 - side][k] - ends[side][k]);
+        turnedBack(this.turns, arm & ~3, vector);
+        this.moved.set(vector, 6 * arm);
+        between(frames[side], frames[1 - side], across);
+        rotationVector(across, vector);
+        const cosine = Math.cos(axis[arm]);
+        const sine = Math.sin(axis[arm]);
+        this.moved[6 * arm + 3] = closed * (cosine * vector[0] - sine * vector[1]);
+        this.moved[6 * arm + 4] = closed * (sine * vector[0] + cosine * vector[1]);
+        this.moved[6 * arm + 5] = closed * vector[2];
+      }
+    }
+  }
+
+  /**
+   * Where the tip of an arm is, `share` of the way from where its hub alone would have it; with the panels' shifts if it is 1.
+   * @param {number} arm @param {Float32Array} out @param {0 | 1} share
+   */
+  tipAt(arm, out, share) {
+    const quad = arm >> 2;
+    for (let k = 0; k < 3; k++) out[k] = (k < 2 ? this.arrays.tip[2 * arm + k] : 0) + share * this.moved[6 * arm + k];
+    turned(this.turns, 4 * quad, out);
+    for (let k = 0; k < 3; k++) {
+      out[k] += this.centres[3 * quad + k] + share * this.shifts[3 * this.arrays.patch[quad] + k];
+    }
+    return out;
+  }
+
+  /** Fill `positions` from where hubs and tips are. */
+  draw() {
+    const { patch } = this.arrays;
+    const hub = new Float32Array(9);
+    const bent = new Float32Array(9);
+    for (let quad = 0; quad < this.quads; quad++) {
+      const shift = 3 * patch[quad];
+      const x = this.centres[3 * quad] + this.shifts[shift];
+      const y = this.centres[3 * quad + 1] + this.shifts[shift + 1];
+      const z = this.centres[3 * quad + 2] + this.shifts[shift + 2];
+      matrixOf(this.turns, 4 * quad, hub);
+      this.drawHub(quad, hub, x, y, z);
+      for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) this.drawArm(arm, hub, bent, x, y, z);
+    }
+    return this.positions;
+  }
+
+  /**
+   * The corners of an arm's sections. Hundred thousands a second: no lists are made here.
+   * @private @param {number} arm @param {Float32Array} hub  its matrix @param {Float32Array} m  for matrices in between
+   * @param {number} cx @param {number} cy @param {number} cz
+   */
+  drawArm(arm, hub, m, cx, cy, cz) {
+    const { tip, flat, share, way, turn } = this.arrays;
+    const out = this.positions;
+    const half = 0.5 * this.piece.thickness;
+    const at = 6 * arm;
+    const mx = this.moved[at];
+    const my = this.moved[at + 1];
+    const mz = this.moved[at + 2];
+    const ax = this.moved[at + 3];
+    const ay = this.moved[at + 4];
+    const az = this.moved[at + 5];
+    exponential(ax, ay, az, m);
+    const e0 = m[0];
+    const e1 = m[1];
+    const e3 = m[3];
+    const e4 = m[4];
+    const e6 = m[6];
+    const e7 = m[7];
+    const bend = this.measure(arm);
+    const tx = tip[2 * arm];
+    const ty = tip[2 * arm + 1];
+    for (let s = this.first[arm]; s < this.first[arm + 1]; s++) {
+      const w = share[s];
+      const px = 0.5 * (flat[4 * s] + flat[4 * s + 2]);
+      const py = 0.5 * (flat[4 * s + 1] + flat[4 * s + 3]);
+      const dx = px - tx;
+      const dy = py - ty;
+      // the middle, as the hub sees it: between where hub and tip would have it, and what is kept of its true place
+      const x = (1 - w) * px + w * (tx + mx + e0 * dx + e1 * dy) + bend * way[3 * s];
+      const y = (1 - w) * py + w * (ty + my + e3 * dx + e4 * dy) + bend * way[3 * s + 1];
+      const z = w * (mz + e6 * dx + e7 * dy) + bend * way[3 * s + 2];
+      exponential(w * ax + bend * turn[3 * s], w * ay + bend * turn[3 * s + 1], w * az + bend * turn[3 * s + 2], m);
+      const hx = 0.5 * (flat[4 * s] - flat[4 * s + 2]);
+      const hy = 0.5 * (flat[4 * s + 1] - flat[4 * s + 3]);
+      const sx = m[0] * hx + m[1] * hy;
+      const sy = m[3] * hx + m[4] * hy;
+      const sz = m[6] * hx + m[7] * hy;
+      for (let corner = 0; corner < 4; corner++) {
+        const side = corner % 2 ? -1 : 1;
+        const up = corner < 2 ? half : -half;
+        const qx = x + side * sx + up * m[2];
+        const qy = y + side * sy + up * m[5];
+        const qz = z + side * sz + up * m[8];
+        const to = 12 * s + 3 * corner;
+        out[to] = cx + hub[0] * qx + hub[1] * qy + hub[2] * qz;
+        out[to + 1] = cy + hub[3] * qx + hub[4] * qy + hub[5] * qz;
+        out[to + 2] = cz + hub[6] * qx + hub[7] * qy + hub[8] * qz;
+      }
+    }
+  }
+
+  /** @private */
+  drawHub(quad, hub, cx, cy, cz) {
+    for (let side = 0; side < 2; side++) {
+      const at = 12 * this.sections + 6 * quad + 3 * side;
+      const up = (0.5 - side) * this.piece.thickness;
+      this.positions[at] = cx + up * hub[2];
+      this.positions[at + 1] = cy + up * hub[5];
+      this.positions[at + 2] = cz + up * hub[8];
+    }
+  }
+
+  /** From 0 to 1: how much of its final bend an arm has. @private @param {number} arm */
+  measure(arm) {
+    const size = Math.hypot(this.arrays.tip[2 * arm], this.arrays.tip[2 * arm + 1]);
+    let [both, all] = [0, 0];
+    for (let k = 0; k < 6; k++) {
+      const unit = k < 3 ? 1 / (size * size) : 1;
+      both += this.moved[6 * arm + k] * this.full[6 * arm + k] * unit;
+      all += this.full[6 * arm + k] * this.full[6 * arm + k] * unit;
+    }
+    return Math.min(Math.max(both / Math.max(all, 1e-12), 0), 1);
+  }
+
+  /** @private */
+  ways() {
+    const out = new Float32Array(3 * this.hubs.length);
+    const middle = [0, 0, 0];
+    for (let i = 0; i < this.centres.length; i++) middle[i % 3] += this.centres[i] / this.quads;
+    this.hubs.forEach((hubs, panel) => {
+      for (const hub of hubs) for (let k = 0; k < 3; k++) out[3 * panel + k] += this.centres[3 * hub + k] / hubs.length;
+      for (let k = 0; k < 3; k++) out[3 * panel + k] -= middle[k];
+    });
+    return out;
+  }
+
+  /**
+   * Triangles of all panels in the order in which these are joined, and how many corners the panels of the first steps have.
+   * @returns {{corners: Uint32Array, ends: number[]}}
+   */
+  triangles() {
+    const { panels } = this.piece;
+    const corners = new Uint32Array(24 * this.sections);
+    const ends = [];
+    let at = 0;
+    for (const panel of panels.map((_, i) => i).sort((a, b) => panels[a].step - panels[b].step)) {
+      for (const quad of this.hubs[panel]) at = this.trianglesOf(quad, corners, at);
+      ends.push(at);
+    }
+    return { corners, ends };
+  }
+
+  /** Write a spiral's triangles, and tell where they end. @private @param {number} quad @param {Uint32Array} out @param {number} at */
+  trianglesOf(quad, out, at) {
+    const middle = 4 * this.sections + 2 * quad;
+    const triangle = (a, b, c) => {
+      out[at++] = a;
+      out[at++] = b;
+      out[at++] = c;
+    };
+    const face = (a, b, c, d) => {
+      triangle(a, b, c);
+      triangle(a, c, d);
+    };
+    for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) {
+      const begin = 4 * this.first[arm];
+      const last = 4 * (this.first[arm + 1] - 1);
+      for (let a = begin; a < last; a += 4) {
+        const b = a + 4;
+        face(a, b, b + 1, a + 1);
+        face(a + 3, b + 3, b + 2, a + 2);
+        face(b, a, a + 2, b + 2);
+        face(a + 1, b + 1, b + 3, a + 3);
+      }
+      face(begin, begin + 1, begin + 3, begin + 2);
+      // the hub: from the right of this arm's root to its left, and on to the right of the next one's
+      const next = arm % 4 < 3 ? arm + 1 : 4 * quad;
+      const onward = 4 * (this.first[next + 1] - 1) + 1;
+      triangle(middle, last + 1, last);
+      triangle(middle, last, onward);
+      triangle(middle + 1, last + 2, last + 3);
+      triangle(middle + 1, onward + 2, last + 2);
+      face(last + 2, onward + 2, onward, last);
+    }
+    return at;
+  }
+}
+
+// -- turns: quaternions x, y, z, w, and matrices row by row -------------------------------------------------------------
+
+/** The places of the two times about a time, and the share of the way. @param {number[]} times @param {number} time */
+function bracket(times, time) {
+  let after = times.findIndex((each) => each > time);
+  if (after === -1) after = times.length;
+  if (after === 0 || after === times.length) {
+    const end = after === 0 ? 0 : times.length - 1;
+    return [end, end, 0];
+  }
+  return [after - 1, after, (time - times[after - 1]) / (times[after] - times[after - 1])];
+}
+
+/** From 0 to 1 without a jolt. @param {number} x */
+function smooth(x) {
+  const t = Math.min(Math.max(x, 0), 1);
+  return t * t * (3 - 2 * t);
+}
+
+/** A turn between two that are near each other. */
+function mixedTurn(one, i, two, j, share, out, at) {
+  let same = 0;
+  for (let k = 0; k < 4; k++) same += one[i + k] * two[j + k];
+  const sign = same < 0 ? -share : share;
+  let square = 0;
+  for (let k = 0; k < 4; k++) {
+    out[at + k] = (1 - share) * one[i + k] + sign * two[j + k];
+    square += out[at + k] ** 2;
+  }
+  const scale = 1 / Math.sqrt(square);
+  for (let k = 0; k < 4; k++) out[at + k] *= scale;
+  return out;
+}
+
+/** First the turn b, then a. */
+function product(a, b, out, at) {
+  out[at] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1];
+  out[at + 1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0];
+  out[at + 2] = a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3];
+  out[at + 3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2];
+  return out;
+}
+
+/** First an angle about z, then a turn of a list. */
+function aboutZ(turns, at, angle, out) {
+  const sine = Math.sin(0.5 * angle);
+  const cosine = Math.cos(0.5 * angle);
+  out[0] = turns[at] * cosine + turns[at + 1] * sine;
+  out[1] = turns[at + 1] * cosine - turns[at] * sine;
+  out[2] = turns[at + 2] * cosine + turns[at + 3] * sine;
+  out[3] = turns[at + 3] * cosine - turns[at + 2] * sine;
+}
+
+/** The turn from a to b, as a sees it. */
+function between(a, b, out) {
+  out[0] = a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1];
+  out[1] = a[3] * b[1] + a[0] * b[2] - a[1] * b[3] - a[2] * b[0];
+  out[2] = a[3] * b[2] - a[0] * b[1] + a[1] * b[0] - a[2] * b[3];
+  out[3] = a[3] * b[3] + a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/** Turn a vector in place. */
+function turned(turns, at, vector) {
+  return turnedBy(turns[at], turns[at + 1], turns[at + 2], turns[at + 3], vector);
+}
+
+/** The same the other way round. */
+function turnedBack(turns, at, vector) {
+  return turnedBy(-turns[at], -turns[at + 1], -turns[at + 2], turns[at + 3], vector);
+}
+
+function turnedBy(x, y, z, w, vector) {
+  const [vx, vy, vz] = vector;
+  const tx = 2 * (y * vz - z * vy);
+  const ty = 2 * (z * vx - x * vz);
+  const tz = 2 * (x * vy - y * vx);
+  vector[0] = vx + w * tx + y * tz - z * ty;
+  vector[1] = vy + w * ty + z * tx - x * tz;
+  vector[2] = vz + w * tz + x * ty - y * tx;
+  return vector;
+}
+
+function rotationVector(q, out) {
+  const sign = q[3] < 0 ? -1 : 1;
+  const sine = Math.hypot(q[0], q[1], q[2]);
+  const scale = sine > 1e-9 ? (2 * Math.atan2(sine, sign * q[3])) / sine : 2;
+  for (let k = 0; k < 3; k++) out[k] = sign * scale * q[k];
+  return out;
+}
+
+function matrixOf(turns, at, out) {
+  const [x, y, z, w] = [turns[at], turns[at + 1], turns[at + 2], turns[at + 3]];
+  out[0] = 1 - 2 * (y * y + z * z);
+  out[1] = 2 * (x * y - z * w);
+  out[2] = 2 * (x * z + y * w);
+  out[3] = 2 * (x * y + z * w);
+  out[4] = 1 - 2 * (x * x + z * z);
+  out[5] = 2 * (y * z - x * w);
+  out[6] = 2 * (x * z - y * w);
+  out[7] = 2 * (y * z + x * w);
+  out[8] = 1 - 2 * (x * x + y * y);
+}
+
+/** The matrix of a rotation vector (Rodrigues). */
+function exponential(x, y, z, out) {
+  const square = x * x + y * y + z * z;
+  const angle = Math.sqrt(square);
+  const sine = angle > 1e-4 ? Math.sin(angle) / angle : 1 - square / 6;
+  const cosine = angle > 1e-4 ? (1 - Math.cos(angle)) / square : 0.5;
+  const rest = 1 - cosine * square;
+  out[0] = rest + cosine * x * x;
+  out[1] = cosine * x * y - sine * z;
+  out[2] = cosine * x * z + sine * y;
+  out[3] = cosine * x * y + sine * z;
+  out[4] = rest + cosine * y * y;
+  out[5] = cosine * y * z - sine * x;
+  out[6] = cosine * x * z - sine * y;
+  out[7] = cosine * y * z + sine * x;
+  out[8] = rest + cosine * z * z;
+}

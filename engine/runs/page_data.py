@@ -1,0 +1,292 @@
+"""What the page's 3D view shows of a piece, as a text that a page can hold: a JSON object with one packed block of numbers.
+
+Lengths are in millimetres. Numbers are whole multiples of a step, each written as the difference to the row before, in as
+few bytes as all of an array need, the low bytes of all first; the whole is deflated and written in base64. ``view.js`` and
+``packed.js`` read it.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from base64 import b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import colours
+from ..arrays import Float
+from ..assembling import order
+from ..assembling.film import Shots, shoot
+from ..assembling.passage import Hubs, closings
+from ..assembling.stages import at_once, find_stages
+from ..display import arrange
+from ..display.run_plots import Measured
+from ..display.skin import Skin
+from ..errors import FlexMapsError
+from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
+from ..materials import Material
+from ..mechanics.arms.model import arm_compliances
+from ..mechanics.assembly import Pose, of_design, target_pose
+from ..params import ObjectSettings
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from .result import Result
+
+MM = 1e3  # millimetres in a metre
+# steps of what is packed, in millimetres and radians: a corner of an arm is within 0.05 mm of where it is in the simulation,
+# of pieces up to the size of a room
+FINE, PLACE, TURN, QUATERNION = 0.01, 0.01, 1e-3, 1 / 32767
+SHARE = 1 / 120  # of what runs from 0 to 1, and fits into a byte
+SHADES = 500  # values that a scale of colours tells apart: more than a screen does
+
+
+@dataclass(eq=False)
+class Packed:
+    """Arrays that are packed together; ``listed`` tells where each begins in the deflated block, and what it is."""
+
+    parts: list[bytes] = field(default_factory=list)
+    listed: dict[str, dict[str, Any]] = field(default_factory=dict)
+    size: int = 0
+
+    def add(self, name: str, values: np.ndarray, step: float = 1.0) -> None:
+        """An array (n, ...), to the nearest multiple of ``step``."""
+        whole = np.rint(np.asarray(values, dtype=float) / step).astype(np.int64)
+        rows = whole.reshape(len(whole), -1) if len(whole) else whole.reshape(0, 1)
+        steps = np.diff(rows, axis=0, prepend=0)
+        most = int(np.abs(steps).max(initial=0))
+        width = next(size for size in (1, 2, 4) if most < 1 << (8 * size - 1))
+        data = np.ascontiguousarray(steps.astype(f"<i{width}")).view(np.uint8).reshape(-1, width).T.tobytes()
+        self.listed[name] = {"at": self.size, "bytes": width, "rows": len(rows), "columns": rows.shape[1], "step": step}
+        self.parts.append(data)
+        self.size += len(data)
+
+    def block(self) -> str:
+        """Everything, deflated, in base64."""
+        return b64encode(zlib.compress(b"".join(self.parts), 9)).decode("ascii")
+
+
+def unpacked(listed: Mapping[str, Any], block: bytes) -> dict[str, np.ndarray]:
+    """The arrays (rows, columns) of a block that was inflated."""
+    found = {}
+    for name, one in listed.items():
+        count = one["rows"] * one["columns"]
+        data = np.frombuffer(block, np.uint8, count * one["bytes"], one["at"]).reshape(one["bytes"], count)
+        steps = np.ascontiguousarray(data.T).view(f"<i{one['bytes']}").astype(np.int64)
+        found[name] = steps.reshape(one["rows"], one["columns"]).cumsum(axis=0) * one["step"]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What the view shows.
+
+    design : the spirals; measured : values of the quads; pose : where the simulation has left the hubs, if it was done
+    """
+
+    design: SpiralDesign
+    measured: Measured
+    pose: Pose | None = None
+
+    @classmethod
+    def of(cls, result: Result) -> Shown | None:
+        """Of what the stages have made; None where there are no spirals."""
+        if result.design is None:
+            return None
+        measured = Measured.of(result.mesh, result.flat, result.design, result.simulation)
+        simulation = result.simulation
+        return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
+
+
+def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
+    """JSON that may stand in a script element of a page, whatever the title is.
+
+    Raises ``FlexMapsError`` where the elastic model knows no such spirals.
+    """
+    # nothing in it may end the element, or begin another or a comment
+    made = data(shown, settings, title, progress)
+    return json.dumps(made, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+
+def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
+    """The same as a mapping."""
+    design, pose, packed = shown.design, shown.pose, Packed()
+    material = settings.material.chosen
+    layout = design.flat.layout
+    steps = order.steps(layout)
+    skin = Skin.of(design, pose, progress.part(0.0, 0.2))
+    _skin(packed, skin)
+    _target(packed, shown.measured)
+    place = target_pose(layout.mesh, design.flat.corners) if pose is None else pose
+    table = arrange.on_table(design, place)
+    described: dict[str, Any] = {
+        "title": title,
+        "simulated": pose is not None,
+        "thickness": MM * design.params.thickness,
+        "edge": round(MM * layout.mesh.median_edge, 3),
+        "panels": _panels(design, [step.panel for step in steps]),
+        "colourings": _colourings(packed, shown, material),
+        "seams": _seams(design, steps),
+    }
+    if pose is None:
+        described |= {"length": 0.0, "tracks": _lying(packed, design, table), "notes": []}
+    else:
+        part, resting = progress.part(0.2, 0.8), settings.page.coming == "RESTING"
+        found = find_stages(design, pose, material, settings.simulate, part) if resting else at_once(design, pose)
+        shots = shoot(design, pose, table, found, Hubs(design), progress.part(0.8, 1.0))
+        described |= {"length": shots.length, "tracks": _tracks(packed, design, shots), "notes": _notes(found.skipped)}
+        # joints that are never closed have a time that never comes
+        packed.add("closings", np.minimum(closings(design, shots), shots.length + 1.0), 1e-3)
+    mesh = layout.mesh
+    packed.add("patch", layout.patch_of)
+    packed.add("joints", 4 * mesh.edge_quads[~mesh.border] + mesh.edge_sides[~mesh.border])
+    return described | {"arrays": packed.listed, "block": packed.block()}
+
+
+def _skin(packed: Packed, skin: Skin) -> None:
+    quads = len(skin.tip) // 4
+    packed.add("sections", np.bincount(skin.arm, minlength=4 * quads))
+    packed.add("share", skin.share, SHARE)
+    packed.add("flat", MM * np.hstack([skin.left, skin.right]), FINE)
+    packed.add("tip", MM * skin.tip, FINE)
+    packed.add("axis", skin.axis, TURN / 10)
+    packed.add("way", MM * skin.way, FINE)
+    packed.add("turn", skin.turn, TURN)
+
+
+def _target(packed: Packed, measured: Measured) -> None:
+    packed.add("target", MM * measured.mesh.vertices, PLACE)
+    packed.add("quads", measured.mesh.quads)
+
+
+def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
+    """By patch: what the panel is called, its colour, the spiral that bears its name here, and when it is joined."""
+    layout = design.flat.layout
+    shades = colours.hexadecimal(colours.of_patches(len(layout.patches)))
+    found = []
+    for patch, quads in enumerate(layout.patches):
+        centres = design.arms.centre[quads]
+        middle = int(quads[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))])
+        found.append({"name": panel_name(patch), "colour": shades[patch], "hub": middle, "step": joined.index(patch)})
+    return found
+
+
+def _seams(design: SpiralDesign, steps: list[order.Step]) -> list[list[dict[str, Any]]]:
+    """Step by step the seams that are closed: letter, colour, the panel on the other side, and arm and name of every joint."""
+    layout = design.flat.layout
+    mesh, names = layout.mesh, seam_labels(layout)
+    shades = colours.hexadecimal(colours.of_seams(max(len(layout.seams), 1)))
+    found = []
+    for step in steps:
+        row = []
+        for join in step.joins:
+            joints = []
+            for edge in layout.seams[join.seam].tolist():
+                quad, side = int(mesh.edge_quads[edge][0]), int(mesh.edge_sides[edge][0])
+                joints.append([4 * quad + side, names[quad, side]])
+            other = None if join.other == join.panel else panel_name(join.other)
+            row.append({"name": seam_name(join.seam), "colour": shades[join.seam], "other": other, "joints": joints})
+        found.append(row)
+    return found
+
+
+def _lying(packed: Packed, design: SpiralDesign, table: np.ndarray) -> list[dict[str, Any]]:
+    """Panels that only lie on the table."""
+    hubs, patch = Hubs(design), design.flat.layout.patch_of
+    flat = np.c_[design.arms.centre, np.zeros(len(patch))] + table[patch]
+    still = Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
+    points, _ = hubs.placed(still, *(np.zeros(0),) * 3, 0.0)
+    found = []
+    for panel in range(len(design.flat.layout.patches)):
+        own = points.reshape(-1, 9)[patch == panel].reshape(1, -1, 3)
+        _poses(packed, panel, *hubs.poses(own))
+        found.append(_track(panel, [0.0], [0], [0.0], np.eye(3)[None], np.zeros((1, 3))))
+    return found
+
+
+def _tracks(packed: Packed, design: SpiralDesign, shots: Shots) -> list[dict[str, Any]]:
+    """Panel by panel in the order in which they come."""
+    hubs, found = Hubs(design), []
+    for one in shots.tracks:
+        _poses(packed, one.patch, *hubs.poses(one.shapes))
+        times, which = one.shape_times.tolist(), one.which.tolist()
+        found.append(_track(one.patch, times, which, one.times.tolist(), one.turns, one.places))
+    return found
+
+
+def _poses(packed: Packed, panel: int, centres: np.ndarray, rotations: Float[np.ndarray, "shapes hubs 3 3"]) -> None:
+    packed.add(f"centres {panel}", MM * centres, FINE)
+    packed.add(f"turns {panel}", _quaternions(rotations), QUATERNION)
+
+
+def _track(
+    panel: int, changes: list[float], which: list[int], times: list[float], turns: np.ndarray, places: np.ndarray
+) -> dict[str, Any]:
+    return {
+        "panel": panel,
+        "changes": [round(time, 4) for time in changes],
+        "which": which,
+        "times": [round(time, 4) for time in times],
+        "turns": np.round(_quaternions(turns), 6).tolist(),
+        "places": np.round(MM * places, 3).tolist(),
+    }
+
+
+def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndarray, "times ... 4"]:
+    """x, y, z, w; of every two that follow each other the nearer ones."""
+    from scipy.spatial.transform import Rotation
+
+    found = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat().reshape(*rotations.shape[:-2], 4)
+    found = np.where(found[:1, ..., 3:] < 0.0, -found, found)
+    turned = np.where((found[1:] * found[:-1]).sum(axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return np.concatenate([found[:1], found[1:] * np.cumprod(turned, axis=0)])
+
+
+def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[str, Any]]:
+    """What the spirals can be coloured by besides their panel, with the ends of the scales."""
+    m, found = shown.measured, []
+    values: list[tuple[str, str, str, np.ndarray | None, float, np.ndarray]] = []
+    if shown.pose is not None and m.distance is not None:
+        high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
+        values.append(("distance", "Distance to the target", "mm", m.distance, high, colours.BAD))
+    if shown.pose is not None and m.strain is not None:
+        high = max(100.0, 100.0 * float(m.strain.max()))
+        values.append(("strain", "Strain", "% of the limit", 100.0 * m.strain, high, colours.BAD))
+    stiff = stiffness(shown.design, material)
+    if stiff is not None:
+        values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH))
+    for name, label, unit, numbers, high, scale in values:
+        assert numbers is not None
+        if not np.isfinite(numbers).all():  # attributes of a .blend file that somebody changed
+            continue
+        low = float(numbers.min()) if name == "stiffness" else 0.0
+        packed.add(name, np.clip((numbers - low) / max(high - low, 1e-12), 0.0, 1.0), 1.0 / SHADES)
+        shades = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.rint(255 * scale).astype(int).tolist()]
+        found.append({"name": name, "label": label, "unit": unit, "low": low, "high": high, "scale": shades})
+    return found
+
+
+def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
+    """N mm for every radian by which an arm bends over its side, the mean of the joined arms of every spiral.
+
+    Of the elastic model's tip compliances; None where it knows no such spirals. Spirals without a joint have the least of the others.
+    """
+    try:
+        assembly = of_design(design)
+        bend = arm_compliances(assembly, material).values
+    except FlexMapsError:
+        return None
+    # a moment about the side: across the arm's own radius as nearly as quads are squares
+    own = MM / bend[..., 4, 4]
+    count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
+    total = np.bincount(assembly.pairs.ravel(), weights=own.ravel(), minlength=assembly.size)
+    return np.where(count > 0, total / np.maximum(count, 1), own.min())
+
+
+def _notes(skipped: tuple[tuple[str, str], ...]) -> list[str]:
+    if not skipped:
+        return []
+    names = ", ".join(f"{panel}-{seam}" for panel, seam in skipped[:4]) + ", ..." * (len(skipped) > 4)
+    return [f"{len(skipped)} half-finished pieces (panel-seam {names}) find no rest; blends stand in."]

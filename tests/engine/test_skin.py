@@ -1,0 +1,119 @@
+"""Spirals that follow their hubs: the page's bodies against the elastic ones that the preview and the film draw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine.assembling import film, passage, stages
+from flexmaps.engine.assembling.blend import Blend
+from flexmaps.engine.assembling.order import steps
+from flexmaps.engine.display import arrange
+from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
+from flexmaps.engine.display.skin import Skin, detail_of
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.assembly import Pose, rest_joints
+from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
+
+POM = MATERIALS["pom"]
+
+
+@pytest.fixture(scope="module", params=["dome", "strip"])
+def piece(request):
+    """Panels with seams, and where they rest."""
+    mesh = shapes.make(request.param)
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams(), twist=3.0)
+    return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
+
+
+def sections(panels: PanelMesh, points: np.ndarray) -> np.ndarray:
+    """(n, 4, 3): of the drawn vertices those of the sections, as the skin has them; NaN where two arms share a section."""
+    out = np.full((4 * len(panels.arm) + 2 * len(panels.rim_quad), 3), np.nan)
+    out[panels.used] = points
+    return out[: 4 * len(panels.arm)].reshape(-1, 4, 3)
+
+
+def joined(skin: Skin) -> np.ndarray:
+    return (skin.partner >= 0).astype(float)
+
+
+def test_it_ends_as_the_elastic_arms_do(piece):
+    made, pose = piece
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    wanted = sections(panels, panels.placed(bent(made, pose), pose))
+    found = skin.placed(pose, joined(skin), made.params.thickness)
+    there = np.isfinite(wanted)
+    assert there.mean() > 0.8
+    assert found[there] == pytest.approx(wanted[there], abs=1e-9)
+
+
+def test_it_begins_flat(piece):
+    made, pose = piece
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    places = arrange.side_by_side(made.flat)
+    wanted = sections(panels, panels.flat(places))
+    centres = np.c_[made.arms.centre + places[made.flat.layout.patch_of], np.zeros(len(made.width))]
+    flat = Pose(centres, np.broadcast_to(np.eye(3), (len(centres), 3, 3)))
+    found = skin.placed(flat, np.zeros(len(skin.tip)), made.params.thickness)
+    there = np.isfinite(wanted)
+    assert found[there] == pytest.approx(wanted[there], abs=1e-9)
+
+
+def test_half_way_it_is_near_the_elastic_arms(piece):
+    """Poses that no simulation has seen: arms are where a beam would be, as nearly as can be seen."""
+    made, pose = piece
+    layout, count = made.flat.layout, len(made.width)
+    mesh, panels, skin = layout.mesh, panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    flat = Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
+    inner = ~mesh.border
+    inside = ~layout.cut[inner]
+    pairs, lever = mesh.edge_quads[inner], rest_joints(mesh, made.flat.corners)[0]
+    here = Blend.of(flat, pose, pairs[inside], lever[inside]).at(0.5)
+    closed = np.zeros(len(skin.tip))
+    closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
+    wanted = sections(panels, panels.placed(bent(made, here, closed=inside), here))
+    off = np.linalg.norm(skin.placed(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
+    # a pixel, where the piece of ten quads fills a screen of 500
+    assert np.nanmean(off) < 0.02
+    assert np.nanmax(off) < 0.15
+
+
+@pytest.mark.parametrize("resting", [True, False])
+def test_hubs_come_together_as_in_the_film(piece, resting):
+    made, pose = piece
+    layout = made.flat.layout
+    table = arrange.on_table(made, pose)
+    found = stages.find_stages(made, pose, POM, SimulateParams()) if resting else stages.at_once(made, pose)
+    actors = passage.Hubs(made)
+    shots = film.shoot(made, pose, table, found, actors)
+    assert [track.patch for track in shots.tracks] == [step.panel for step in steps(layout)]
+    for track in shots.tracks:
+        hubs = layout.patches[track.patch]
+        centres, rotations = actors.poses(track.shapes)
+        last = centres[-1] @ track.turns[-1].T + track.places[-1]
+        assert last == pytest.approx(pose.centres[hubs], abs=1e-9)
+        assert track.turns[-1] @ rotations[-1] == pytest.approx(pose.rotations[hubs], abs=1e-9)
+        first = centres[0] @ track.turns[0].T + track.places[0]
+        assert first[:, :2] == pytest.approx(made.arms.centre[hubs] + table[track.patch, :2], abs=1e-9)
+        assert np.ptp(first[:, 2]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_every_seam_is_closed_once_and_in_the_order_of_the_assembly_sheet(piece):
+    made, pose = piece
+    layout = made.flat.layout
+    found = stages.at_once(made, pose)
+    shots = film.shoot(made, pose, arrange.on_table(made, pose), found, passage.Hubs(made))
+    times = passage.closings(made, shots)
+    assert np.isfinite(times).all() and (times[:, 0] < times[:, 1]).all()
+    joint = np.cumsum(~layout.mesh.border) - 1
+    assert (times[joint[~layout.cut & ~layout.mesh.border], 1] < 0.0).all()
+    for number, step in enumerate(steps(layout)):
+        for join in step.joins:
+            own = times[joint[layout.seams[join.seam]]]
+            assert (own >= number).all() and (own <= min(number + 1.5, shots.length) + 1e-9).all()
