@@ -16,8 +16,7 @@ import numpy as np
 from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ..sheets import CutSheets
-from .operations import HAIRLINE, on_sheet
+from .operations import HAIRLINE, Drawn, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need another unit
@@ -179,7 +178,7 @@ def _assembled(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as a page of its true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
