@@ -24,6 +24,9 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .engine.calibrating import calibrate, coupons
+from .engine.calibrating import sheet as calibration
+from .engine.calibrating.calibrate import Calibration
 from .engine.errors import Cancelled, FlexMapsError
 from .engine.exploring.explore import Exploration
 from .engine.exploring.run import explored
@@ -43,7 +46,7 @@ from .engine.surface.mesh import PolygonMesh, QuadMesh
 if TYPE_CHECKING:
     import bpy
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "explore",
+__all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "calibrated", "calibration_sheet", "change", "check", "choose", "explore",
            "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
            "simulate", "spirals", "take", "use"]  # fmt: skip
 
@@ -304,6 +307,38 @@ def report(piece: Piece | bpy.types.Object, folder: str | Path | None = None) ->
             pages.write(described, drawn, out, new)
             new(out / "report.json").write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     return described
+
+
+def calibration_sheet(
+    folder: str | Path,
+    settings: ObjectSettings | Mapping[str, Any] | None = None,
+    *,
+    formats: Sequence[str] = calibration.USUAL,
+    name: str = "calibration",
+    progress: Tell = None,
+) -> list[Path]:
+    """Write a small sheet to measure a machine and a material with: kerf comb, ladders of clearances, a strip, two spirals.
+
+    settings : what is known so far, as ``load`` takes them: thickness, material, kerf, widths; formats : of "svg", "dxf",
+    "dxf-r12", "pdf". Beside the files lies ``calibration.json``, which ``calibrated`` reads. Returns their paths.
+    """
+    wanted = settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
+    return calibration.write(calibration.make(wanted), Path(folder), formats, name, _progress(progress))
+
+
+def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
+    """Kerf, clearance and stiffness from what was measured on a calibration sheet; its ``settings`` are as ``change`` takes them.
+
+    sheet : ``calibration.json`` or its folder; readings : millimetres and grams, one number or several readings: ``kerf_comb``,
+    ``clearance`` with ``kind``, ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``, ``spiral_sag`` and
+    ``spiral_weight`` of A and B; weights as engraved unless given. name : keeps it among Blender's presets of FlexMaps.
+    """
+    made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.shown(**readings))
+    if name is not None:
+        from .bridge.store import presets
+
+        presets.keep(name, made.settings)
+    return made
 
 
 def run(

@@ -17,7 +17,7 @@ from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
-from . import summary
+from . import calibration, summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
@@ -75,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
     _formats(sheets)
+    calibration.add(commands)
     page = _command(
         commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
     )
@@ -169,11 +170,7 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """What the flags and --set ask for, as the api takes it."""
     given = {name: value for name, value in vars(args).items() if "." in name and value is not None}
-    for text in args.settings:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise FlexMapsError(f"--set {text}: give it as section.name=value")
-        given[name.strip()] = value.strip()
+    given |= calibration.assigned(args.settings)
     wished = {name: given.get(f"choose.{name}") for name in ("goal", "panels", "match")}
     return given | wish(**wished)
 

@@ -8,6 +8,7 @@ from ..bridge.hosts import background
 from . import (
     advice,
     animate,
+    calibrate,
     check,
     choose,
     explore,
@@ -40,6 +41,7 @@ MODULES = (
     animate,
     render,
     export,
+    calibrate,
     report,
     overlay,
     presets,

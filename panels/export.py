@@ -46,6 +46,10 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         body = fold(layout, "flexmaps_cost", "Prices")
         if body is not None:
             settings_rows(body, settings.cost, CostParams, tuple(CostParams.__dataclass_fields__))
+        body = fold(layout, "flexmaps_calibrate", "Calibrate")
+        if body is not None:
+            body.operator("flexmaps.calibration_sheet", icon="FILE_NEW")
+            body.operator("flexmaps.calibrated", icon="DRIVER_DISTANCE")
         body = fold(layout, "flexmaps_files", "Kinds of files")
         if body is not None:
             settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])

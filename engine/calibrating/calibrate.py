@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,56 @@ class Readings:
     strip_mass: float | None = None
     spiral_sags: Sequence[tuple[float, float]] = ()
     spiral_loads: tuple[float, float] | None = None
+
+    @classmethod
+    def shown(
+        cls,
+        *,
+        kerf_comb: Sequence[float] = (),
+        clearance: float | None = None,
+        kind: str = "dovetail",
+        thickness: Sequence[float] = (),
+        strip_sag: Sequence[float] = (),
+        strip_weight: float | None = None,
+        strip_mass: float | None = None,
+        spiral_sag: Sequence[Sequence[float]] = (),
+        spiral_weight: Sequence[float] | None = None,
+    ) -> Readings:
+        """From millimetres and grams, as a person measures them: single numbers or several readings.
+
+        spiral_sag : of A and of B, or several such pairs; spiral_weight : of A and of B. Raises ``FlexMapsError``.
+        """
+        pairs = [spiral_sag] if spiral_sag and not isinstance(spiral_sag[0], Sequence) else spiral_sag
+        weights = _numbers(spiral_weight, "spirals' weights")
+        both = [_numbers(pair, "spirals' sags") for pair in pairs]
+        if any(len(pair) != 2 for pair in both) or len(weights) not in (0, 2):
+            raise FlexMapsError("Of spirals give two numbers, of A and of B")
+        one = {name: _numbers(value, name.replace("_", " ")) for name, value in
+               (("clearance", clearance), ("strip_weight", strip_weight), ("strip_mass", strip_mass))}  # fmt: skip
+        if any(len(value) > 1 for value in one.values()):
+            raise FlexMapsError("Of the clearance, the strip's weight and its mass give one number each")
+        first = {name: value[0] if value else None for name, value in one.items()}
+        return cls(
+            _numbers(kerf_comb, "kerf comb"), first["clearance"], kind, _numbers(thickness, "thickness"),
+            _numbers(strip_sag, "strip's sag"), first["strip_weight"], first["strip_mass"],
+            [(a, b) for a, b in both], (weights[0], weights[1]) if weights else None,
+        )  # fmt: skip
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers of a text such as "1.02, 1.04", for forms; raises ``FlexMapsError``."""
+    try:
+        return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
+    except ValueError:
+        raise FlexMapsError(f"'{text[:40]}' is no list of numbers; write them as 1.02, 1.04") from None
+
+
+def _numbers(value: Any, what: str) -> list[float]:
+    """Thousandths of one number or of several: metres from millimetres, kilograms from grams."""
+    some = [] if value is None else list(value) if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) else [value]
+    if any(isinstance(x, bool) or not isinstance(x, Real) for x in some):
+        raise FlexMapsError(f"The {what} must be given as numbers, in millimetres or grams")
+    return [1e-3 * float(x) for x in some]
 
 
 @dataclass(frozen=True)
@@ -155,13 +206,16 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
             )
 
 
-def _mean(values: Sequence[float], least: float = 0.0) -> Measured:
-    """Mean and standard error of some readings: their scatter, or what a reading may stray by, whichever is more."""
+def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
+    """Mean and standard error of some readings: by their scatter, or what a reading may stray by, whichever is more.
+
+    ruler : metres that a reading of a length may stray by; without, it is a share of the value
+    """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
-    known = READING * middle / (3.0 if count > 2 else 1.0)
+    known = ruler or READING * middle / (3.0 if count > 2 else 1.0)
     scatter = float(some.std(ddof=1)) if count > 1 else 0.0
-    return Measured(middle, max(scatter, known, least) / math.sqrt(count))
+    return Measured(middle, max(scatter, known) / math.sqrt(count))
 
 
 def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:

@@ -28,6 +28,7 @@ STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 
 # The spirals in thicknesses: diameter, and widths of the arms of A and B. Half a turn: the arms bend and twist as those of pieces
 # do. All within the range of the stiffness table. Their sag is to be half a thickness.
 SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
+MILLS = 1.5  # thicknesses that a mill may be wide: wider ones do not get round the ends of spiral B's arms
 KERFS = 4.0  # an arm is at least so many kerfs wide, or what the kerf strays would decide its stiffness
 
 
@@ -88,6 +89,11 @@ def coupons(settings: Settings) -> Coupons:
 
     spiral, cut, material = settings.spiral, settings.cut, settings.material.chosen
     h, kerf = spiral.thickness, max(cut.kerf_outline, cut.kerf_holes)
+    if cut.mill > MILLS * h:
+        raise FlexMapsError(
+            f"A mill of {cut.mill * 1e3:g} mm is too wide for the spirals of a sheet of {h * 1e3:g} mm; take a thinner mill, or "
+            "calibrate a thicker sheet"
+        )
     joint = spiral.width_max
     catch = size(joint, settings.connect, mill=cut.mill)
     steps = tuple(c * 1e-3 for c in STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))

@@ -22,8 +22,8 @@ from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 
 LETTERS = 0.0025  # metres, height of the engraved letters
 RIM = 0.008  # metres of sheet round what is cut out of a piece
-SAMPLES = 60  # pieces of an edge of a spiral, each two arcs: within 1e-7 of its diameter
-TOOTH = 3.0  # widths of an arm: how far the frame reaches along the arm's end, so that it holds it like a vice
+SAMPLES = 14  # pieces of an edge of a spiral, each two arcs: within 1e-5 of its diameter, and longer than the radius of a mill
+TOOTH = 3.0  # times its height: how broad a tooth that holds an arm's end stands on the frame, so that it gives less than the arm
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,10 +68,11 @@ def together(pieces: Iterable[Piece]) -> Piece:
     return Piece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
 
 
-def words(text: str, x: float, y: float, middle: bool = False) -> tuple[Curve, ...]:
-    """Engraved letters from the place (x, y) on, metres, or centred on it."""
-    begin = np.array([x - (0.5 * LETTERS * length(text) if middle else 0.0), y])
-    return tuple(Curve(LETTERS * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
+def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
+    """Engraved letters from the place (x, y) on, metres, or centred on it; smaller where there is less room for them."""
+    high = min(LETTERS, room / max(length(text), 1.0))
+    begin = np.array([x - (0.5 * high * length(text) if middle else 0.0), y])
+    return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
@@ -89,9 +90,9 @@ def comb(made: Coupons, text: str) -> Piece:
     x, y = RIM, RIM + 2.0 * LETTERS
     window = rectangle(x, y, x + wide, y + high)
     between = [line((x + k * a, y), (x + k * a, y + high)) for k in range(1, made.cells)]
-    says = words(f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM)
+    says = words(f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide)
     outline = rectangle(0.0, 0.0, 2.0 * RIM + wide, y + high + RIM + LETTERS)
-    return Piece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM))
+    return Piece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
 
 
 # -- the ladders of clearances -----------------------------------------------------------------------------------------
@@ -105,20 +106,22 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
     pitch = max(max(r.pad for r in rungs) + gap, max(LETTERS * length(v) for v in values) + LETTERS + gap)
     deep = max(r.length for r in rungs) + 2.0 * LETTERS
     name, x0 = kind.upper(), 2.0 * LETTERS
-    begin = x0 + LETTERS * length(name) + LETTERS
+    begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
+    low = top - max(made.clearances)  # between its sockets the rail stays below their faces, so that those alone are touched
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
-    rail = [(0.0, 0.0), (end, 0.0), (end, deep + LETTERS)]
+    rail = [(0.0, 0.0), (end, 0.0), (end, low)]
     bulges, says = [0.0, 0.0, 0.0], list(words(name, x0, LETTERS))
     for x, rung, value in reversed(list(zip(places, rungs, values, strict=True))):
-        mouth = _turned(_recess(rung, kind), x, deep + LETTERS)
-        rail += [tuple(p) for p in mouth.points.tolist()]
-        bulges += [*mouth.bulge[:-1].tolist(), 0.0]
+        mouth = _turned(_recess(rung, kind), x, top)
+        ends = [(float(mouth.points[k, 0]), low) for k in (0, -1)]
+        rail += [ends[0], *map(tuple, mouth.points.tolist()), ends[1]]
+        bulges += [0.0, *mouth.bulge[:-1].tolist(), 0.0, 0.0]
         says += words(value, x, LETTERS, middle=True)
-    rail.append((0.0, deep + LETTERS))
+    rail.append((0.0, low))
     bulges.append(0.0)
     parts = [Piece((Curve(np.array(rail), np.array(bulges)),), engraved=tuple(says))]
-    high = deep + LETTERS + 2.0 * max(r.length for r in rungs) + gap
+    high = top + 2.0 * max(r.length for r in rungs) + gap
     for x, rung, value in zip(places, rungs, values, strict=True):
         parts += _counterpart(rung, kind, value, x, high, gap)
     return together(parts)
@@ -176,10 +179,10 @@ def strip(made: Coupons) -> Piece:
     hole = max(0.002, 1.5 * max(made.kerf, made.mill))
     says = (
         line((clamp, 0.0), (clamp, b)),
-        *words("CLAMP", 0.5 * clamp, 0.5 * (b - LETTERS), middle=True),
+        *words("CLAMP", 0.5 * clamp, 0.5 * (b - LETTERS), middle=True, room=0.8 * clamp),
         *words(
             f"{made.strip_length * 1e3:g} TO THE HOLE - TRY {made.strip_load * 1e3:g} G",
-            clamp + LETTERS, 0.5 * (b - LETTERS),
+            clamp + LETTERS, 0.5 * (b - LETTERS), room=made.strip_length - hole - 2.0 * LETTERS,
         ),
     )  # fmt: skip
     return Piece((rectangle(0.0, 0.0, load + end, b),), (_circle(load, 0.5 * b, 0.5 * hole),), engraved=says)
@@ -193,11 +196,11 @@ def _circle(x: float, y: float, radius: float) -> Curve:
 def spiral(made: Coupons, one: SpiralCoupon) -> Piece:
     """A spiral in its frame: between every two arms a hole."""
     arms = _arms(one)
-    rim = 0.5 * one.scale + 1.5 * one.width + max(RIM, 5.0 * made.thickness)
+    rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
     foot = 2.0 * LETTERS
     centre = np.array([rim, rim + foot])
     holes = tuple(hole.moved(0.0, centre) for hole in _slots(made, one, arms))
-    says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True)
+    says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True, room=1.8 * rim)
     return Piece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
 
 
@@ -226,20 +229,21 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
     ends = _complex(np.stack([edge(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
     middle = _complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
+    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to get round the ends
     made = []
     for k in range(4):
         after = (k + 1) % 4
         first = _complex(inwards[0][0, k, -1])
         into, out = _complex(inwards[1][0, k, -1]), -_complex(outwards[1][0, after, 0])
         corner_bulge = math.tan(0.25 * _right_turn(into, out))
-        # arms wind clockwise outwards: the left corner of an arm's end lies outside of the right one. The frame runs a width on
+        # arms wind clockwise outwards: the left corner of an arm's end lies outside of the right one. The frame runs on
         # along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
         outer, inner = (
-            corner + one.width * (corner - tip) / abs(corner - tip)
+            corner + reach * (corner - tip) / abs(corner - tip)
             for corner, tip in ((ends[0, k], middle[k]), (ends[1, after], middle[after]))
         )
         radius = abs(outer)
-        foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * one.width / radius)
+        foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
         back = math.tan(0.25 * float(np.angle(outer / foot)))
         nodes = [*_complex(to_hub[k]).tolist(), first, *_complex(from_hub[after]).tolist(), ends[1, after], inner, foot, outer]
         bulges = [*hub_bulge[k].tolist(), corner_bulge, *tip_bulge[after].tolist(), 0.0, 0.0, back, 0.0]
