@@ -24,7 +24,9 @@ def add(commands: Any) -> None:
     made.add_argument("--json", action="store_true", help="print the paths as JSON")
     made.set_defaults(keeps=False, run=_draw, tell=_drawn)
     help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
-    read = commands.add_parser("calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g.")
+    read = commands.add_parser(
+        "calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g."
+    )
     read.add_argument("sheet", help="calibration.json, or the folder that it lies in")
     for name, metavar, says in (
         ("kerf-comb", "MM", "gap in the comb with the squares pushed to one side; several readings are better"),
@@ -38,7 +40,9 @@ def add(commands: Any) -> None:
     read.add_argument("--strip-mass", type=float, metavar="G", help="of the whole strip, for the density")
     read.add_argument("--spiral-sag", nargs=2, type=float, action="append", default=[], metavar=("A", "B"),
                       help="how far the hubs of spirals A and B sink under their weights, mm; may be repeated")  # fmt: skip
-    read.add_argument("--spiral-weight", nargs=2, type=float, metavar=("A", "B"), help="those weights (default: as engraved)")
+    read.add_argument(
+        "--spiral-weight", nargs=2, type=float, metavar=("A", "B"), help="those weights (default: as engraved)"
+    )
     read.add_argument("--name", help="keep the result among Blender's presets of FlexMaps under this name")
     read.add_argument("--json", action="store_true", help="print the result as JSON")
     read.set_defaults(keeps=False, run=_read, tell=_tell)
@@ -61,11 +65,23 @@ def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _drawn(described: dict[str, Any], args: argparse.Namespace) -> None:
-    print(f"{', '.join(described['files'])} in {args.out}; cut, measure, then: flexmaps calibrated {args.out} --kerf-comb ...")
+    print(
+        f"{', '.join(described['files'])} in {args.out}; cut, measure, then: flexmaps calibrated {args.out} --kerf-comb ..."
+    )
 
 
 def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    names = ("kerf_comb", "clearance", "kind", "thickness", "strip_sag", "strip_weight", "strip_mass", "spiral_sag", "spiral_weight")
+    names = (
+        "kerf_comb",
+        "clearance",
+        "kind",
+        "thickness",
+        "strip_sag",
+        "strip_weight",
+        "strip_mass",
+        "spiral_sag",
+        "spiral_weight",
+    )
     return api.calibrated(args.sheet, name=args.name, **{name: getattr(args, name) for name in names}).report()
 
 

@@ -82,7 +82,9 @@ def strip_sag(made: Coupons, youngs: float, load: float, pieces: int = 16) -> fl
 def spiral_sag(made: Coupons, one: SpiralCoupon, youngs: float, load: float, fineness: Fineness = FINE) -> float:
     """Metres that a spiral's hub sinks under ``load`` kg, all nodes of its arms' ends held, by the solid."""
     unit = one.width
-    solid = make_solid(Spiral(one.scale / unit, made.thickness / unit, one.twist, fillet(made, one.width) / unit), fineness)
+    solid = make_solid(
+        Spiral(one.scale / unit, made.thickness / unit, one.twist, fillet(made, one.width) / unit), fineness
+    )
     model = Held(solid.nodes, solid.elements, made.poisson, np.unique(np.concatenate(solid.tips)))
     own = np.zeros(len(solid.nodes))
     np.add.at(own, model.elements.index[solid.hub_elements], model.elements.node_volumes[solid.hub_elements])

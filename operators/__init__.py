@@ -24,6 +24,7 @@ from . import (
     report,
     simulate,
     spirals,
+    together,
 )
 
 MODULES = (
@@ -41,6 +42,7 @@ MODULES = (
     animate,
     render,
     export,
+    together,
     calibrate,
     report,
     overlay,

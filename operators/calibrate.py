@@ -120,7 +120,11 @@ class Calibrated(_OnObject, bpy.types.Operator):
 
 def _said(found: Any, kept: Path | None) -> str:
     """What came out, in one line."""
-    rows = ((found.kerf, 1e3, "kerf", "mm"), (found.clearance, 1e3, "clearance", "mm"), (found.youngs, 1e-9, "Young's modulus", "GPa"))
+    rows = (
+        (found.kerf, 1e3, "kerf", "mm"),
+        (found.clearance, 1e3, "clearance", "mm"),
+        (found.youngs, 1e-9, "Young's modulus", "GPa"),
+    )
     said = [
         f"{translate(name)} {one.value * factor:.3g} {unit} \N{PLUS-MINUS SIGN} {one.error * factor:.2g}"
         for one, factor, name, unit in rows

@@ -31,7 +31,7 @@ SHEETS = {
 def main(arguments: list[str]) -> int:
     """Measure, print the table, write the rows; 0 whatever was measured."""
     parser = argparse.ArgumentParser(prog="dev.py bench workshop")
-    parser.add_argument("--draws", type=int, default=400, help="calibrations that are played")
+    parser.add_argument("--draws", type=int, default=150, help="calibrations that are played")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args(arguments)
     table = Table(34)

@@ -27,7 +27,7 @@ from ..params import Settings, changed
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-READING = 0.02  # of a value, the error of a single reading; several readings tell it themselves, but never less than a third of it
+READING = 0.02  # of a value, the error of a reading of a sag; more where readings scatter more: three of them seldom tell their own error
 RULER = 2e-5  # metres, error of a reading of calipers
 # What the formulas themselves may stray by, as shares of the modulus, against solids (``bench make``): added to the spread before
 # strip and spirals are said to contradict each other
@@ -61,13 +61,13 @@ class Readings:
     def shown(
         cls,
         *,
-        kerf_comb: Sequence[float] = (),
-        clearance: float | None = None,
+        kerf_comb: Sequence[float] | float = (),
+        clearance: Sequence[float] | float | None = None,
         kind: str = "dovetail",
         thickness: Sequence[float] = (),
         strip_sag: Sequence[float] = (),
-        strip_weight: float | None = None,
-        strip_mass: float | None = None,
+        strip_weight: Sequence[float] | float | None = None,
+        strip_mass: Sequence[float] | float | None = None,
         spiral_sag: Sequence[Sequence[float]] = (),
         spiral_weight: Sequence[float] | None = None,
     ) -> Readings:
@@ -102,7 +102,13 @@ def numbers(text: str) -> list[float]:
 
 def _numbers(value: Any, what: str) -> list[float]:
     """Thousandths of one number or of several: metres from millimetres, kilograms from grams."""
-    some = [] if value is None else list(value) if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) else [value]
+    some = (
+        []
+        if value is None
+        else list(value)
+        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+        else [value]
+    )
     if any(isinstance(x, bool) or not isinstance(x, Real) for x in some):
         raise FlexMapsError(f"The {what} must be given as numbers, in millimetres or grams")
     return [1e-3 * float(x) for x in some]
@@ -145,7 +151,9 @@ class Calibration:
         """The figures as people read them, for JSON."""
 
         def shown(one: Measured | None, factor: float) -> dict[str, float] | None:
-            return None if one is None else {"value": _figures(one.value * factor), "error": _figures(one.error * factor)}
+            return (
+                None if one is None else {"value": _figures(one.value * factor), "error": _figures(one.error * factor)}
+            )
 
         return {
             "kerf_mm": shown(self.kerf, 1e3),
@@ -169,7 +177,9 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
     wider = made.kerf - kerf.value if kerf is not None else 0.0
     wider_arms = made.kerf_holes - kerf.value if kerf is not None else 0.0
     if kerf is not None and wider_arms <= -made.spirals[0].width:
-        raise FlexMapsError(f"With a kerf of {kerf.value * 1e3:.2f} mm nothing of the spirals would be left; measure the gap again")
+        raise FlexMapsError(
+            f"With a kerf of {kerf.value * 1e3:.2f} mm nothing of the spirals would be left; measure the gap again"
+        )
     thickness = _mean(readings.thickness, RULER) if readings.thickness else None
     as_cut = made if thickness is None else replace(made, thickness=thickness.value)
     clearance = _clearance(readings, kerf, wider, strays, warnings)
@@ -178,7 +188,9 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
     youngs, believed = _believed(strip, spirals, warnings)
     found = Calibration(kerf, clearance, thickness, strip, spirals, youngs, density, believed, tuple(warnings))
     if all(one is None for one in (kerf, clearance, thickness, youngs, density)):
-        raise FlexMapsError("Nothing was measured; give the gap of the kerf comb, the rung that fits, or how far strip and spirals sag")
+        raise FlexMapsError(
+            "Nothing was measured; give the gap of the kerf comb, the rung that fits, or how far strip and spirals sag"
+        )
     return replace(found, settings=_settings(made, found, readings))
 
 
@@ -197,7 +209,9 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
         raise FlexMapsError(f"There is no connector '{readings.kind}'; the ladders are of {', '.join(KINDS)}")
     if readings.clearance is not None and not any(abs(readings.clearance - c) < 1e-7 for c in made.clearances):
         rungs = ", ".join(f"{c * 1e3:g}" for c in made.clearances)
-        raise FlexMapsError(f"No rung is engraved {readings.clearance * 1e3:g}; the clearances of this sheet are {rungs} mm")
+        raise FlexMapsError(
+            f"No rung is engraved {readings.clearance * 1e3:g}; the clearances of this sheet are {rungs} mm"
+        )
     for x in readings.thickness:
         if not 0.5 < x / made.thickness < 2.0:
             raise FlexMapsError(
@@ -213,7 +227,7 @@ def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
     """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
-    known = ruler or READING * middle / (3.0 if count > 2 else 1.0)
+    known = ruler or READING * middle
     scatter = float(some.std(ddof=1)) if count > 1 else 0.0
     return Measured(middle, max(scatter, known) / math.sqrt(count))
 
@@ -309,9 +323,14 @@ def _believed(strip: Measured | None, spirals: Measured | None, warnings: list[s
         one = strip or spirals
         if one is None:
             return None, ""
-        return one, "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured"
+        return (
+            one,
+            "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured",
+        )
     if not _contradict(strip, spirals):
-        return _weighed([strip, spirals]), "both, for they agree within their spread; each counts by how little it scatters"
+        return _weighed(
+            [strip, spirals]
+        ), "both, for they agree within their spread; each counts by how little it scatters"
     warnings.append(
         f"Strip and spirals contradict each other: {strip.value * 1e-9:.2f} GPa +- {strip.share:.0%} and "
         f"{spirals.value * 1e-9:.2f} GPa +- {spirals.share:.0%}; measure again, unless the sheet is stiffer in one direction, as wood is"

@@ -19,8 +19,19 @@ from ..params import Settings
 
 FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
-CELLS, CELL = 10, 0.01  # squares of the kerf comb, and metres of their sides: calipers of 0.02 mm then tell 0.002 mm of kerf
-STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)  # mm, clearances of the ladder: round the usual ones of lasers and printers
+CELLS, CELL = (
+    10,
+    0.01,
+)  # squares of the kerf comb, and metres of their sides: calipers of 0.02 mm then tell 0.002 mm of kerf
+STEPS = (
+    0.0,
+    0.025,
+    0.05,
+    0.075,
+    0.1,
+    0.15,
+    0.2,
+)  # mm, clearances of the ladder: round the usual ones of lasers and printers
 KINDS = ("dovetail", "key", "tab")
 # The strip in thicknesses: so slender that shear makes less than 0.1 % of its sag, and so narrow that it bends as a beam and not
 # as a plate (within 1 % of finite elements, see ``bench make``). Its sag is to be a tenth of its length.
@@ -138,4 +149,3 @@ def read(path: str | Path) -> Coupons:
     except (ValueError, TypeError, KeyError, AttributeError, AssertionError):
         raise FlexMapsError(f"{path} is no calibration of this program, or is damaged; make the sheet again") from None
     return made
-

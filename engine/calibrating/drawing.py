@@ -90,7 +90,9 @@ def comb(made: Coupons, text: str) -> Piece:
     x, y = RIM, RIM + 2.0 * LETTERS
     window = rectangle(x, y, x + wide, y + high)
     between = [line((x + k * a, y), (x + k * a, y + high)) for k in range(1, made.cells)]
-    says = words(f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide)
+    says = words(
+        f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide
+    )
     outline = rectangle(0.0, 0.0, 2.0 * RIM + wide, y + high + RIM + LETTERS)
     return Piece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
 
@@ -107,7 +109,9 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
     deep = max(r.length for r in rungs) + 2.0 * LETTERS
     name, x0 = kind.upper(), 2.0 * LETTERS
     begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
-    low = top - max(made.clearances)  # between its sockets the rail stays below their faces, so that those alone are touched
+    low = top - max(
+        made.clearances
+    )  # between its sockets the rail stays below their faces, so that those alone are touched
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
     rail = [(0.0, 0.0), (end, 0.0), (end, low)]
@@ -149,7 +153,13 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
         half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad
         corners = [(-pad, 0.0), (-half, 0.0), (-half, -deep), (half, -deep), (half, 0.0), (pad, 0.0)]
         front = rounded(corners, [0.0, rung.inside, rung.rounding, rung.rounding, rung.inside, 0.0])
-    points = [*front.points.tolist(), [wide, front.points[-1, 1]], [wide, high], [-wide, high], [-wide, front.points[0, 1]]]
+    points = [
+        *front.points.tolist(),
+        [wide, front.points[-1, 1]],
+        [wide, high],
+        [-wide, high],
+        [-wide, front.points[0, 1]],
+    ]
     bulge = [*front.bulge[:-1].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
     stem = Piece((Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, 1.5 * LETTERS, middle=True))
     if kind != "key":
@@ -220,7 +230,9 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     """
     roots = hubs(arms, fillet(sizes, one.width))
     if roots.missed.any():
-        raise FlexMapsError("The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter")
+        raise FlexMapsError(
+            "The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter"
+        )
     share = np.linspace(0.0, 1.0, SAMPLES + 1)
     inwards = edge(arms, roots.left[..., None] * share, LEFT)
     right = np.roll(roots.right, 1, axis=1)[..., None]
@@ -235,7 +247,7 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
         after = (k + 1) % 4
         first = _complex(inwards[0][0, k, -1])
         into, out = _complex(inwards[1][0, k, -1]), -_complex(outwards[1][0, after, 0])
-        corner_bulge = math.tan(0.25 * _right_turn(into, out))
+        corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
         # arms wind clockwise outwards: the left corner of an arm's end lies outside of the right one. The frame runs on
         # along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
         outer, inner = (
@@ -245,7 +257,15 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
         radius = abs(outer)
         foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
         back = math.tan(0.25 * float(np.angle(outer / foot)))
-        nodes = [*_complex(to_hub[k]).tolist(), first, *_complex(from_hub[after]).tolist(), ends[1, after], inner, foot, outer]
+        nodes = [
+            *_complex(to_hub[k]).tolist(),
+            first,
+            *_complex(from_hub[after]).tolist(),
+            ends[1, after],
+            inner,
+            foot,
+            outer,
+        ]
         bulges = [*hub_bulge[k].tolist(), corner_bulge, *tip_bulge[after].tolist(), 0.0, 0.0, back, 0.0]
         made.append(Curve(np.column_stack([np.real(nodes), np.imag(nodes)]), np.array(bulges)))
     return made

@@ -19,7 +19,12 @@ from . import drawing
 from .coupons import FILE, KINDS, Coupons, coupons
 from .drawing import Piece
 
-WRITERS = {"svg": (".svg", svg.write), "dxf": (".dxf", dxf.write), "dxf-r12": ("-r12.dxf", dxf.write_r12), "pdf": (".pdf", pdf.write)}
+WRITERS = {
+    "svg": (".svg", svg.write),
+    "dxf": (".dxf", dxf.write),
+    "dxf-r12": ("-r12.dxf", dxf.write_r12),
+    "pdf": (".pdf", pdf.write),
+}
 USUAL = ("svg", "dxf", "pdf")
 
 
@@ -77,7 +82,11 @@ def _in_rows(pieces: Sequence[Piece], margin: float, spacing: float) -> tuple[tu
 
 
 def write(
-    sheet: CalibrationSheet, folder: Path, formats: Sequence[str] = USUAL, name: str = "calibration", progress: Progress = SILENT
+    sheet: CalibrationSheet,
+    folder: Path,
+    formats: Sequence[str] = USUAL,
+    name: str = "calibration",
+    progress: Progress = SILENT,
 ) -> list[Path]:
     """Write the sheet's files and ``calibration.json`` with its sizes into a folder, all of them or none; returns their paths."""
     unknown = set(formats) - set(WRITERS)

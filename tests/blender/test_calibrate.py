@@ -17,7 +17,9 @@ from flexmaps.engine.surface import shapes
 @pytest.fixture
 def own_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Blender's folder for a person's own presets, somewhere else."""
-    monkeypatch.setattr(bpy.utils, "user_resource", lambda kind, path="", create=False: str(tmp_path / "scripts" / path))
+    monkeypatch.setattr(
+        bpy.utils, "user_resource", lambda kind, path="", create=False: str(tmp_path / "scripts" / path)
+    )
     return tmp_path / "scripts" / "presets" / "flexmaps"
 
 
@@ -34,7 +36,9 @@ READINGS = {"kerf_comb": [1.87, 1.85], "clearance": 0.05, "spiral_sag": [(0.75, 
 
 
 def test_from_a_script(tmp_path: Path, own_folder: Path) -> None:
-    paths = api.calibration_sheet(tmp_path / "sheet", {"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}, formats=("svg",))
+    paths = api.calibration_sheet(
+        tmp_path / "sheet", {"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}, formats=("svg",)
+    )
     assert [path.name for path in paths] == ["calibration.svg", "calibration.json"]
     found = api.calibrated(tmp_path / "sheet", name="My laser", **READINGS)
     assert found.settings["cut.kerf_outline"] == pytest.approx(1.86 / 11, abs=1e-4)
@@ -93,7 +97,18 @@ def test_a_name_cannot_leave_the_folder(own_folder: Path) -> None:
 def test_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], own_folder: Path) -> None:
     assert command.main(["calibrate", "--out", str(tmp_path), "--set", "cut.kerf_outline=0.15", "--json"]) == 0
     assert "calibration.json" in json.loads(capsys.readouterr().out)["files"]
-    words = ["calibrated", str(tmp_path), "--kerf-comb", "1.87", "1.85", "--spiral-sag", "0.75", "0.75", "--name", "Laser"]
+    words = [
+        "calibrated",
+        str(tmp_path),
+        "--kerf-comb",
+        "1.87",
+        "1.85",
+        "--spiral-sag",
+        "0.75",
+        "0.75",
+        "--name",
+        "Laser",
+    ]
     assert command.main(words) == 0
     said = capsys.readouterr().out
     assert "kerf" in said and "GPa" in said and "kept as preset 'Laser'" in said

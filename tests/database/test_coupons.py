@@ -8,7 +8,11 @@ from flexmaps.engine.calibrating import bending
 from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons, coupons
 from flexmaps.engine.params import Settings, changed
 
-MATERIALS = ({}, {"material.material": "birch", "spiral.thickness": 4}, {"material.material": "pla", "spiral.thickness": 1})
+MATERIALS = (
+    {},
+    {"material.material": "birch", "spiral.thickness": 4},
+    {"material.material": "pla", "spiral.thickness": 1},
+)
 
 
 @pytest.mark.parametrize("values", MATERIALS)

@@ -19,7 +19,14 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ConnectorParams, Settings, changed
 
 LASER = {"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}
-MILL = {"cut.mill": 2, "cut.kerf_outline": 2, "cut.kerf_holes": 2, "spiral.thickness": 3, "sheet.spacing": 5, "spiral.slot_min": 2.2}
+MILL = {
+    "cut.mill": 2,
+    "cut.kerf_outline": 2,
+    "cut.kerf_holes": 2,
+    "spiral.thickness": 3,
+    "sheet.spacing": 5,
+    "spiral.slot_min": 2.2,
+}
 KINDS_OF_SHEETS = {
     "plain": {},
     "laser": LASER,
@@ -96,6 +103,7 @@ def test_readings_with_errors_of_two_percent(laser: Coupons) -> None:
     random, exact = np.random.default_rng(3), perfect(laser)
     youngs, kerfs = [], []
     for _ in range(100):
+
         def noisy(values: list) -> list:
             return [np.asarray(v) * (1.0 + 0.02 * random.standard_normal(np.shape(v))) for v in values]
 
@@ -155,12 +163,19 @@ def test_what_is_no_measurement_is_refused(laser: Coupons, readings: Readings, s
 
 
 def test_readings_in_millimetres_and_grams() -> None:
-    shown = Readings.shown(kerf_comb=1.9, clearance=0.05, spiral_sag=(0.7, 0.8), spiral_weight=(100, 200), strip_sag=[11.0, 11.2])
+    shown = Readings.shown(
+        kerf_comb=1.9, clearance=0.05, spiral_sag=(0.7, 0.8), spiral_weight=(100, 200), strip_sag=[11.0, 11.2]
+    )
     assert shown.kerf_gaps == [pytest.approx(1.9e-3)] and shown.clearance == pytest.approx(5e-5)
     assert shown.spiral_sags == [(pytest.approx(7e-4), pytest.approx(8e-4))]
     assert shown.spiral_loads == (pytest.approx(0.1), pytest.approx(0.2)) and len(shown.strip_sags) == 2
     assert numbers("1.02, 1.04;3") == [1.02, 1.04, 3.0] and numbers(" ") == []
-    for wrong in ({"spiral_sag": (1.0,)}, {"clearance": [1, 2]}, {"kerf_comb": "1"}, {"spiral_weight": (1.0, 2.0, 3.0)}):
+    for wrong in (
+        {"spiral_sag": (1.0,)},
+        {"clearance": [1, 2]},
+        {"kerf_comb": "1"},
+        {"spiral_weight": (1.0, 2.0, 3.0)},
+    ):
         with pytest.raises(FlexMapsError):
             Readings.shown(**wrong)  # type: ignore[arg-type]
     with pytest.raises(FlexMapsError, match="no list of numbers"):

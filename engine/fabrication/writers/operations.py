@@ -48,12 +48,17 @@ HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters
 
 
 def frame(sheets: Drawn, index: int) -> list[Curve]:
-    """The edge of one sheet, which begins at its origin, and a stroke from the origin into the sheet; none if not wanted."""
+    """The edge of one sheet, and a stroke from its origin, the lower left corner of its box, into the sheet; none if not wanted."""
     if not sheets.params.frame:
         return []
     width, height = sheets.packing.sizes[index].tolist()
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    return [Curve(corners, np.zeros(4)), Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
+    edges = [corners]
+    if index < len(sheets.packing.remnants):
+        remnant = sheets.packing.remnants[index]
+        edges = [remnant.outline, *remnant.holes]
+    lines = [Curve(points, np.zeros(len(points))) for points in edges]
+    return [*lines, Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
 
 
 def on_sheet(sheets: Drawn, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
