@@ -282,12 +282,13 @@ def export(
     piece : or several, on common sheets as the first one's settings say, each as often as its ``export.copies``
     formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
     """
-    from .bridge.hosts import job_folder
+    from .bridge.hosts import job_folder, letters
     from .engine import files
     from .engine.fabrication.writers import export as exporting
 
     told, base = _progress(progress), Path(folder) / name
     pieces = [piece] if isinstance(piece, Piece) else list(piece)
+    letters.learn(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
         made = _together(pieces, told.part(0.0, 0.8))
         with files.replacing_many(exporting.stale(base, made.sheets.count), base.parent) as new:

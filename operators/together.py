@@ -36,7 +36,7 @@ class ExportTogether(StageOperator, bpy.types.Operator):
 
     def _read(self, context: bpy.types.Context) -> Work:
         preload.wait()
-        from ..bridge.hosts import job_folder
+        from ..bridge.hosts import job_folder, letters
         from ..bridge.store import snapshot
         from ..engine import files
         from ..engine.fabrication.writers import export
@@ -44,6 +44,7 @@ class ExportTogether(StageOperator, bpy.types.Operator):
 
         objects = _chosen(context)
         stored = [snapshot.read(obj) for obj in objects]
+        letters.learn(*(obj.name for obj in objects))
         names, settings = [obj.name for obj in objects], [one.settings for one in stored]
         missing = [
             name for name, one in zip(names, stored, strict=True) if one.result is None or one.result.design is None

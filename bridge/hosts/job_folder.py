@@ -53,6 +53,7 @@ def write(
 ) -> dict[str, Any]:
     """Write everything that the stages have made; returns the report. The file that is open in Blender is closed."""
     from ..view import picture, scene
+    from . import letters
 
     written: list[Path] = []
     shown: list[tuple[str, Path]] = []
@@ -60,6 +61,7 @@ def write(
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
             title, part = Path(name).stem, progress.part(0.0, 0.2)
+            letters.learn(title)
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings, progress.part(0.2, 0.28))

@@ -86,3 +86,25 @@ def test_from_a_script_and_the_command_line(tmp_path: Path, capsys: pytest.Captu
     assert (tmp_path / "cli" / "sheet-C-assembly.pdf").is_file()
     assert command.main([*words[:3], "--copies", "1", "2", "3", "--out", str(tmp_path)]) == 2
     assert command.main([*words[:3], "--copies", "0", "--out", str(tmp_path)]) == 2
+
+
+@pytest.mark.parametrize("name", ["Привет", "日本語", "שלום", "नमस्ते", "Ü Žluť ελ"])
+def test_names_in_any_script_are_drawn(name: str, tmp_path: Path) -> None:
+    """Beside the same letters as question marks the page has more ink where the title stands: they were drawn, by PDFium."""
+    import numpy as np
+    import pypdfium2
+    from flexmaps.bridge.hosts import letters
+    from flexmaps.engine.fabrication.writers import glyphs, pdf
+
+    before = len(bpy.data.curves), len(bpy.data.objects)
+    letters.learn(name)
+    assert (len(bpy.data.curves), len(bpy.data.objects)) == before
+    unlike = [run for run in glyphs.runs(name) if not glyphs.plain(run)]
+    assert unlike and all(glyphs.known[run].splines and glyphs.known[run].width > 0.3 * len(run) for run in unlike)
+    page = pdf.Page(0.1, 0.02)
+    page.text(name, (0.005, 0.005), 0.008)
+    picture = pypdfium2.PdfDocument(pdf.document([page], name))[0].render(scale=4.0).to_pil().convert("L")
+    ink = np.asarray(picture) < 128
+    columns = np.flatnonzero(ink.any(axis=0)) * 25.4e-3 / 72.0 / 4.0
+    assert columns.min() == pytest.approx(0.005, abs=1.5e-3)
+    assert columns.max() == pytest.approx(0.005 + pdf.text_width(name, 0.008), abs=1.5e-3)
