@@ -29,7 +29,7 @@ from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
 READING = 0.02  # of a value, the error of a reading of a sag; more where readings scatter more: three of them seldom tell their own error
 RULER = 2e-5  # metres, error of a reading of calipers
-# What the formulas themselves may stray by, as shares of the modulus, against solids (``bench make``): added to the spread before
+# What the formulas themselves may stray by, as shares of the modulus, against solids (``bench workshop``): added to the spread before
 # strip and spirals are said to contradict each other
 MODEL = 0.02
 SURE = 3.0  # combined standard errors beyond which two values contradict each other

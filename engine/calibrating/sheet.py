@@ -16,8 +16,9 @@ from ..files import replacing_many
 from ..params import Settings, SheetParams
 from ..progress import SILENT, Progress
 from . import drawing
-from .coupons import FILE, KINDS, Coupons, coupons
+from .coupons import FILE, KINDS, Coupons
 from .drawing import Piece
+from .sizes import coupons
 
 WRITERS = {
     "svg": (".svg", svg.write),

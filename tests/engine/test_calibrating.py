@@ -14,7 +14,8 @@ import shapely
 import shapely.affinity
 from flexmaps.engine.calibrating import bending, drawing, sheet
 from flexmaps.engine.calibrating.calibrate import Calibration, Measured, Readings, calibrate, numbers, preset
-from flexmaps.engine.calibrating.coupons import FILE, GRAVITY, Coupons, coupons, read
+from flexmaps.engine.calibrating.coupons import FILE, GRAVITY, Coupons, read
+from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ConnectorParams, Settings, changed
 

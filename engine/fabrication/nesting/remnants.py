@@ -26,7 +26,7 @@ JOINED = 2e-5  # metres within which the ends of single lines count as one
 LEAST = 1e-4  # square metres of a piece that something could be cut from
 LARGEST = 20.0  # metres; larger ones are in a wrong unit
 MOST = 50_000_000  # bytes of a file that is read
-# millimetres of the units of SVG, at 96 pixels an inch (CSS Values 3), and of DXF's $INSUNITS
+# millimetres of the units of SVG, at 96 pixels an inch (CSS Values 3)
 UNITS = {
     "mm": 1.0,
     "cm": 10.0,
@@ -37,6 +37,7 @@ UNITS = {
     "": 25.4 / 96.0,
     "m": 1000.0,
 }
+# millimetres of the units of DXF's $INSUNITS (inch, foot, mm, cm, m, microinch, mil, yard, micrometre, decimetre)
 DRAWING_UNITS = {1: 25.4, 2: 304.8, 4: 1.0, 5: 10.0, 6: 1000.0, 8: 25.4e-6, 9: 0.0254, 10: 914.4, 13: 1e-3, 14: 100.0}
 
 Lines = Iterable[tuple[np.ndarray, bool]]  # points in mm, and whether they are closed
