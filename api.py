@@ -23,6 +23,9 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .engine.calibrating import calibrate, coupons
+from .engine.calibrating import sheet as calibration
+from .engine.calibrating.calibrate import Calibration
 from .engine.errors import Cancelled, FlexMapsError
 from .engine.exploring.explore import Exploration
 from .engine.exploring.run import explored
@@ -41,8 +44,11 @@ from .engine.surface.mesh import PolygonMesh, QuadMesh
 if TYPE_CHECKING:
     import bpy
 
-__all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "compare", "explore",
-           "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "share", "sheets", "show",
+    from .engine.fabrication.batch import Batch
+
+__all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "calibrated", "calibration_sheet",
+           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "regularise", "remesh",
+           "report", "run", "save", "share", "sheets", "show",
            "simulate", "spirals", "take", "use"]  # fmt: skip
 
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
@@ -279,21 +285,34 @@ def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
 
 
 def export(
-    piece: Piece, folder: str | Path, *, formats: Sequence[str] = USUAL, name: str = "sheet", progress: Tell = None
+    piece: Piece | Sequence[Piece],
+    folder: str | Path,
+    *,
+    formats: Sequence[str] = USUAL,
+    name: str = "sheet",
+    progress: Tell = None,
 ) -> list[Path]:
     """Write the sheets and the assembly sheet into a folder, all of them or none; returns their paths.
 
+    piece : or several, on common sheets as the first one's settings say, each as often as its ``export.copies``
     formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
     """
-    from .bridge.hosts import job_folder
+    from .bridge.hosts import job_folder, letters
     from .engine import files
     from .engine.fabrication.writers import export as exporting
 
-    told = _progress(progress)
-    ready = piece if piece.result.sheets is not None else sheets(piece, progress=told.part(0.0, 0.8))
-    base, made = Path(folder) / name, stages.needed(ready.result, "sheets")
-    with files.replacing_many(exporting.stale(base, made.count), base.parent) as new:
-        title, guide, rest = Path(piece.name).stem, job_folder.guide_of(base), told.part(0.8, 1.0)
+    told, base = _progress(progress), Path(folder) / name
+    pieces = [piece] if isinstance(piece, Piece) else list(piece)
+    letters.learn(*(one.name for one in pieces))
+    if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
+        made = _together(pieces, told.part(0.0, 0.8))
+        with files.replacing_many(exporting.stale(base, made.sheets.count), base.parent) as new:
+            return job_folder.write_batch(made, base, tuple(formats), new, True, told.part(0.8, 1.0))
+    one = pieces[0]
+    ready = one if one.result.sheets is not None else sheets(one, progress=told.part(0.0, 0.8))
+    laid = stages.needed(ready.result, "sheets")
+    with files.replacing_many(exporting.stale(base, laid.count), base.parent) as new:
+        title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), told.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
@@ -320,6 +339,38 @@ def share(piece: Piece | bpy.types.Object, path: str | Path, *, progress: Tell =
     if isinstance(piece, Piece) and piece.result.design is None:
         piece, told = spirals(piece, progress=told.part(0.0, 0.5)), told.part(0.5, 1.0)
     return pages.share(piece, Path(path), told)
+
+
+def calibration_sheet(
+    folder: str | Path,
+    settings: ObjectSettings | Mapping[str, Any] | None = None,
+    *,
+    formats: Sequence[str] = calibration.USUAL,
+    name: str = "calibration",
+    progress: Tell = None,
+) -> list[Path]:
+    """Write a small sheet to measure a machine and a material with: kerf comb, ladders of clearances, a strip, two spirals.
+
+    settings : what is known so far, as ``load`` takes them: thickness, material, kerf, widths; formats : of "svg", "dxf",
+    "dxf-r12", "pdf". Beside the files lies ``calibration.json``, which ``calibrated`` reads. Returns their paths.
+    """
+    wanted = settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
+    return calibration.write(calibration.make(wanted), Path(folder), formats, name, _progress(progress))
+
+
+def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
+    """Kerf, clearance and stiffness from what was measured on a calibration sheet; its ``settings`` are as ``change`` takes them.
+
+    sheet : ``calibration.json`` or its folder; readings : millimetres and grams, one number or several readings: ``kerf_comb``,
+    ``clearance`` with ``kind``, ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``, ``spiral_sag`` and
+    ``spiral_weight`` of A and B; weights as engraved unless given. name : keeps it among Blender's presets of FlexMaps.
+    """
+    made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.shown(**readings))
+    if name is not None:
+        from .bridge.store import presets
+
+        presets.keep(name, made.settings)
+    return made
 
 
 def run(
@@ -365,6 +416,16 @@ def run(
 
 def _progress(tell: Tell) -> Progress:
     return tell if isinstance(tell, Progress) else SILENT if tell is None else Progress(tell)
+
+
+def _together(pieces: Sequence[Piece], told: Progress) -> Batch:
+    """Several pieces on common sheets; what is still missing of each is made first, its own sheets the quick way."""
+    from .engine.runs.together import together
+
+    shares = [told.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
+    ready = [_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]
+    settings = [piece.settings for piece in ready]
+    return together([Path(p.name).stem for p in ready], [p.result for p in ready], settings, told.part(0.7, 1.0))
 
 
 def _metres(millimetres: float | None) -> float | None:

@@ -11,6 +11,7 @@ from typing import Any, NoReturn, get_type_hints
 from .. import api
 from ..engine.errors import FlexMapsError
 from ..engine.exploring.space import GOALS, MEASURES, MINIMISED
+from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
@@ -18,7 +19,7 @@ from ..engine.runs import job
 from ..engine.scanning.reading import UNITS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
-from . import summary
+from . import calibration, summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
@@ -75,8 +76,13 @@ def parser() -> argparse.ArgumentParser:
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
+    sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
+    sheets.add_argument(
+        "--copies", type=int, nargs="+", default=[], metavar="N", help="how often each piece is made, or all of them"
+    )
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
     _formats(sheets)
+    calibration.add(commands)
     page = _command(
         commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
     )
@@ -120,6 +126,8 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
                       help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
     made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
                       help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
+    made.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
+                      help="a DXF or SVG drawing of an odd piece of sheet to fill first; may be given several times")  # fmt: skip
     made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
     return made
 
@@ -183,11 +191,9 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """What the flags and --set ask for, as the api takes it."""
     given = {name: value for name, value in vars(args).items() if "." in name and value is not None}
-    for text in args.settings:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise FlexMapsError(f"--set {text}: give it as section.name=value")
-        given[name.strip()] = value.strip()
+    given |= calibration.assigned(args.settings)
+    if args.remnants_given:
+        given["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
     wished = {name: given.get(f"choose.{name}") for name in ("goal", "panels", "match")}
     return given | wish(**wished)
 
@@ -268,11 +274,32 @@ def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
 
 
 def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    meshes = [args.mesh, *args.others]
+    if len(args.copies) not in (0, 1, len(meshes)):
+        raise FlexMapsError(f"--copies: give one number, or one for each of the {len(meshes)} pieces")
+    if len(meshes) > 1 or args.copies:
+        return _export_together(args, meshes, tell)
     piece = api.sheets(api.load(args.mesh, **_source(args)), progress=Progress(tell).part(0.0, 0.9))
     written = api.export(piece, args.out, formats=args.formats)
     described = api.report(piece)
     described["sheets"]["files"] = [path.name for path in written]
     return described
+
+
+def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> dict[str, Any]:
+    """Several pieces or copies on common sheets; the report of each, and the files of all."""
+    copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
+    pieces = []
+    for mesh, count in zip(meshes, copies, strict=True):
+        given = _source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
+        given["settings"] = {**given["settings"], "export.copies": count}
+        pieces.append(api.load(mesh, **given))
+    written = api.export(pieces, args.out, formats=args.formats, progress=tell)
+    args.tell = summary.together
+    return {
+        "files": [path.name for path in written],
+        "pieces": [{"name": p.name, "copies": n} for p, n in zip(pieces, copies, strict=True)],
+    }
 
 
 def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

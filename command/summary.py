@@ -72,6 +72,13 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
     print(f"{described['note']}\n  everything is in {args.out}")
 
 
+def together(described: dict[str, Any], args: argparse.Namespace) -> None:
+    """Which pieces were laid on common sheets, and the files."""
+    for piece in described["pieces"]:
+        print(f"  {piece['copies']} x {piece['name']}")
+    print(f"  {', '.join(described['files'])} in {args.out}")
+
+
 def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
     """One line a setting: name, default, bounds or choices, and what it is."""
     for name, row in described["settings"].items():

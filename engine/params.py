@@ -383,6 +383,11 @@ class SheetParams(Params):
     nesting_seconds: float = setting(
         8.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
     )
+    remnants: str = setting(
+        "",
+        "Remnants",
+        "DXF or SVG drawings of odd pieces of sheet, with ; between them: they are filled first, each once. Along their width runs the grain",
+    )
     seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
 
     def __post_init__(self) -> None:
@@ -660,6 +665,9 @@ class ExportParams(Params):
             ("STL", "STL", "For old programs"),
             ("BOTH", "Both", "3MF and STL"),
         ),
+    )
+    copies: int = setting(
+        1, "Copies", "How often this piece is made, where several are exported on common sheets", low=1, high=1000
     )
     guide: bool = setting(True, "Assembly sheet", "Write a PDF that shows how to put the panels together, step by step")
 

@@ -8,6 +8,7 @@ from ..bridge.hosts import background
 from . import (
     advice,
     animate,
+    calibrate,
     check,
     choose,
     compare,
@@ -25,6 +26,7 @@ from . import (
     report,
     simulate,
     spirals,
+    together,
 )
 
 MODULES = (
@@ -44,6 +46,8 @@ MODULES = (
     animate,
     render,
     export,
+    together,
+    calibrate,
     report,
     overlay,
     presets,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..bridge.hosts import letters
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
@@ -39,7 +40,8 @@ class Export(ContinuedStage, bpy.types.Operator):
         formats, look = export.chosen(settings.export), flat_panels.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
-        base = _folder(settings.export.folder) / _file_name(snapshot.name)
+        base = folder_of(settings.export.folder) / _file_name(snapshot.name)
+        letters.learn(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if settings.export.guide else None
         once = replace(settings, simulate=replace(settings.simulate, restarts=0))
@@ -82,7 +84,8 @@ class Export(ContinuedStage, bpy.types.Operator):
         return f"{text}. {'. '.join(warnings)}"
 
 
-def _folder(text: str) -> Path:
+def folder_of(text: str) -> Path:
+    """The folder that a setting names; raises ``FlexMapsError`` where there is none."""
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():

@@ -13,7 +13,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .export import _file_name, _folder
+from .export import _file_name, folder_of
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -46,7 +46,7 @@ class Report(ContinuedStage, bpy.types.Operator):
         letters = self._letters = Future()
         given, folder = snapshot.settings.export.folder, None
         if self.files and not unsaved(given):
-            folder = _folder(given) / f"{_file_name(snapshot.name)}-report"
+            folder = folder_of(given) / f"{_file_name(snapshot.name)}-report"
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files

@@ -34,7 +34,14 @@ class ExportPanel(StagePanel, bpy.types.Panel):
             )
             button(layout, context, "wm.save_mainfile", icon="FILE_TICK")
         button(layout, context, "flexmaps.export", icon="EXPORT")
-        more(layout, "flexmaps_sheet", settings.sheet, SheetParams, SHEET)
+        if settings.export.copies > 1 or len(context.selected_objects) > 1:
+            layout.operator("flexmaps.export_together", icon="PACKAGE")
+        body = fold(layout, "flexmaps_remnants", "Remnants and copies")
+        if body is not None:
+            settings_rows(body, settings.sheet, SheetParams, ("remnants",))
+            body.operator("flexmaps.add_remnant", icon="ADD")
+            settings_rows(body, settings.export, ExportParams, ("copies",))
+        more(layout, "flexmaps_sheet", settings.sheet, SheetParams, (*SHEET, "remnants"))
         body = fold(layout, "flexmaps_connect", "Connectors and kerf")
         if body is not None:
             settings_rows(body, settings.connect, ConnectorParams, CONNECT)
@@ -46,9 +53,18 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         body = fold(layout, "flexmaps_cost", "Prices")
         if body is not None:
             settings_rows(body, settings.cost, CostParams, tuple(CostParams.__dataclass_fields__))
+        body = fold(layout, "flexmaps_calibrate", "Calibrate")
+        if body is not None:
+            body.operator("flexmaps.calibration_sheet", icon="FILE_NEW")
+            body.operator("flexmaps.calibrated", icon="DRIVER_DISTANCE")
         body = fold(layout, "flexmaps_files", "Kinds of files")
         if body is not None:
-            settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
+            settings_rows(
+                body,
+                settings.export,
+                ExportParams,
+                tuple(n for n in ExportParams.__dataclass_fields__ if n not in ("folder", "copies")),
+            )
         block = notes.read(obj.data).get("sheets")
         if block is not None:
             _sheets(result(layout, context, "sheets"), block)

@@ -40,6 +40,7 @@ ROOMS = (
     "engine/fabrication/nesting",
     "engine/fabrication",
     "engine/fabrication/writers",
+    "engine/calibrating",
     "engine/display",
     "engine/assembling",
     "engine/choosing",

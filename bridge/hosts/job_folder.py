@@ -14,6 +14,7 @@ from typing import Any
 
 from ...engine import files
 from ...engine.assembling import sheet as assembly_sheet
+from ...engine.fabrication.batch import Batch
 from ...engine.fabrication.writers import export, parts, series
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
@@ -53,6 +54,7 @@ def write(
 ) -> dict[str, Any]:
     """Write everything that the stages have made; returns the report. The file that is open in Blender is closed."""
     from ..view import picture, scene
+    from . import letters
 
     written: list[Path] = []
     shown: list[tuple[str, Path]] = []
@@ -60,6 +62,7 @@ def write(
         if result.sheets is not None:
             progress(0.0, "writing the sheets")
             title, part = Path(name).stem, progress.part(0.0, 0.2)
+            letters.learn(title)
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings, progress.part(0.2, 0.28))
@@ -105,12 +108,33 @@ def write_sheets(
     assert result.design is not None
     written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
     listed = base.with_name(f"{base.name}-parts.csv")
-    parts.write(made, result.design, figures.material, new(listed))
+    parts.write(made, [result.design], figures.material, new(listed))
     written.append(listed)
     if guide is not None:
         drawing = progress.part(0.7, 1.0)
         drawing(0.0, "drawing the assembly sheet")
         written.append(assembly_sheet.write(result.design, made, figures, guide, title, new, result.assembly, drawing))
+    return written
+
+
+def write_batch(
+    made: Batch, base: Path, formats: tuple[str, ...], new: files.NewFile, guides: bool, progress: Progress = SILENT
+) -> list[Path]:
+    """Write the common sheets of several pieces, one parts list, and an assembly sheet for every piece; returns the files."""
+    written = export.write(made.sheets, base, formats, new, progress.part(0.0, 0.7))
+    written.append(base.with_name(f"{base.name}-parts.csv"))
+    parts.write(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
+    for number, part in enumerate(made.parts if guides else ()):
+        drawing = progress.part(0.7 + 0.3 * number / len(made.parts), 0.7 + 0.3 * (number + 1) / len(made.parts))
+        drawing(0.0, "drawing the assembly sheets")
+        letters = made.letters_of(number)
+        path = base.with_name(f"{base.name}-{letters[0]}-assembly.pdf")
+        title = f"{part.name} ({', '.join(letters)})"
+        written.append(
+            assembly_sheet.write(
+                part.design, made.seen_by(number), part.figures, path, title, new, part.assembly, drawing
+            )
+        )
     return written
 
 

@@ -173,7 +173,13 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: P
         row, column = divmod(index, columns)
         corner = np.array([box.x + column * across, box.y + (rows - row - 1) * down])
         frame = corner + scale * size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        page.fill(frame, "#ffffff", GREY, 1.5e-4)
+        if index < len(sheets.packing.remnants):
+            remnant = sheets.packing.remnants[index]
+            page.fill(corner + scale * remnant.outline, "#ffffff", GREY, 1.5e-4)
+            for hole in remnant.holes:
+                page.fill(corner + scale * hole, "#dddddd", GREY, 1.5e-4)
+        else:
+            page.fill(frame, "#ffffff", GREY, 1.5e-4)
         for i in np.flatnonzero(sheets.packing.sheet == index).tolist():
             progress(0.2 * i / len(sheets.panels), "drawing the sheets")
             one = sheets.panels[i]
@@ -183,7 +189,7 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: P
             page.fill(points, look.patches[one.patch] if one.patch >= 0 else GREY)
             if one.patch < 0 or small:  # a loose key has no number
                 continue
-            page.text(panel_name(one.patch), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
+            page.text(panel_name(one.patch, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
         page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 
 

@@ -77,10 +77,10 @@ def estimate(
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
     seconds = cut_seconds(material, sheets.thickness, sheets.cut_length, contours, strokes)
     joints = int(design.flat.layout.cut.sum())
-    area, used = float(sheets.packing.sizes.prod(axis=1).sum()), sum(p.area for p in sheets.panels)
+    area, used = float(sheets.packing.areas.sum()), sum(p.area for p in sheets.panels)
     prices, hour = prices or CostParams(), 3600.0
     costs = {
-        "sheets": prices.sheet_price * sheets.count,
+        "sheets": prices.sheet_price * (sheets.count - len(sheets.packing.remnants)),  # remnants are paid for
         "machine": prices.machine_rate * (seconds or 0.0) / hour,
         "assembly": prices.labour_rate * assembly_seconds(joints) / hour,
     }

@@ -143,7 +143,7 @@ def make_sheets(
     shapes = [p.outline.sampled(2e-5) for p in traced]
     packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
     return CutSheets(
-        panels + _keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
+        panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
         slot, min(bridge, made.bridge), design.params.thickness, cut, made,
     )  # fmt: skip
 
@@ -157,9 +157,9 @@ def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, p
     return tuple(panels)
 
 
-def _keys(made: Connections, params: SheetParams) -> tuple[Panel, ...]:
-    """The loose keys as panels."""
-    keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
+def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
+    """The loose keys as panels; ``mark`` is the letter of their piece."""
+    keyed = [(f"{mark}-{c.name}" if mark else c.name, c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
         Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
         for k, (name, a) in zip(made.keys, keyed, strict=True)
@@ -202,11 +202,12 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
     shift = params.margin + 0.5 * size + pitch * np.column_stack([column, row])
     on = np.bincount(sheet)
     taken = np.column_stack([np.minimum(on, columns), -(-on // columns)])
-    return Packing(
-        np.append(packing.sheet, len(packing.sizes) + sheet),
-        np.append(packing.rotation, np.zeros(len(keys))),
-        np.concatenate([packing.shift, shift]),
-        np.concatenate([packing.sizes, 2.0 * params.margin + pitch * taken - params.spacing]),
+    return replace(
+        packing,
+        sheet=np.append(packing.sheet, len(packing.sizes) + sheet),
+        rotation=np.append(packing.rotation, np.zeros(len(keys))),
+        shift=np.concatenate([packing.shift, shift]),
+        sizes=np.concatenate([packing.sizes, 2.0 * params.margin + pitch * taken - params.spacing]),
     )
 
 
@@ -230,6 +231,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
     return {
         "panels": sum(p.patch >= 0 for p in sheets.panels),
         "sheets": sheets.count,
+        **({"remnants": [r.name for r in sheets.packing.remnants]} if sheets.packing.remnants else {}),
         "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
         "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
         "fill": round(fill(sheets.packing, shapes, silhouettes, sheets.params.margin), 4),

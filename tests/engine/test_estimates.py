@@ -62,7 +62,7 @@ def test_costs_are_prices_times_what_is_needed(flat_grid):
 def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     made = design.uniform(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
-    path = parts.write(cut, made, MATERIALS["birch"], tmp_path / "parts.csv")
+    path = parts.write(cut, [made], MATERIALS["birch"], tmp_path / "parts.csv")
     assert series.ours(path)
     with open(path, encoding="utf-8", newline="") as stream:
         *rows, total = csv.DictReader(stream)

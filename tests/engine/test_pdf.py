@@ -101,3 +101,27 @@ def test_the_file_is_built_as_the_standard_says():
         assert (b"endstream" in body) == (stream is not None)
         if stream:
             assert body[stream.end() + int(stream[1]) :] == b"\nendstream\nendobj\n"
+
+
+def test_letters_that_the_font_lacks_are_drawn(monkeypatch):
+    """As outlines where somebody gave them, in their place between the others; as question marks elsewhere."""
+    from flexmaps.engine.fabrication.writers import glyphs
+
+    square = np.array([[0.0, 0.0], [0.5, 0.0], [0.5, 1.0], [0.0, 1.0]])
+    outlines = glyphs.Outlines(0.6, (np.repeat(square[:, None], 3, axis=1),))
+    assert list(glyphs.runs("aЖЖ b")) == ["a", "ЖЖ", " b"] and list(glyphs.runs("")) == []
+    plain = pdf.text_width("a", 1.0) + pdf.text_width(" b", 1.0)
+    assert pdf.text_width("aЖЖ b", 1.0) == pytest.approx(plain + 2 * 0.556)
+    monkeypatch.setitem(glyphs.known, "ЖЖ", outlines)
+    assert pdf.text_width("aЖЖ b", 1.0) == pytest.approx(plain + 0.6)
+    page = pdf.Page(0.1, 0.1)
+    page.text("aЖЖ b", (0.01, 0.02), 0.01)
+    first, drawn, last = page.commands
+    assert "(a) Tj" in first and "( b) Tj" in last and drawn.endswith(" f")
+    x, y = (float(word) * page.unit for word in drawn.split(" rg ")[1].split()[:2])
+    assert (x, y) == (pytest.approx(0.01 + pdf.text_width("a", 0.01), rel=1e-4), pytest.approx(0.02, rel=1e-4))
+
+
+def test_the_title_is_in_any_script():
+    written = pdf.document([pdf.Page(0.1, 0.1)], "Ж (日本) \\ 😀")
+    assert pdfium.PdfDocument(written).get_metadata_dict()["Title"] == "Ж (日本) \\ 😀"

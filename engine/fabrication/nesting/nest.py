@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,10 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import SILENT, Progress
+from .odd import on_remnants
 from .packing import Packing, least_box, pack, turn_that_fits, used_length
 from .process import Strip, Worker, python
+from .remnants import read
 
 STEP = 5.0  # degrees between the directions in which a panel is tried
 STRAYS = (1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3)  # metres by which shapes may be simplified, outwards only
@@ -39,8 +41,13 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
 
     Never worse than ``packing.pack``, which it returns where spyrrow is missing or nothing better is found. The seed makes
-    the search repeatable as far as a limit in seconds can be.
+    the search repeatable as far as a limit in seconds can be. Remnants come first, and are filled by ``odd``.
     """
+    remnants = read(params.remnants) if params.remnants.strip() else []
+    if remnants:
+        odd, rest = on_remnants(shapes, remnants, params, progress.part(0.0, 0.2))
+        whole = replace(params, remnants="")
+        return _both(odd, rest, nest([shapes[i] for i in rest], whole, progress.part(0.2, 1.0)) if rest else None)
     sheet = (params.sheet_width, params.sheet_height)
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
     if params.nesting != "TRUE" or not available() or not 2 <= len(shapes) <= MANY:
@@ -50,6 +57,15 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
         return _searched(search, rough)
     finally:
         search.finish()
+
+
+def _both(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
+    """Remnants, and after them whole sheets for the panels that found no room on those."""
+    if whole is None:
+        return odd
+    sheet, rotation, shift = odd.sheet.copy(), odd.rotation.copy(), odd.shift.copy()
+    sheet[rest], rotation[rest], shift[rest] = len(odd.sizes) + whole.sheet, whole.rotation, whole.shift
+    return Packing(sheet, rotation, shift, np.concatenate([odd.sizes, whole.sizes]), odd.remnants)
 
 
 def _searched(search: _Search, rough: Packing) -> Packing:
@@ -255,8 +271,10 @@ class _Search:
         lengths = [used_length(packing, self.shapes, k) for k in range(len(packing.sizes))]
         k = int(np.argmin(lengths))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
-        if len(members) < 2 or members & set(self.large):
+        if not members or members & set(self.large):
             return packing
+        if len(members) == 1:
+            return self._turned(packing, next(iter(members)))
         found = self._strip(members, 0.0, max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds)))
         if found is None:
             return packing
@@ -264,6 +282,18 @@ class _Search:
         for i, (turn, move) in found.places.items():
             rotation[i], shift[i] = turn, move
         return Packing(packing.sheet, rotation, shift, packing.sizes)
+
+    def _turned(self, packing: Packing, alone: int) -> Packing:
+        """The same with a panel that lies alone turned so that it takes the least of its sheet's width."""
+
+        def at(degrees: float) -> np.ndarray:
+            cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+            return self.shapes[alone] @ np.array([[cos, sin], [-sin, cos]])
+
+        best = min(self.turns[alone], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
+        rotation, shift = packing.rotation.copy(), packing.shift.copy()
+        rotation[alone], shift[alone] = np.radians(best), self.params.margin - at(best).min(axis=0)
+        return replace(packing, rotation=rotation, shift=shift)
 
     # -- one call of spyrrow -------------------------------------------------------------------------------------------
 

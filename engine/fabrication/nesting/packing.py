@@ -9,6 +9,7 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
+from .remnants import Remnant
 
 CELLS = 512  # cells of the raster along the longer side of a sheet
 # Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.
@@ -21,12 +22,21 @@ class Packing:
     """Where N shapes lie: turned by ``rotation`` about the origin, then shifted, on sheet ``sheet``.
 
     rotation : radians; shift : metres; sizes : metres, width and height of every sheet
+    remnants : what the first sheets are, if they are odd pieces; ``sizes`` are then those of their boxes
     """
 
     sheet: Int[np.ndarray, " panels"]
     rotation: Float[np.ndarray, " panels"]
     shift: Float[np.ndarray, "panels 2"]
     sizes: Float[np.ndarray, "sheets 2"]
+    remnants: tuple[Remnant, ...] = ()
+
+    @property
+    def areas(self) -> Float[np.ndarray, " sheets"]:
+        """Square metres of every sheet; of remnants without their holes."""
+        found = self.sizes.prod(axis=1)
+        found[: len(self.remnants)] = [remnant.polygon.area for remnant in self.remnants]
+        return found
 
 
 def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
@@ -72,7 +82,7 @@ def pack(
     cell = max(sheet) / CELLS
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
     turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
-    open_sheets: list[_Sheet] = []
+    open_sheets: list[Sheet] = []
     quarters = (0, 2) if rotation == "GRAIN" else (0, 1, 2, 3)
     tries, rest = 0, len(order)
     for done, i in enumerate(order):
@@ -80,7 +90,7 @@ def pack(
             rest = done
             break
         turn, size = _slanted(shapes[i], *boxes[i], sheet, margin, cell, rotation)
-        stamp = _Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
+        stamp = Stamp(shapes[i], turn, cell, 0.5 * spacing, quarters)
         place = None
         for number, opened in enumerate(open_sheets):
             progress(0.1 + 0.9 * done / len(order), "packing")
@@ -92,7 +102,7 @@ def pack(
                     break
         if place is None:
             tries += 1
-            open_sheets.append(_Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
+            open_sheets.append(Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
             fresh = open_sheets[-1].place(stamp)
             assert fresh is not None  # the sheet was made for it
             place = len(open_sheets) - 1, fresh
@@ -209,9 +219,10 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
 
 def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
     """Share of the sheets that shapes of this whole area, square metres, cover; of the emptiest sheet only the used end counts."""
-    used = [used_length(packing, shapes, k) + margin for k in range(len(packing.sizes))]
-    spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in enumerate(used)), default=0.0)
-    return area / float(packing.sizes.prod(axis=1).sum() - max(spare, 0.0))
+    whole = range(len(packing.remnants), len(packing.sizes))
+    used = {k: used_length(packing, shapes, k) + margin for k in whole}
+    spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in used.items()), default=0.0)
+    return area / float(packing.areas.sum() - max(spare, 0.0))
 
 
 def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
@@ -235,7 +246,7 @@ def _large_enough(
     return max(wide, *sheet), max(high, min(sheet))
 
 
-class _Stamp:
+class Stamp:
     """A shape as rasters in its quarter turns, each grown by ``grow`` and by the raster's own error."""
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
@@ -266,29 +277,41 @@ class _Stamp:
         return self.turn + quarter * 0.5 * np.pi, corner - turned.min(axis=0)
 
 
-class _Sheet:
+class Sheet:
     """The taken cells of one sheet; row 0 is at the bottom."""
 
-    def __init__(self, size: tuple[float, float], margin: float, half: float, cell: float):
+    def __init__(
+        self, size: tuple[float, float], margin: float, half: float, cell: float, remnant: Remnant | None = None
+    ):
         self.size, self.cell = size, cell
         # half of the spacing reaches into the margin
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
+        if (
+            remnant is not None
+        ):  # a cell is free if all of it lies within; half of the spacing stays inside even without margin
+            within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
+            rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
+            parts = [(np.asarray(r.coords)[:-1] - self.corner) / cell for r in rings]
+            self.taken = ~_filled(parts, self.taken.shape[1], self.taken.shape[0])
         self._spectrum: np.ndarray | None = None
         self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cells of shapes without a place
 
-    def may_hold(self, stamp: _Stamp) -> bool:
+    def may_hold(self, stamp: Stamp) -> bool:
         """Whether it is worth looking for a place: not where a shape no larger in any way has found none."""
         box = np.sort(stamp.box)
         return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
 
-    def place(self, stamp: _Stamp) -> tuple[float, np.ndarray] | None:
-        """Take the free place nearest to the left, then to the bottom; ``None`` if there is none."""
+    def place(self, stamp: Stamp, always: bool = False) -> tuple[float, np.ndarray] | None:
+        """Take the free place nearest to the left, then to the bottom; ``None`` if there is none.
+
+        always : tries half turns on an empty sheet too, which is none where they are the same
+        """
         best: tuple[int, int, int, int] | None = None
         for quarter, mask in stamp.masks.items():
             rows, columns = (t - m + 1 for t, m in zip(self.taken.shape, mask.shape, strict=True))
-            if rows < 1 or columns < 1 or (quarter > 1 and not self.taken.any()):
+            if rows < 1 or columns < 1 or (quarter > 1 and not always and not self.taken.any()):
                 continue
             free = self._hits(mask)[:rows, :columns] < 0.5
             column = int(free.any(axis=0).argmax())

@@ -46,9 +46,14 @@ def seam_name(number: int) -> str:
     return name
 
 
-def panel_name(patch: int) -> str:
-    """The panel's number, patch + 1; with a dot after numbers that are others upside down."""
+def panel_name(patch: int, mark: str = "") -> str:
+    """The panel's number, patch + 1; with a dot after numbers that are others upside down.
+
+    mark : letter of its piece, where several lie on common sheets; then nothing is the same upside down
+    """
     number = str(patch + 1)
+    if mark:
+        return f"{mark}-{number}"
     return number + "." if set(number) <= set("01689") and number != number[::-1].translate(_UPSIDE_DOWN) else number
 
 
@@ -69,10 +74,11 @@ def make_labels(
     params: SheetParams,
     taken: Float[np.ndarray, "quads 4"] | None = None,
     progress: Progress = SILENT,
+    mark: str = "",
 ) -> Labels:
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
-    ``taken`` is how many metres of every arm, from its joint on, a connector needs.
+    ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``.
     """
     taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
     lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
@@ -81,7 +87,7 @@ def make_labels(
     names = seam_labels(layout)
     for patch, quads in enumerate(layout.patches):
         progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
-        found = _panel_label(panel_name(patch), quads, lines, names, params.label_height)
+        found = _panel_label(panel_name(patch, mark), quads, lines, names, params.label_height)
         strokes[patch].extend(_curves(found))
         placed += 1
     for number, ((quad, side), name) in enumerate(names.items()):

@@ -17,6 +17,7 @@ class Panel:
     number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
     holds : where a holding tab may be: x and y in metres, and how little it is liked there
+    piece, mark : of several pieces on common sheets the one that it belongs to, and that one's letter
     """
 
     number: int
@@ -26,6 +27,8 @@ class Panel:
     labels: tuple[Curve, ...]
     area: float
     holds: Float[np.ndarray, "places 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    piece: int = 0
+    mark: str = ""
 
     def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Panel:
         """Turned by ``rotation`` radians about the origin, then shifted, in metres."""

@@ -14,20 +14,19 @@ import numpy as np
 from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ..sheets import CutSheets
-from .operations import FRAME, OPERATIONS, WRITING, Operation, frame, on_sheet
+from .operations import FRAME, OPERATIONS, WRITING, Drawn, Operation, frame, on_sheet
 
 WRITES = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
-def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R2010, which knows its units."""
     drawing = _document(sheets, index, "R2010", _entities(sheets, index, progress.part(0.0, 0.7)))
     with open(path, "w", encoding=drawing.output_encoding) as stream:
         drawing.write(_Monitored(stream, progress.part(0.7, 0.7)))
 
 
-def write_r12(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R12, which every cutter's program reads.
 
     Header and tables come from ezdxf; the polylines, one entity per node there, are written straight between them.
@@ -59,7 +58,7 @@ class _Monitored:
 
 
 def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
-    sheets: CutSheets, index: int, version: str, entities: Iterable[tuple[str, Curve]] = ()
+    sheets: Drawn, index: int, version: str, entities: Iterable[tuple[str, Curve]] = ()
 ):
     import ezdxf
     from ezdxf import units
@@ -92,7 +91,7 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _entities(sheets: CutSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
+def _entities(sheets: Drawn, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
     for operation, curves in on_sheet(sheets, index, progress):
         for curve in curves:
             yield _layer(operation), curve

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ...params import SheetParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ..sheets import CutSheets
+from ..nesting.packing import Packing
+from ..panels.toolpath import Runs
+
+
+class Drawn(Protocol):
+    """What flat files are written from: ``CutSheets``, or any other sheets whose runs are known."""
+
+    @property
+    def packing(self) -> Packing: ...
+    @property
+    def params(self) -> SheetParams: ...
+    @property
+    def count(self) -> int: ...
+    def runs(self, index: int, progress: Progress = SILENT) -> Runs: ...
 
 
 class Operation(NamedTuple):
@@ -33,16 +47,21 @@ WRITING = "writing the sheets"  # what the progress says
 HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
 
 
-def frame(sheets: CutSheets, index: int) -> list[Curve]:
-    """The edge of one sheet, which begins at its origin, and a stroke from the origin into the sheet; none if not wanted."""
+def frame(sheets: Drawn, index: int) -> list[Curve]:
+    """The edge of one sheet, and a stroke from its origin, the lower left corner of its box, into the sheet; none if not wanted."""
     if not sheets.params.frame:
         return []
     width, height = sheets.packing.sizes[index].tolist()
     corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    return [Curve(corners, np.zeros(4)), Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
+    edges = [corners]
+    if index < len(sheets.packing.remnants):
+        remnant = sheets.packing.remnants[index]
+        edges = [remnant.outline, *remnant.holes]
+    lines = [Curve(points, np.zeros(len(points))) for points in edges]
+    return [*lines, Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
 
 
-def on_sheet(sheets: CutSheets, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
+def on_sheet(sheets: Drawn, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
     """Every operation with its curves on one sheet; ``progress`` hears of the curves as they are asked for."""
     runs = sheets.runs(index, progress.part(0.0, 0.5))
     curves = [runs.engraved, runs.inner, runs.outer]

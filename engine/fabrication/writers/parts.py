@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +30,12 @@ COLUMNS = (
 )
 
 
-def write(sheets: CutSheets, design: SpiralDesign, material: Material, path: Path) -> Path:
-    """Write the list as CSV (RFC 4180), the sums in its last row.
+def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
+    """Write the list as CSV (RFC 4180), the sums in its last row; ``designs`` are those of the pieces on the sheets.
 
     Width and height are those of the box that a part takes as it lies on its sheet; the area is that of the material.
     """
-    rows = _rows(sheets, design, material)
+    rows = _rows(sheets, designs, material)
     numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
     boxes = {COLUMNS.index("width_mm"), COLUMNS.index("height_mm")}
     sums = ["" if i in boxes else _said(sum(row[i] for row in rows)) for i in numbers]
@@ -45,21 +47,22 @@ def write(sheets: CutSheets, design: SpiralDesign, material: Material, path: Pat
     return path
 
 
-def _rows(sheets: CutSheets, design: SpiralDesign, material: Material) -> list[list[float]]:
+def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
     """The values of every part, in the order of the columns, but for the note."""
-    layout, where = design.flat.layout, sheets.packing
-    joints = layout.cut[layout.mesh.quad_edges].sum(axis=1)
-    found = []
+    where, found, keys = sheets.packing, [], Counter[int]()
     for number, panel in enumerate(sheets.panels):
+        layout = designs[panel.piece].flat.layout
         quads = layout.patches[panel.patch] if panel.patch >= 0 else np.zeros(0, dtype=np.int64)
+        joints = layout.cut[layout.mesh.quad_edges[quads]].sum()
+        keys[panel.piece] += panel.patch < 0
         placed = panel.outline.moved(float(where.rotation[number]), where.shift[number])
         width, height = np.ptp(placed.sampled(1e-5), axis=0) * 1e3
         length = sum(curve.length for curve in (panel.outline, *panel.holes))
         mass = material.density * sheets.thickness * panel.area
         found.append([
-            panel_name(panel.patch) if panel.patch >= 0 else f"key {number - len(layout.patches) + 1}",
+            panel_name(panel.patch, panel.mark) if panel.patch >= 0 else f"{panel.mark} key {keys[panel.piece]}".strip(),
             "panel" if panel.patch >= 0 else "key",
-            int(where.sheet[number]) + 1, len(quads), int(joints[quads].sum()),
+            int(where.sheet[number]) + 1, len(quads), int(joints),
             width, height, panel.area * 1e4, length * 1e3, mass * 1e3,
         ])  # fmt: skip
     return found

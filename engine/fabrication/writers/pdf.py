@@ -1,7 +1,7 @@
 """PDF at true size: a small writer of pages with lines, areas and text, and the sheets as pages of their own size.
 
-Only what is needed of ISO 32000-1: cubic curves for arcs, one of the fonts that every reader has, optional content groups
-as layers.
+Only what is needed of ISO 32000-1: cubic curves for arcs, one of the fonts that every reader has and outlines of the letters that it
+lacks, optional content groups as layers.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ..sheets import CutSheets
-from .operations import HAIRLINE, on_sheet
+from . import glyphs
+from .operations import HAIRLINE, Drawn, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need another unit
@@ -77,17 +77,27 @@ class Page:
     ) -> None:
         """Write a line from ``at`` on, or centred on it; ``size`` is the font's, all in metres."""
         x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
-        written = text.encode("cp1252", "replace").decode("latin-1")
-        written = written.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
-        self.commands.append(
-            f"{_colour(colour)} rg BT /F {size / self.unit:.5g} Tf {x / self.unit:.5g} {at[1] / self.unit:.5g} Td ({written}) Tj ET"
-        )
+        for run in glyphs.runs(text):
+            outlines = glyphs.known.get(run)
+            place = x / self.unit, at[1] / self.unit
+            if outlines is not None:
+                drawn = glyphs.path(outlines, *place, size / self.unit)
+                self.commands.append(f"{_colour(colour)} rg {drawn} f")
+            else:
+                written = run.encode("cp1252", "replace").decode("latin-1")
+                written = written.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+                self.commands.append(
+                    f"{_colour(colour)} rg BT /F {size / self.unit:.5g} Tf {place[0]:.5g} {place[1]:.5g} Td ({written}) Tj ET"
+                )
+            x += text_width(run, size)
 
 
 def text_width(text: str, size: float) -> float:
     """Metres that a line of text is long."""
-    known = (ord(c) - 32 for c in text)
-    return size * 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
+    drawn = [run for run in glyphs.runs(text) if run in glyphs.known]
+    known = (ord(c) - 32 for run in glyphs.runs(text) if run not in glyphs.known for c in run)
+    plain = 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
+    return size * (plain + sum(glyphs.known[run].width for run in drawn))
 
 
 @lru_cache(maxsize=4096)
@@ -149,8 +159,9 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
             f"/Resources<</Font<</F 3 0 R>>/Properties<<{used}>>>>/Contents {first + 2 * i + 1} 0 R>>".encode()
         )
         bodies.append(b"<</Filter/FlateDecode/Length %d>>stream\n" % len(content) + content + b"\nendstream")
-    info = title.encode("cp1252", "replace").replace(b"(", b"[").replace(b")", b"]").replace(b"\\", b"/")
-    bodies.append(b"<</Title(" + info + b")/Producer(" + PROGRAM.encode() + b")>>")
+    # UTF-16 with its mark, in hexadecimal digits: what a reader shows in its window's title, in any script
+    info = (b"\xfe\xff" + title.encode("utf-16-be", "replace")).hex().upper().encode()
+    bodies.append(b"<</Title<" + info + b">/Producer(" + PROGRAM.encode() + b")>>")
     return _assembled(bodies)
 
 
@@ -179,7 +190,7 @@ def _assembled(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as a page of its true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)

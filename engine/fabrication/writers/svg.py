@@ -11,16 +11,15 @@ import numpy as np
 from ... import PROGRAM
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ..sheets import CutSheets
-from .operations import FRAME, HAIRLINE, frame, on_sheet
+from .operations import FRAME, HAIRLINE, Drawn, frame, on_sheet
 
 
-def write(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet."""
     path.write_text(text(sheets, index, progress), encoding="utf-8")
 
 
-def text(sheets: CutSheets, index: int, progress: Progress = SILENT) -> str:
+def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
     """The SVG document of one sheet."""
     width, height = (float(x) * 1e3 for x in sheets.packing.sizes[index])
     title = escape(f"sheet {index + 1} of {sheets.count}")

@@ -1,0 +1,47 @@
+"""Outlines of letters from Blender's own fonts, which cover most scripts, for the PDFs. On the main thread only."""
+
+from __future__ import annotations
+
+import unicodedata
+
+import bpy
+import numpy as np
+
+from ...engine.fabrication.writers.glyphs import Outlines, known, plain, runs
+
+END = "|"  # marks where a run ends: its left edge is measured
+
+
+def learn(*texts: str) -> None:
+    """Make the outlines of all runs that the PDFs' font lacks."""
+    for run in {run for text in texts for run in runs(text) if not plain(run) and run not in known}:
+        shown = run
+        if all(unicodedata.bidirectional(letter) in ("R", "AL", "NSM") for letter in run):
+            shown = run[::-1]  # Blender lays letters from left to right, whatever the script
+        known[run] = _outlines(shown)
+
+
+def _outlines(run: str) -> Outlines:
+    bar, both = _splines(END), _splines(run + END)
+    if not bar or len(both) < len(bar):
+        return Outlines(0.5 * len(run), ())
+    width = float(both[-1][:, 1, 0].min() - bar[-1][:, 1, 0].min())
+    return Outlines(width, tuple(both[: len(both) - len(bar)]))
+
+
+def _splines(text: str) -> list[np.ndarray]:
+    """Closed splines of a text of size 1: of every node the handle before it, itself, and the handle after it."""
+    data = bpy.data.curves.new("FlexMaps letters", "FONT")
+    obj = bpy.data.objects.new("FlexMaps letters", data)
+    try:
+        data.body, data.size = text, 1.0
+        made = obj.to_curve(bpy.context.evaluated_depsgraph_get())
+        return [
+            np.array([(p.handle_left[:2], p.co[:2], p.handle_right[:2]) for p in spline.bezier_points])
+            for spline in made.splines
+            if len(spline.bezier_points)
+        ]
+    finally:
+        obj.to_curve_clear()
+        bpy.data.objects.remove(obj)
+        bpy.data.curves.remove(data)

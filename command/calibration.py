@@ -1,0 +1,105 @@
+"""The commands of the calibration sheet: ``calibrate`` draws it, ``calibrated`` reads what was measured on it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+from .. import api
+from ..engine.calibrating.coupons import KINDS
+from ..engine.calibrating.sheet import USUAL, WRITERS
+from ..engine.errors import FlexMapsError
+
+
+def add(commands: Any) -> None:
+    """Add both to the parser's commands."""
+    help = "draw a small sheet to measure kerf, clearances and stiffness with"
+    made = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
+    made.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
+    made.add_argument("--formats", nargs="+", choices=tuple(WRITERS), default=list(USUAL), metavar="NAME",
+                      help=f"kinds of files: {', '.join(WRITERS)} (default: {' '.join(USUAL)})")  # fmt: skip
+    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
+                      help="what is known so far: spiral.thickness, material.material, cut.kerf_outline, ...")  # fmt: skip
+    made.add_argument("--json", action="store_true", help="print the paths as JSON")
+    made.set_defaults(keeps=False, run=_draw, tell=_drawn)
+    help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
+    read = commands.add_parser(
+        "calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g."
+    )
+    read.add_argument("sheet", help="calibration.json, or the folder that it lies in")
+    for name, metavar, says in (
+        ("kerf-comb", "MM", "gap in the comb with the squares pushed to one side; several readings are better"),
+        ("thickness", "MM", "of the sheet, at several places"),
+        ("strip-sag", "MM", "how much lower the strip's end comes as the weight is hung on"),
+    ):
+        read.add_argument(f"--{name}", nargs="+", type=float, default=[], metavar=metavar, help=says)
+    read.add_argument("--clearance", type=float, metavar="MM", help="value of the rung that fits best")
+    read.add_argument("--kind", choices=KINDS, default=KINDS[0], help="connector of that rung (default: %(default)s)")
+    read.add_argument("--strip-weight", type=float, metavar="G", help="what hung on the strip (default: as engraved)")
+    read.add_argument("--strip-mass", type=float, metavar="G", help="of the whole strip, for the density")
+    read.add_argument("--spiral-sag", nargs=2, type=float, action="append", default=[], metavar=("A", "B"),
+                      help="how far the hubs of spirals A and B sink under their weights, mm; may be repeated")  # fmt: skip
+    read.add_argument(
+        "--spiral-weight", nargs=2, type=float, metavar=("A", "B"), help="those weights (default: as engraved)"
+    )
+    read.add_argument("--name", help="keep the result among Blender's presets of FlexMaps under this name")
+    read.add_argument("--json", action="store_true", help="print the result as JSON")
+    read.set_defaults(keeps=False, run=_read, tell=_tell)
+
+
+def assigned(texts: Sequence[str]) -> dict[str, str]:
+    """What --set asks for, as the api takes it."""
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise FlexMapsError(f"--set {text}: give it as section.name=value")
+        found[name.strip()] = value.strip()
+    return found
+
+
+def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    written = api.calibration_sheet(args.out, assigned(args.settings), formats=args.formats, progress=tell)
+    return {"files": [path.name for path in written]}
+
+
+def _drawn(described: dict[str, Any], args: argparse.Namespace) -> None:
+    print(
+        f"{', '.join(described['files'])} in {args.out}; cut, measure, then: flexmaps calibrated {args.out} --kerf-comb ..."
+    )
+
+
+def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    names = (
+        "kerf_comb",
+        "clearance",
+        "kind",
+        "thickness",
+        "strip_sag",
+        "strip_weight",
+        "strip_mass",
+        "spiral_sag",
+        "spiral_weight",
+    )
+    return api.calibrated(args.sheet, name=args.name, **{name: getattr(args, name) for name in names}).report()
+
+
+def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
+    """What was found, a line each, with its spread."""
+    rows = (("kerf_mm", "kerf", "mm"), ("clearance_mm", "clearance", "mm"), ("thickness_mm", "thickness", "mm"),
+            ("youngs_strip_gpa", "strip says", "GPa"), ("youngs_spirals_gpa", "spirals say", "GPa"),
+            ("youngs_gpa", "Young's modulus", "GPa"))  # fmt: skip
+    for key, label, unit in rows:
+        one = described[key]
+        if one is not None:
+            print(f"  {label:16} {one['value']:g} {unit} +- {one['error']:.2g}")
+    if described["density"] is not None:
+        print(f"  {'density':16} {described['density']:g} kg/m3")
+    if described["believed"]:
+        print(f"  believed: {described['believed']}")
+    for warning in described["warnings"]:
+        print(f"  warning: {warning}")
+    print("  " + " ".join(f"--set {name}={value}" for name, value in described["settings"].items()))
+    if args.name:
+        print(f"  kept as preset '{args.name}'")

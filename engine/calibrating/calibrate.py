@@ -1,0 +1,378 @@
+"""From what was measured on a calibration sheet to the user's own kerf, clearance and stiffness, with how sure they are.
+
+Kerf: a window of n squares is cut apart by n + 1 lines, its own ends among them, and every line takes one kerf away. Pushed to one
+side, the squares leave a gap of n + 1 kerfs.
+
+Clearance: the rung that fits best was drawn with a clearance c and an allowance for a kerf k0; if the kerf is k, its true gap is
+c + k - k0. Once the outlines allow for k, that gap is the clearance to ask for.
+
+Stiffness: ``bending``. All pieces count as wide as they came out, k0 - k wider than drawn. Strip and spirals are two measurements
+of one modulus. Where they agree within what their spread allows, their mean counts, each weighed by one over its variance. Where they
+do not, the spirals are believed: they bend and twist in all directions of the sheet and are what a piece is made of, while the
+strip bends in one direction only, and wood is stiffer along its grain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import Settings, changed
+from .bending import spiral_youngs, strip_youngs
+from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
+
+READING = 0.02  # of a value, the error of a reading of a sag; more where readings scatter more: three of them seldom tell their own error
+RULER = 2e-5  # metres, error of a reading of calipers
+# What the formulas themselves may stray by, as shares of the modulus, against solids (``bench workshop``): added to the spread before
+# strip and spirals are said to contradict each other
+MODEL = 0.02
+SURE = 3.0  # combined standard errors beyond which two values contradict each other
+USED = 3  # fewest figures that a number of a preset has
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was measured: lengths in metres, masses in kg. What was not measured is left empty or None.
+
+    kerf_gaps : in the comb, the squares pushed to one side
+    clearance : value of the rung that fits best; kind : of its connector
+    thickness : of the sheet, at several places
+    strip_sags : how much lower the strip's end came by its weight; strip_load, strip_mass : kg, of the weight and the whole strip
+    spiral_sags : the same of spirals A and B, a pair a round of measuring; spiral_loads : their weights
+    """
+
+    kerf_gaps: Sequence[float] = ()
+    clearance: float | None = None
+    kind: str = "dovetail"
+    thickness: Sequence[float] = ()
+    strip_sags: Sequence[float] = ()
+    strip_load: float | None = None
+    strip_mass: float | None = None
+    spiral_sags: Sequence[tuple[float, float]] = ()
+    spiral_loads: tuple[float, float] | None = None
+
+    @classmethod
+    def shown(
+        cls,
+        *,
+        kerf_comb: Sequence[float] | float = (),
+        clearance: Sequence[float] | float | None = None,
+        kind: str = "dovetail",
+        thickness: Sequence[float] = (),
+        strip_sag: Sequence[float] = (),
+        strip_weight: Sequence[float] | float | None = None,
+        strip_mass: Sequence[float] | float | None = None,
+        spiral_sag: Sequence[Sequence[float]] = (),
+        spiral_weight: Sequence[float] | None = None,
+    ) -> Readings:
+        """From millimetres and grams, as a person measures them: single numbers or several readings.
+
+        spiral_sag : of A and of B, or several such pairs; spiral_weight : of A and of B. Raises ``FlexMapsError``.
+        """
+        pairs = [spiral_sag] if spiral_sag and not isinstance(spiral_sag[0], Sequence) else spiral_sag
+        weights = _numbers(spiral_weight, "spirals' weights")
+        both = [_numbers(pair, "spirals' sags") for pair in pairs]
+        if any(len(pair) != 2 for pair in both) or len(weights) not in (0, 2):
+            raise FlexMapsError("Of spirals give two numbers, of A and of B")
+        one = {name: _numbers(value, name.replace("_", " ")) for name, value in
+               (("clearance", clearance), ("strip_weight", strip_weight), ("strip_mass", strip_mass))}  # fmt: skip
+        if any(len(value) > 1 for value in one.values()):
+            raise FlexMapsError("Of the clearance, the strip's weight and its mass give one number each")
+        first = {name: value[0] if value else None for name, value in one.items()}
+        return cls(
+            _numbers(kerf_comb, "kerf comb"), first["clearance"], kind, _numbers(thickness, "thickness"),
+            _numbers(strip_sag, "strip's sag"), first["strip_weight"], first["strip_mass"],
+            [(a, b) for a, b in both], (weights[0], weights[1]) if weights else None,
+        )  # fmt: skip
+
+
+def numbers(text: str) -> list[float]:
+    """The numbers of a text such as "1.02, 1.04", for forms; raises ``FlexMapsError``."""
+    try:
+        return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
+    except ValueError:
+        raise FlexMapsError(f"'{text[:40]}' is no list of numbers; write them as 1.02, 1.04") from None
+
+
+def _numbers(value: Any, what: str) -> list[float]:
+    """Thousandths of one number or of several: metres from millimetres, kilograms from grams."""
+    some = (
+        []
+        if value is None
+        else list(value)
+        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
+        else [value]
+    )
+    if any(isinstance(x, bool) or not isinstance(x, Real) for x in some):
+        raise FlexMapsError(f"The {what} must be given as numbers, in millimetres or grams")
+    return [1e-3 * float(x) for x in some]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard error, SI."""
+
+    value: float
+    error: float
+
+    @property
+    def share(self) -> float:
+        """The error as a share of the value."""
+        return self.error / self.value
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What came out, SI; None for what was not measured.
+
+    strip, spirals : Young's modulus by either, Pa; youngs : the one that counts; believed : which, and why
+    warnings : sentences about what contradicts
+    settings : "section.name" -> value as ``params.changed`` takes it: only what was measured
+    """
+
+    kerf: Measured | None
+    clearance: Measured | None
+    thickness: Measured | None
+    strip: Measured | None
+    spirals: Measured | None
+    youngs: Measured | None
+    density: float | None
+    believed: str
+    warnings: tuple[str, ...]
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def report(self) -> dict[str, Any]:
+        """The figures as people read them, for JSON."""
+
+        def shown(one: Measured | None, factor: float) -> dict[str, float] | None:
+            return (
+                None if one is None else {"value": _figures(one.value * factor), "error": _figures(one.error * factor)}
+            )
+
+        return {
+            "kerf_mm": shown(self.kerf, 1e3),
+            "clearance_mm": shown(self.clearance, 1e3),
+            "thickness_mm": shown(self.thickness, 1e3),
+            "youngs_gpa": shown(self.youngs, 1e-9),
+            "youngs_strip_gpa": shown(self.strip, 1e-9),
+            "youngs_spirals_gpa": shown(self.spirals, 1e-9),
+            "density": None if self.density is None else _figures(self.density),
+            "believed": self.believed,
+            "warnings": list(self.warnings),
+            "settings": self.settings,
+        }
+
+
+def calibrate(made: Coupons, readings: Readings) -> Calibration:
+    """What the readings of a sheet say. Raises ``FlexMapsError`` where one of them cannot be, or nothing was measured."""
+    _refuse_wrong(made, readings)
+    warnings: list[str] = []
+    kerf, strays = _kerf(made, readings)
+    wider = made.kerf - kerf.value if kerf is not None else 0.0
+    wider_arms = made.kerf_holes - kerf.value if kerf is not None else 0.0
+    if kerf is not None and wider_arms <= -made.spirals[0].width:
+        raise FlexMapsError(
+            f"With a kerf of {kerf.value * 1e3:.2f} mm nothing of the spirals would be left; measure the gap again"
+        )
+    thickness = _mean(readings.thickness, RULER) if readings.thickness else None
+    as_cut = made if thickness is None else replace(made, thickness=thickness.value)
+    clearance = _clearance(readings, kerf, wider, strays, warnings)
+    strip, density = _strip(as_cut, readings, wider)
+    spirals = _spirals(as_cut, readings, wider_arms, warnings)
+    youngs, believed = _believed(strip, spirals, warnings)
+    found = Calibration(kerf, clearance, thickness, strip, spirals, youngs, density, believed, tuple(warnings))
+    if all(one is None for one in (kerf, clearance, thickness, youngs, density)):
+        raise FlexMapsError(
+            "Nothing was measured; give the gap of the kerf comb, the rung that fits, or how far strip and spirals sag"
+        )
+    return replace(found, settings=_settings(made, found, readings))
+
+
+def _refuse_wrong(made: Coupons, readings: Readings) -> None:
+    """Raise for what is no measurement."""
+    values = {
+        "kerf comb's gap": readings.kerf_gaps, "thickness": readings.thickness, "strip's sag": readings.strip_sags,
+        "spirals' sag": [x for pair in readings.spiral_sags for x in pair], "weights": readings.spiral_loads or (),
+        "strip's weight": () if readings.strip_load is None else (readings.strip_load,),
+        "strip's mass": () if readings.strip_mass is None else (readings.strip_mass,),
+    }  # fmt: skip
+    for name, some in values.items():
+        if any(not math.isfinite(x) or x <= 0.0 for x in some):
+            raise FlexMapsError(f"The {name} must be a number above 0; measure it again, or leave it out")
+    if readings.kind not in KINDS:
+        raise FlexMapsError(f"There is no connector '{readings.kind}'; the ladders are of {', '.join(KINDS)}")
+    if readings.clearance is not None and not any(abs(readings.clearance - c) < 1e-7 for c in made.clearances):
+        rungs = ", ".join(f"{c * 1e3:g}" for c in made.clearances)
+        raise FlexMapsError(
+            f"No rung is engraved {readings.clearance * 1e3:g}; the clearances of this sheet are {rungs} mm"
+        )
+    for x in readings.thickness:
+        if not 0.5 < x / made.thickness < 2.0:
+            raise FlexMapsError(
+                f"A sheet of {x * 1e3:g} mm is no sheet of {made.thickness * 1e3:g} mm, for which the pieces were drawn; "
+                "make the calibration sheet for it"
+            )
+
+
+def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
+    """Mean and standard error of some readings: by their scatter, or what a reading may stray by, whichever is more.
+
+    ruler : metres that a reading of a length may stray by; without, it is a share of the value
+    """
+    some = np.asarray(values, dtype=float)
+    middle, count = float(some.mean()), len(some)
+    known = ruler or READING * middle
+    scatter = float(some.std(ddof=1)) if count > 1 else 0.0
+    return Measured(middle, max(scatter, known) / math.sqrt(count))
+
+
+def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:
+    """The kerf, and by how much a joint's gap strays with it, metres."""
+    if not readings.kerf_gaps:
+        return None, 0.0
+    lines = made.cells + 1
+    gap = _mean(readings.kerf_gaps, RULER)
+    if gap.value >= made.cells * made.cell:
+        raise FlexMapsError(
+            f"A gap of {gap.value * 1e3:.1f} mm leaves nothing of {made.cells} squares of {made.cell * 1e3:g} mm; "
+            "push them to one side and measure what is left between them and the window"
+        )
+    kerf = Measured(gap.value / lines, gap.error / lines)
+    return kerf, kerf.error
+
+
+def _clearance(
+    readings: Readings, kerf: Measured | None, wider: float, strays: float, warnings: list[str]
+) -> Measured | None:
+    if readings.clearance is None:
+        return None
+    # where it was not measured, the drawn kerf is what the program knows
+    gap = readings.clearance - wider
+    error = math.hypot(strays, RULER if kerf is None else 0.0)
+    if kerf is not None and gap < -SURE * error - 1e-6:
+        raise FlexMapsError(
+            f"The rung of {readings.clearance * 1e3:g} mm cannot fit: with the measured kerf of {kerf.value * 1e3:.3f} mm its parts "
+            f"would overlap by {-gap * 1e3:.3f} mm; measure the kerf comb again, or look which rung it was"
+        )
+    if gap < error:
+        warnings.append(
+            f"The clearance of {max(gap, 0.0) * 1e3:.3f} mm is below the kerf's error of {error * 1e3:.3f} mm: joints may jam; "
+            "measure the kerf comb several times, or take the next rung"
+        )
+    return Measured(max(gap, 0.0), max(error, 1e-9))
+
+
+def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[Measured | None, float | None]:
+    """Young's modulus and density from the strip."""
+    width = made.strip_width + wider
+    long = made.strip_length + (STRIP_CLAMP + STRIP_END) * made.thickness + wider
+    density = None
+    if readings.strip_mass is not None:
+        density = readings.strip_mass / (width * long * made.thickness)
+        if not 10.0 < density < 3e4:
+            raise FlexMapsError(
+                f"A strip of {readings.strip_mass * 1e3:g} g would weigh {density:.0f} kg per cubic metre; weigh it again, in grams"
+            )
+    if not readings.strip_sags:
+        return None, density
+    load = readings.strip_load or made.strip_load
+    known = made if density is None else replace(made, density=density)
+    youngs = [strip_youngs(known, sag, load, width=width) for sag in readings.strip_sags]
+    return _mean(youngs), density
+
+
+def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> Measured | None:
+    """Young's modulus from both spirals, each with all its readings."""
+    if not readings.spiral_sags:
+        return None
+    loads = readings.spiral_loads or tuple(one.load for one in made.spirals)
+    found = [
+        _mean([spiral_youngs(made, one, pair[k], loads[k], wider) for pair in readings.spiral_sags])
+        for k, one in enumerate(made.spirals)
+    ]
+    first, second = found
+    if _contradict(first, second):
+        warnings.append(
+            f"Spirals A and B contradict each other: {first.value * 1e-9:.2f} and {second.value * 1e-9:.2f} GPa; check their weights, "
+            "that their frames are held all round, and the kerf, which their arms' width depends on"
+        )
+    return _weighed(found)
+
+
+def _weighed(some: Sequence[Measured]) -> Measured:
+    """The mean, each value by one over its variance."""
+    weights = np.array([1.0 / one.error**2 for one in some])
+    value = float(weights @ np.array([one.value for one in some]) / weights.sum())
+    return Measured(value, float(weights.sum() ** -0.5))
+
+
+def _contradict(one: Measured, other: Measured) -> bool:
+    middle = 0.5 * (one.value + other.value)
+    return abs(one.value - other.value) > SURE * math.hypot(one.error, other.error) + MODEL * middle
+
+
+def _believed(strip: Measured | None, spirals: Measured | None, warnings: list[str]) -> tuple[Measured | None, str]:
+    """The modulus that counts, and which and why."""
+    if strip is None or spirals is None:
+        one = strip or spirals
+        if one is None:
+            return None, ""
+        return (
+            one,
+            "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured",
+        )
+    if not _contradict(strip, spirals):
+        return _weighed(
+            [strip, spirals]
+        ), "both, for they agree within their spread; each counts by how little it scatters"
+    warnings.append(
+        f"Strip and spirals contradict each other: {strip.value * 1e-9:.2f} GPa +- {strip.share:.0%} and "
+        f"{spirals.value * 1e-9:.2f} GPa +- {spirals.share:.0%}; measure again, unless the sheet is stiffer in one direction, as wood is"
+    )
+    return spirals, (
+        "the spirals, for the strip disagrees: spirals bend and twist in all directions of the sheet, as the piece does, the strip in "
+        "one only"
+    )
+
+
+def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
+    """The settings that were measured; a material is the user's own with all four of its values."""
+    values: dict[str, Any] = {}
+    if found.thickness is not None or found.youngs is not None:
+        values["spiral.thickness"] = _figures(1e3 * (found.thickness.value if found.thickness else made.thickness))
+    if found.youngs is not None or found.density is not None:
+        youngs = found.youngs.value if found.youngs is not None else made.youngs
+        values |= {
+            "material.material": "custom",
+            "material.youngs": _figures(youngs * 1e-9),
+            "material.poisson": made.poisson,
+            "material.density": _figures(made.density if found.density is None else found.density),
+            "material.strain_limit": made.strain_limit,
+        }
+    if found.kerf is not None:
+        kerf = _figures(1e3 * found.kerf.value)
+        values |= {"cut.kerf_outline": kerf, "cut.kerf_holes": kerf}
+    if found.clearance is not None:
+        values |= {"connect.connector": readings.kind, "connect.clearance": _figures(1e3 * found.clearance.value)}
+    try:
+        changed(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
+    except FlexMapsError as error:
+        raise FlexMapsError(f"What was measured is no setting: {error}; check the units") from None
+    return values
+
+
+def _figures(value: float) -> float:
+    """A number with the figures that a measurement has."""
+    return float(f"{value:.{USED + 1}g}")
+
+
+def preset(values: Mapping[str, Any], note: str) -> str:
+    """The script of a Blender preset that sets these settings, as those that come along."""
+    lines = [f"# {' '.join(note.split())}", "import bpy", "", "settings = bpy.context.object.flexmaps", ""]
+    return "\n".join([*lines, *(f"settings.{name} = {value!r}" for name, value in values.items())]) + "\n"

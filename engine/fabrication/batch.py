@@ -1,0 +1,142 @@
+"""Several pieces, or several copies of one, on common sheets: every copy gets a letter, which stands before its panels' numbers.
+
+Sheets are shared by what is cut from the same material with the same tool, so that has to be alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Float
+from ..errors import FlexMapsError
+from ..materials import Material
+from ..params import SheetParams
+from ..progress import SILENT, Progress
+from ..spirals.contours import Outline
+from ..spirals.design import SpiralDesign
+from .connectors.connect import Connections
+from .estimates import Estimates
+from .nesting.nest import nest
+from .panels.labels import make_labels, seam_name
+from .panels.panel import Panel
+from .sheets import CutSheets, loose_keys, with_keys
+
+MOST = 2000  # panels on common sheets; as many take the quick packing a minute
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A piece that is cut ``copies`` times: its name, its spirals, the sheets that it would have alone, and what they take."""
+
+    name: str
+    design: SpiralDesign
+    sheets: CutSheets
+    material: Material
+    figures: Estimates
+    assembly: Any = None  # assembling.check.AssemblyCheck
+    copies: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Pieces on common sheets.
+
+    sheets : all panels of all copies, each knowing its ``piece``, the place of its copy among all
+    of : the part that every copy is of
+    """
+
+    parts: tuple[Part, ...]
+    sheets: CutSheets
+    of: tuple[int, ...]
+
+    @property
+    def designs(self) -> list[SpiralDesign]:
+        """The spirals of every copy."""
+        return [self.parts[k].design for k in self.of]
+
+    def letters_of(self, part: int) -> list[str]:
+        """The letters of a part's copies."""
+        return [seam_name(copy) for copy, k in enumerate(self.of) if k == part]
+
+    def seen_by(self, part: int) -> CutSheets:
+        """The common sheets for one part's assembly sheet: panels of others are nameless, and joints are its own."""
+        panels = tuple(p if self.of[p.piece] == part else replace(p, patch=-1) for p in self.sheets.panels)
+        own = self.parts[part].sheets
+        return replace(
+            self.sheets, panels=panels, connections=own.connections, slot_min=own.slot_min, bridge_min=own.bridge_min
+        )
+
+
+def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILENT) -> Batch:
+    """Lay all copies of some pieces on common sheets of these settings. Raises ``FlexMapsError`` where they cannot share any."""
+    _refuse_unlike(parts)
+    of = tuple(k for k, part in enumerate(parts) for _ in range(part.copies))
+    panels: list[Panel] = []
+    keys: list[Panel] = []
+    for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
+        mark = seam_name(copy) if len(of) > 1 else ""
+        made = _marked(parts[k], copy, mark, params)
+        panels += [p for p in made if p.patch >= 0]
+        keys += [p for p in made if p.patch < 0]
+    shapes: list[Float[np.ndarray, "_ 2"]] = [p.outline.sampled(2e-5) for p in panels]
+    packing = nest(shapes, params, progress.part(0.2, 1.0))
+    packing = with_keys(packing, tuple(Outline(key.outline, ()) for key in keys), params)
+    first = parts[0].sheets
+    several = [one.sheets for k in of for one in (parts[k],)]
+    warnings = [f"{part.name}: {said}" for part in parts for said in part.sheets.warnings]
+    sheets = CutSheets(
+        (*panels, *keys), packing, params, tuple(warnings), sum(s.labels_placed for s in several),
+        sum(s.labels_left_out for s in several), min(s.slot_min for s in several), min(s.bridge_min for s in several),
+        first.thickness, first.cut, _joined([s.connections for s in several]),
+    )  # fmt: skip
+    return Batch(tuple(parts), sheets, of)
+
+
+def _refuse_unlike(parts: Sequence[Part]) -> None:
+    """Raise where there is nothing, too much, or what cannot be cut from one sheet."""
+    if not parts:
+        raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
+    count = sum(part.copies * len(part.design.flat.layout.patches) for part in parts)
+    if count > MOST:
+        raise FlexMapsError(
+            f"{count} panels are too many for common sheets, which take up to {MOST}; make them in several goes"
+        )
+    first = parts[0]
+    for part in parts[1:]:
+        for what, own, others in (
+            ("sheet's thickness", part.sheets.thickness, first.sheets.thickness),
+            ("material", part.material, first.material),
+            ("cutter", part.sheets.cut, first.sheets.cut),
+        ):
+            if own != others:
+                raise FlexMapsError(
+                    f"{part.name} and {first.name} cannot share sheets, for their {what} differs; export them apart, or give them the same"
+                )
+
+
+def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> list[Panel]:
+    """The panels and loose keys of one copy, engraved with its letter."""
+    made, design = part.sheets, part.design
+    known = [p for p in made.panels if p.patch >= 0]
+    if mark and params.labels:
+        taken = made.connections.taken
+        labels = make_labels(design.flat.layout, design.arms, design.roots, params, taken, mark=mark).strokes
+        known = [replace(p, labels=labels[p.patch]) for p in known]
+    keys = loose_keys(made.connections, params, mark)
+    return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)]
+
+
+def _joined(some: Sequence[Connections]) -> Connections:
+    """The connectors of all copies, for the report's figures."""
+    return Connections(
+        tuple(o for c in some for o in c.outlines),
+        tuple(one for c in some for one in c.connectors),
+        tuple(one for c in some for one in c.unsolved),
+        some[0].clearance,
+        np.concatenate([c.taken for c in some]),
+        tuple(tip for c in some for tip in c.tips),
+    )

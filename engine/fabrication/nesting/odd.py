@@ -1,0 +1,82 @@
+"""Panels on remnants: on a raster, every panel on the smallest piece that has a place for it, the large panels first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arrays import Float
+from ...errors import FlexMapsError
+from ...params import SheetParams
+from ...progress import SILENT, Progress
+from .packing import CELLS, Packing, Sheet, Stamp, least_box
+from .remnants import Remnant
+
+SLANTS = 3  # directions in a quarter turn in which a panel is tried, and their quarter turns; more found no more place for panels
+
+
+class _Odd:
+    """A remnant that is being filled, with the panels that lie on it: turn and shift of each."""
+
+    def __init__(self, remnant: Remnant, params: SheetParams):
+        self.remnant, self.params = remnant, params
+        width, height = remnant.size.tolist()
+        self.cell = max(width, height) / CELLS
+        self.half = 0.5 * params.spacing
+        self.area = float(remnant.polygon.area)
+        self.places: dict[int, tuple[float, np.ndarray]] = {}
+        roomy = min(width, height) > 2.0 * (params.margin - self.half) + self.cell
+        self.sheet = Sheet((width, height), params.margin, self.half, self.cell, remnant) if roomy else None
+
+    def place(self, number: int, shape: np.ndarray, area: float) -> bool:
+        """Lay a panel of this area somewhere; False where there is no room."""
+        if self.sheet is None or area > self.area:
+            return False
+        grain = self.params.rotation == "GRAIN"
+        slants = np.radians(90.0 / SLANTS * np.arange(SLANTS)) if self.params.rotation == "FREE" else np.zeros(1)
+        for slant in slants.tolist():
+            turn = least_box(shape)[0] + slant
+            stamp = Stamp(shape, turn, self.cell, self.half, (0, 2) if grain else (0, 1, 2, 3))
+            found = self.sheet.place(stamp, always=True)
+            if found is not None:
+                self.places[number] = found
+                return True
+        return False
+
+
+def on_remnants(
+    shapes: Sequence[Float[np.ndarray, "_ 2"]],
+    remnants: Sequence[Remnant],
+    params: SheetParams,
+    progress: Progress = SILENT,
+) -> tuple[Packing, list[int]]:
+    """The panels that find room on remnants, each of which is there once, and the numbers of those that find none.
+
+    In the packing, sheet -1 stands for none. Raises ``FlexMapsError`` for a remnant that is smaller than every panel.
+    """
+    from shapely import Polygon
+
+    area = [float(Polygon(shape).area) for shape in shapes]
+    order = sorted(range(len(shapes)), key=lambda i: -area[i])
+    odd = sorted((_Odd(remnant, params) for remnant in remnants), key=lambda one: one.area)
+    rest = []
+    for i in progress.each(order, "laying panels on remnants"):
+        if not any(one.place(i, shapes[i], area[i]) for one in odd):
+            rest.append(i)
+    for one in odd:
+        if not one.places:
+            fresh = _Odd(one.remnant, params)
+            if not any(fresh.place(i, shapes[i], area[i]) for i in reversed(order)):
+                width, height = one.remnant.size * 1e3
+                raise FlexMapsError(
+                    f"The remnant '{one.remnant.name}' of {width:.0f} x {height:.0f} mm is smaller than every panel; leave it out, "
+                    "or make the panels smaller"
+                )
+    used = [one for one in odd if one.places]
+    sheet, rotation, shift = np.full(len(shapes), -1), np.zeros(len(shapes)), np.zeros((len(shapes), 2))
+    for k, one in enumerate(used):
+        for i, (turn, move) in one.places.items():
+            sheet[i], rotation[i], shift[i] = k, turn, move
+    sizes = np.array([one.remnant.size for one in used]).reshape(-1, 2)
+    return Packing(sheet, rotation, shift, sizes, tuple(one.remnant for one in used)), sorted(rest)

@@ -1,0 +1,137 @@
+"""The calibration sheet: written for the cutter, and what was measured on it made into a material and a machine of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..bridge.store import presets, settings
+from ..bridge.store.i18n import translate
+from ..bridge.store.objects import unusable
+from ..engine.errors import FlexMapsError
+from ..engine.params import ObjectSettings, changed
+from .export import folder_of
+from .stage import redraw
+
+SUBFOLDER = "calibration"  # of the folder for the sheets
+
+
+class _OnObject:
+    """Operators that take the settings of the active object."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
+        return problem is None
+
+
+class CalibrationSheet(_OnObject, bpy.types.Operator):
+    """Write a small sheet to cut and to measure: a kerf comb, ladders of clearances, a strip to bend, two spirals to hang a weight on"""
+
+    bl_idname = "flexmaps.calibration_sheet"
+    bl_label = "Calibration sheet"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from .. import api
+
+        try:
+            wanted = settings.read(context.object.flexmaps, ObjectSettings)
+            folder = folder_of(wanted.export.folder) / SUBFOLDER
+            written = api.calibration_sheet(folder, wanted, formats=_formats(wanted))
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, translate("{} in {}", ", ".join(path.name for path in written), folder))
+        return {"FINISHED"}
+
+
+def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
+    """The flat formats that the object's sheets have, or the usual ones."""
+    from ..engine.calibrating.sheet import USUAL, WRITERS
+    from ..engine.fabrication.writers import export
+
+    return tuple(key for key in export.chosen(wanted.export) if key in WRITERS) or USUAL
+
+
+def _reading(name: str, description: str) -> Any:
+    return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
+
+
+class Calibrated(_OnObject, bpy.types.Operator):
+    """Make kerf, clearance and stiffness out of what was measured on the calibration sheet, use them here, and keep them as a preset"""
+
+    bl_idname = "flexmaps.calibrated"
+    bl_label = "Enter measurements"
+    bl_options = {"REGISTER", "UNDO"}
+
+    several = "Several readings with commas between them are better than one"
+    kerf_comb: _reading("Kerf comb (mm)", f"Gap with the squares pushed to one side. {several}")  # type: ignore[valid-type]
+    clearance: _reading("Rung that fits (mm)", "Value of the rung whose parts snap together and hold")  # type: ignore[valid-type]
+    kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Connectors",
+        items=(("dovetail", "Dovetails", ""), ("key", "Keys", ""), ("tab", "Tabs", "")),
+        description="Ladder that this rung belongs to",
+    )
+    thickness: _reading("Sheet's thickness (mm)", f"At several places. {several}")  # type: ignore[valid-type]
+    strip_sag: _reading("Strip's sag (mm)", f"How much lower its end comes as the weight is hung on. {several}")  # type: ignore[valid-type]
+    strip_weight: _reading("Strip's weight (g)", "What hung on it; empty: as engraved")  # type: ignore[valid-type]
+    strip_mass: _reading("Strip's own mass (g)", "Of the whole strip, for the density")  # type: ignore[valid-type]
+    sag_a: _reading("Sag of spiral A (mm)", f"How far its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    sag_b: _reading("Sag of spiral B (mm)", f"How far its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    weights: _reading("Weights of A, B (g)", "Both; empty: as engraved")  # type: ignore[valid-type]
+    preset: bpy.props.StringProperty(name="Keep as", description="Name of the preset; empty: none is kept")  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=360)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.calibrating import calibrate, coupons
+
+        obj = context.object
+        try:
+            wanted = settings.read(obj.flexmaps, ObjectSettings)
+            made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
+            found = calibrate.calibrate(made, self._readings())
+            settings.write(obj.flexmaps, changed(wanted, found.settings))
+            kept = presets.keep(self.preset, found.settings) if self.preset.strip() else None
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        redraw(context)
+        self.report({"WARNING" if found.warnings else "INFO"}, _said(found, kept))
+        return {"FINISHED"}
+
+    def _readings(self) -> Any:
+        from ..engine.calibrating.calibrate import Readings, numbers
+
+        a, b = numbers(self.sag_a), numbers(self.sag_b)
+        if len(a) != len(b):
+            raise FlexMapsError("Give as many sags of spiral A as of spiral B")
+        return Readings.shown(
+            kerf_comb=numbers(self.kerf_comb), clearance=numbers(self.clearance), kind=self.kind,
+            thickness=numbers(self.thickness), strip_sag=numbers(self.strip_sag), strip_weight=numbers(self.strip_weight),
+            strip_mass=numbers(self.strip_mass), spiral_sag=list(zip(a, b, strict=True)), spiral_weight=numbers(self.weights),
+        )  # fmt: skip
+
+
+def _said(found: Any, kept: Path | None) -> str:
+    """What came out, in one line."""
+    rows = (
+        (found.kerf, 1e3, "kerf", "mm"),
+        (found.clearance, 1e3, "clearance", "mm"),
+        (found.youngs, 1e-9, "Young's modulus", "GPa"),
+    )
+    said = [
+        f"{translate(name)} {one.value * factor:.3g} {unit} \N{PLUS-MINUS SIGN} {one.error * factor:.2g}"
+        for one, factor, name, unit in rows
+        if one is not None
+    ]
+    said += [] if kept is None else [translate("kept as preset {}", kept.stem)]
+    return ". ".join([", ".join(said), *found.warnings])
+
+
+CLASSES = (CalibrationSheet, Calibrated)

@@ -1,0 +1,126 @@
+"""All selected objects on common sheets, each as often as its copies say; and picking the drawing of a remnant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..bridge.hosts import background, preload
+from ..bridge.store.i18n import translate
+from ..bridge.store.objects import unusable
+from ..engine.errors import FlexMapsError
+from ..engine.progress import Progress
+from .export import _file_name, folder_of
+from .stage import StageOperator, Work, still_running
+
+ENDING = "together"  # of the files' name, which begins with the active object's
+
+
+class ExportTogether(StageOperator, bpy.types.Operator):
+    """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
+
+    bl_idname = "flexmaps.export_together"
+    bl_label = "Export selected together"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        running = background.current()
+        problem = unusable(context.object) if running is None else still_running(running)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))
+        return problem is None
+
+    def _read(self, context: bpy.types.Context) -> Work:
+        preload.wait()
+        from ..bridge.hosts import job_folder, letters
+        from ..bridge.store import snapshot
+        from ..engine import files
+        from ..engine.fabrication.writers import export
+        from ..engine.runs.together import together
+
+        objects = _chosen(context)
+        stored = [snapshot.read(obj) for obj in objects]
+        letters.learn(*(obj.name for obj in objects))
+        names, settings = [obj.name for obj in objects], [one.settings for one in stored]
+        missing = [
+            name for name, one in zip(names, stored, strict=True) if one.result is None or one.result.design is None
+        ]
+        if missing:
+            raise FlexMapsError(
+                f"There are no spirals yet on {', '.join(missing)}; make them, or select only objects that have them"
+            )
+        first = settings[0]
+        formats = export.chosen(first.export)
+        base = folder_of(first.export.folder) / f"{_file_name(names[0])}-{ENDING}"
+
+        def work(progress: Progress) -> Any:
+            results = [one.result for one in stored if one.result is not None]
+            made = together(names, results, settings, progress.part(0.0, 0.85))
+            with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
+                guides, rest = first.export.guide, progress.part(0.85, 1.0)
+                written = job_folder.write_batch(made, base, formats, new, guides, rest)
+            return written, made.sheets.count, len(made.of), base.parent
+
+        return work
+
+    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+        written, sheets, pieces, folder = result
+        said = translate("{} pieces on {} sheets: {} files in {}", pieces, sheets, len(written), folder)
+        self.report({"INFO"}, said)
+        yield
+
+
+def _chosen(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The selected objects that FlexMaps can work on, the active one first."""
+    active = context.object
+    others = [
+        obj
+        for obj in context.selected_objects
+        if obj is not active
+        and unusable(obj) is None
+        and "flexmaps_kind" not in obj  # not what is drawn beside a model
+    ]
+    return [active, *sorted(others, key=lambda obj: obj.name)]
+
+
+class AddRemnant(bpy.types.Operator):
+    """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
+
+    bl_idname = "flexmaps.add_remnant"
+    bl_label = "Add remnant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))
+        return problem is None
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
+
+        try:
+            found = read_file(Path(bpy.path.abspath(self.filepath)))
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        sheet = context.object.flexmaps.sheet
+        sheet.remnants = SEPARATOR.join([*filter(None, [sheet.remnants.strip()]), bpy.path.abspath(self.filepath)])
+        sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in found)
+        self.report({"INFO"}, translate("Remnant of {}", sizes))
+        return {"FINISHED"}
+
+
+CLASSES = (ExportTogether, AddRemnant)

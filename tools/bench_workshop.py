@@ -1,0 +1,204 @@
+"""From the file to the workshop: the calibration sheet's figures, how well sheets are filled, and remnants.
+
+python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws N] [--names demo,spot] [--meshes DIR] [--json FILE]
+
+Played measurements: every reading of a kerf comb's gap, of the sag of a strip and of two spirals has an error of 2 % (normal), three
+readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
+Fill: of sheets of 600 x 400 mm with the default settings, beside that of one endless strip of the same height, searched for a longer
+time: no sheets can be filled better than the strip, but for what the search did not find.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import ezdxf
+import numpy as np
+import shapely
+import shapely.affinity
+from bench_layout import EDGE, surfaces
+from flexmaps.database import coupons as solids
+from flexmaps.engine.calibrating import bending
+from flexmaps.engine.calibrating.calibrate import Readings, calibrate
+from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
+from flexmaps.engine.calibrating.sizes import coupons
+from flexmaps.engine.fabrication.nesting import nest as nesting
+from flexmaps.engine.fabrication.nesting import remnants as odd
+from flexmaps.engine.fabrication.nesting.packing import fill
+from flexmaps.engine.params import Settings, SheetParams, changed
+from flexmaps.engine.progress import SILENT
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface.mesh import PolygonMesh
+from rows import Row, Table, at_least, at_most, row
+
+NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each
+FILL, STRIP_SECONDS = 0.6, 25  # share of the sheets that is wanted; seconds that the strip is searched
+# materials and thicknesses whose pieces are made as solids
+SHEETS = {
+    "POM 2 mm": {},
+    "birch 4 mm": {"material.material": "birch", "spiral.thickness": 4},
+    "PLA 1 mm": {"material.material": "pla", "spiral.thickness": 1},
+}
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench workshop")
+    root = Path(__file__).resolve().parent.parent
+    shared = root.parent / "shared" / "meshes"
+    parser.add_argument("--only", default="calibration,fill,remnants", help="which rows, with commas")
+    parser.add_argument("--names", default="demo,bunny,three_holes,spot", help="pieces whose sheets are filled")
+    parser.add_argument(
+        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    )
+    parser.add_argument("--draws", type=int, default=150, help="calibrations that are played")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    table, wanted = Table(38), options.only.split(",")
+    if "calibration" in wanted:
+        table.add(*played(options.draws))
+        for name, values in SHEETS.items():
+            table.add(*against_solids(name, coupons(changed(Settings(), values))))
+    if "remnants" in wanted:
+        table.add(*remnants())
+    if "fill" in wanted:
+        for name, polygons in surfaces(options.meshes):
+            if name.removeprefix("made:") in options.names.split(",") and name != "made:three_holes":
+                table.add(*filled(name.removeprefix("made:"), polygons))
+    table.finish(options.json)
+    return 0
+
+
+def played(draws: int) -> list[Row]:
+    """How far modulus and kerf come back from what they were played with."""
+    random, youngs, kerfs, sure = np.random.default_rng(0), [], [], []
+    warned = 0
+    for _ in range(draws):
+        h, kerf, assumed = random.uniform(1.0, 5.0), random.uniform(0.08, 0.3) * 1e-3, random.uniform(0.1, 0.25)
+        made = coupons(changed(Settings(), {
+            "spiral.thickness": h, "cut.kerf_outline": assumed, "cut.kerf_holes": assumed, "material.material": "custom",
+            "material.youngs": 5.0, "material.poisson": random.uniform(0.2, 0.42),
+        }))  # fmt: skip
+        true = 1e9 * float(np.exp(random.uniform(np.log(1.5), np.log(12.0))))
+        found = calibrate(made, _noisy(made, true, kerf, random))
+        assert found.youngs is not None and found.kerf is not None
+        youngs.append(abs(found.youngs.value / true - 1.0))
+        sure.append(youngs[-1] <= 2.0 * found.youngs.share)
+        kerfs.append(1e3 * abs(found.kerf.value - kerf))
+        warned += bool(found.warnings)
+    return [
+        row("played", "modulus, median error %", "", 100.0 * float(np.median(youngs)), None),
+        at_most("played", "modulus, error % of 95 in 100", 3.0, 100.0 * float(np.quantile(youngs, 0.95))),
+        row("played", "modulus within twice its told error", "", float(np.mean(sure)), None),
+        row("played", "kerf, median error mm", "", float(np.median(kerfs)), None),
+        at_most("played", "kerf, error mm of 95 in 100", 0.02, float(np.quantile(kerfs, 0.95))),
+        row("played", "calibrations with a warning", "", warned / draws, None),
+    ]
+
+
+def _noisy(made: Coupons, youngs: float, kerf: float, random: np.random.Generator) -> Readings:
+    """Readings of pieces of that modulus and kerf, each with its error; the weights are those engraved."""
+    outline, arms = made.kerf - kerf, made.kerf_holes - kerf
+    sag = bending.strip_sag(made, youngs, made.strip_load, width=made.strip_width + outline)
+    stiff = [bending.spiral_stiffness(made, s.scale, s.width + arms, s.twist, youngs) for s in made.spirals]
+    sags = [s.load * GRAVITY / k for s, k in zip(made.spirals, stiff, strict=True)]
+
+    def read(value: float) -> float:
+        return value * (1.0 + NOISE * float(random.standard_normal()))
+
+    return replace(
+        Readings(),
+        kerf_gaps=[read((made.cells + 1) * kerf) for _ in range(READINGS)],
+        strip_sags=[read(sag) for _ in range(READINGS)],
+        spiral_sags=[(read(sags[0]), read(sags[1])) for _ in range(READINGS)],
+    )
+
+
+def against_solids(name: str, made: Coupons) -> list[Row]:
+    """Sags by the formulas against solids, as errors of the modulus in percent."""
+    found = []
+    for times in (1.0, 2.0):
+        load = times * made.strip_load
+        error = bending.strip_sag(made, made.youngs, load) / solids.strip_sag(made, made.youngs, load) - 1.0
+        found.append(at_most(name, f"strip, {times:g} x its weight, %", 1.0, 100.0 * abs(error)))
+    for one in made.spirals:
+        soft = one.load * GRAVITY / bending.spiral_stiffness(made, one.scale, one.width, one.twist, made.youngs)
+        error = soft / solids.spiral_sag(made, one, made.youngs, one.load) - 1.0
+        found.append(at_most(name, f"spiral {one.name}, %", 3.0, 100.0 * abs(error)))
+    return found
+
+
+# -- sheets ------------------------------------------------------------------------------------------------------------
+
+
+def filled(name: str, polygons: PolygonMesh) -> list[Row]:
+    """How well the sheets of a piece are filled, and an endless strip of the same panels."""
+    made = job.run(polygons, changed(Settings(), {"sheet.nesting": "FAST"}), edge=EDGE).sheets
+    assert made is not None
+    panels = [p for p in made.panels if p.patch >= 0]
+    shapes, area = [p.outline.sampled(2e-5) for p in panels], sum(p.outline.area for p in panels)
+    params = SheetParams()
+    packing = nesting.nest(shapes, params)
+    search = nesting._Search(shapes, params, SILENT)
+    try:
+        found = search._solve(frozenset(range(len(shapes))), 0.0, STRIP_SECONDS)
+    finally:
+        search.finish()
+    bound = (
+        0.0
+        if found is None
+        else area / ((found.width - 2.0 * search.separation + 2.0 * params.margin) * params.sheet_height)
+    )
+    return [
+        row(name, "panels, sheets", "", f"{len(panels)}, {len(packing.sizes)}", None),
+        at_least(name, "fill of the sheets", FILL, fill(packing, shapes, area, params.margin)),
+        row(name, "fill of an endless strip", "", float(f"{bound:.3g}"), None),
+    ]
+
+
+def remnants(draws: int = 12) -> list[Row]:
+    """Panels on odd remnants with holes that are drawn at random: how many overlap, are too near or leave their sheet, by shapely."""
+    random, wrong, laid = np.random.default_rng(0), 0, 0
+    for _ in range(draws):
+        with tempfile.TemporaryDirectory() as folder:
+            files = [_drawn(Path(folder) / f"{k}.dxf", random) for k in range(2)]
+            params = SheetParams(remnants=odd.SEPARATOR.join(map(str, files)), nesting="FAST", spacing=random.uniform(0.001, 0.006),
+                                 margin=random.uniform(0.0, 0.008))  # fmt: skip
+            shapes = [_star(random.uniform(0.015, 0.05), random) for _ in range(20)]
+            packing = nesting.nest(shapes, params)
+        placed = [
+            shapely.affinity.translate(
+                shapely.affinity.rotate(shapely.Polygon(s), r, origin=(0, 0), use_radians=True), *move
+            )
+            for s, r, move in zip(shapes, packing.rotation, packing.shift, strict=True)
+        ]
+        for k, remnant in enumerate(packing.remnants):
+            on = [p for p, number in zip(placed, packing.sheet, strict=True) if number == k]
+            laid += len(on)
+            sheet = remnant.polygon
+            wrong += sum(not sheet.contains(p) or p.distance(sheet.boundary) < params.margin - 1e-7 for p in on)
+            wrong += sum(a.distance(b) < params.spacing - 1e-7 for i, a in enumerate(on) for b in on[:i])
+    return [
+        row("remnants", "panels laid on remnants", "", laid, None),
+        at_most("remnants", "overlaps, too near or outside", 0, wrong),
+    ]
+
+
+def _star(size: float, random: np.random.Generator) -> np.ndarray:
+    """An uneven outline (24, 2) with bays, of about this radius in metres."""
+    angle, radius = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False), size * random.uniform(0.4, 1.0, 24)
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def _drawn(path: Path, random: np.random.Generator) -> Path:
+    """A DXF file of an odd piece with two holes."""
+    document = ezdxf.new(units=4)
+    space, outline = document.modelspace(), 1e3 * _star(0.28, random)
+    space.add_lwpolyline(outline.tolist(), close=True)
+    space.add_circle((20.0, 10.0), 15.0)
+    space.add_circle((-40.0, -20.0), 25.0)
+    document.saveas(path)
+    return path
