@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "change", "check", "choose", "explore",
            "export", "layout", "load", "optimise", "regularise", "remesh", "report", "run", "save", "sheets", "show",
-           "simulate", "spirals", "take", "use"]  # fmt: skip
+           "simulate", "spirals", "structure", "take", "use"]  # fmt: skip
 
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
 Supports = str | Sequence[int] | None
@@ -222,6 +222,22 @@ def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) 
     return _to(held, "design", progress, "simulate")
 
 
+def structure(
+    piece: Piece,
+    *cases: str,
+    combinations: Sequence[str] = (),
+    supports: Supports = None,
+    progress: Tell = None,
+) -> Piece:
+    """What a simulated piece bears: deflection, utilisation, joints, and how far each load may rise, in ``result.structure``.
+
+    cases, combinations : as "snow: snow 500" and "all = 1.35 weight + 1.5 snow", see ``engine/structure/cases.py``; else as the settings say
+    """
+    given = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
+    held = change(piece, {name: text for name, text in given.items() if text}, supports=supports)
+    return _to(held, "simulation", progress, "structure")
+
+
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
     """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
     held = change(piece, supports=supports)
@@ -319,6 +335,7 @@ def run(
     supports: Supports = None,
     optimised: bool = False,
     chosen: bool = False,
+    structured: bool = False,
     stop_after: str = "sheets",
     formats: Sequence[str] = USUAL,
     pictures: bool = True,
@@ -327,13 +344,14 @@ def run(
     """The whole main job: from a source, as ``load`` takes it, to a folder with all its files; returns the report.
 
     optimised, chosen : spirals are optimised, and layouts compared and one chosen, as the settings of the section choose say.
+    structured : the piece is examined under the load cases of the settings
     Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
     earlier run's files in the folder stay as they are unless everything succeeds.
     """
     from .bridge.hosts import job_folder
 
     told = _progress(progress)
-    names = job.stages(stop_after, optimised, chosen)
+    names = job.stages(stop_after, optimised, chosen, structured)
     with job_folder.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
                      supports=supports, progress=told.part(0.0, 0.2))  # fmt: skip

@@ -40,6 +40,7 @@ ROOMS = (
     "engine/fabrication/nesting",
     "engine/fabrication",
     "engine/fabrication/writers",
+    "engine/structure",
     "engine/display",
     "engine/assembling",
     "engine/choosing",

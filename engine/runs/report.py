@@ -95,6 +95,7 @@ _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "optimise": _own("optimisation"),
     "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),
     "reach": _own("limits"),
+    "structure": _own("structure"),
     "sheets": ("sheets", _sheets),
     "assembly": _own("assembly"),
 }

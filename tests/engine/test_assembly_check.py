@@ -100,7 +100,7 @@ def test_the_force_of_a_pulled_strip(flat_grid):
 def test_necks_are_those_of_the_connectors(flat_grid, kind):
     made = design.uniform(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
     joined = connectors.connect(made, ConnectorParams(connector=kind))
-    neck = assembly_check._necks(made, joined)
+    neck = joints.necks(made, joined)
     cut = made.flat.layout.cut
     arm = made.arms.joint_width[made.flat.layout.mesh.edge_quads[:, 0], made.flat.layout.mesh.edge_sides[:, 0]]
     np.testing.assert_array_equal(neck[~cut], arm[~cut])
