@@ -22,12 +22,13 @@ from ..mechanics.elastic import ElasticModel, Expansion, summed
 from ..mechanics.equilibrium import force_measure
 from ..mechanics.newton_system import NewtonSystem
 from ..mechanics.vectors import skew
+from ..newton import STILL
 from ..progress import SILENT, Progress
 from .actions import Action
 
 LIMIT, BRANCH = "limit", "branch"  # how a critical load ends the path that was stable
 FIRST, LONGEST = 0.05, 0.25  # radians, or edges, that a hub moves in the first and in the longest step: both by eye, any converge
-SHORTEST = 1e-6  # of the same: what is shorter leads nowhere
+SHORTEST = 1e-6  # of the same, and of the largest factor: what is shorter leads nowhere
 SHARE = 0.125  # of the largest factor that one step may add, so that a curve has points
 USUAL, MOST = 5, 14  # Newton steps that leave a step's length as it is, and after which it is halved
 TURN_CAP = 0.5  # radians that a hub may turn in one Newton step, as in ``equilibrium``
@@ -184,11 +185,15 @@ class Follower:
                 return None
             free, along = -solve(left), self.moved(solve(self.pull(here, state.pose)), 1.0)
             if fixed is None:
+                # across the tangent
                 across = float((weight * along).sum())
                 change = -float((weight * free).sum()) / (across or 1e-300)
             else:
                 change = fixed - factor
             way = free + change * along
+            if count and np.abs(way).max(initial=0.0) <= STILL:
+                # the forces that are left are rounding
+                return self.point(state, factor, point), count
             cap = min(1.0, TURN_CAP / max(float(np.abs(way[:, 3:]).max(initial=0.0)), 1e-300))
             state, factor = self.model.moved(state, cap * way), factor + cap * change
         return None
@@ -229,7 +234,7 @@ def follow(
         found_next = follower.step(point, step, exact)
         if found_next is None or _leaps(follower, point, found_next[0], step):
             length = 0.5 * step
-            if length < SHORTEST:
+            if length < SHORTEST and length * abs(point.rises) < SHORTEST * most:
                 ended = "no equilibrium was found any further"
                 break
             continue

@@ -14,6 +14,7 @@ from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation import simulate
 from flexmaps.engine.spirals import design
+from flexmaps.engine.structure import joints
 from flexmaps.engine.surface import shapes
 
 POM = MATERIALS["pom"]
@@ -126,7 +127,7 @@ def test_hard_seams_are_named(flat_grid):
     weak = SimpleNamespace(
         model=found.model,
         equilibrium=found.equilibrium,
-        material=SimpleNamespace(youngs=POM.youngs, strain_limit=1e-6),
+        material=SimpleNamespace(strength=1e-6 * POM.youngs),
     )
     checked = assembly_check.check_assembly(made, None, weak)
     assert checked.seams[0].hard == ("load",)
