@@ -15,6 +15,7 @@ from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
 from ..engine.runs import job
+from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from . import summary
@@ -52,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
         "--choose", action="store_true",
         help="compare many layouts by the shape that their panels take, and take the best; so do --match, --panels and --goal",
     )  # fmt: skip
+    whole.add_argument("--structure", action="store_true", help="examine it under the load cases (--cases) too")
     whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
     _formats(whole)
     _flags(whole)
@@ -69,6 +71,9 @@ def parser() -> argparse.ArgumentParser:
     _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
+    loaded = _command(commands, "structure", _structure, summary.whole, "what it bears: load cases, and when it snaps")
+    loaded.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
+    _cases(loaded)
     _exploring(
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
@@ -121,6 +126,13 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
 def _formats(made: argparse.ArgumentParser) -> None:
     made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
+
+
+def _cases(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
+                      help=f"a load, such as 'snow: snow 500'; kinds: {', '.join(KINDS)}; N, N/m, N/m2, mm")  # fmt: skip
+    made.add_argument("--combine", action="append", default=[], metavar="NAME = 1.35 A + 1.5 B", dest="combinations",
+                      help="a sum of cases with factors")  # fmt: skip
 
 
 def _exploring(made: argparse.ArgumentParser) -> None:
@@ -198,7 +210,7 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     given = _source(args)
     chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
-    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, stop_after=args.stop_after,
+    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
 
 
@@ -220,6 +232,12 @@ def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return _saved(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    piece = api.load(args.mesh, **_source(args))
+    made = api.structure(piece, *args.cases, combinations=args.combinations, progress=tell)
+    return api.report(made, args.out)
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

@@ -16,13 +16,14 @@ from ..patches.flattening.flatten import FlatPatches
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
+from ..structure.structure import Structure
 from ..surface.mesh import QuadMesh
-from . import arrange, plots
+from . import arrange, load_plots, plots
 from .drawing import Drawing, hexes
 from .plots import Colouring
 
 NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
-         "slots", "limits")  # fmt: skip
+         "slots", "limits", "loads", "utilisation")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
 # mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
@@ -37,6 +38,7 @@ class Measured:
     distortion : ARAP energy; width, anisotropy, twist : mean of the arms in mm, percent as in ``spiral.anisotropy``, degrees
     shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
     slot : mm, the narrowest slot beside the arms in that shape
+    utilisation : the largest share of what its arms bear, over all loads
     kind : what limits the match, into ``reach.NAMES``
     """
 
@@ -53,6 +55,7 @@ class Measured:
     strain: Float[np.ndarray, " quads"] | None = None
     slot: Float[np.ndarray, " quads"] | None = None
     kind: Int[np.ndarray, " quads"] | None = None
+    utilisation: Float[np.ndarray, " quads"] | None = None
 
     @classmethod
     def of(
@@ -62,6 +65,7 @@ class Measured:
         design: SpiralDesign | None = None,
         simulation: Simulation | None = None,
         limits: Reach | None = None,
+        structure: Structure | None = None,
     ) -> Measured:
         """Of what the stages have made."""
         values: dict[str, Any] = {}
@@ -87,6 +91,8 @@ class Measured:
             values["slot"] = None if slots is None else 1e3 * slots.of_quads
         if limits is not None:
             values["kind"] = limits.kind
+        if structure is not None:
+            values["utilisation"] = structure.utilisation
         return cls(mesh, **values)
 
 
@@ -96,7 +102,14 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
     described : the report of the same run; distortion : the limit of the layout, where the scale of the distortion ends
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
-    return layout | spirals | _choices(described) | _history(described) | _match(measured, described)
+    return (
+        layout
+        | spirals
+        | _choices(described)
+        | _history(described)
+        | _match(measured, described)
+        | _loads(measured, described)
+    )
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
@@ -187,4 +200,18 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)
         fills = np.array([colour for colour, _ in looks])[m.kind]
         found["limits"] = plots.flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
+    return found
+
+
+def _loads(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    block = described.get("structure")
+    if not block:
+        return {}
+    found = {"loads": load_plots.load_paths(block)}
+    if m.utilisation is not None and m.shape is not None and m.sides is not None:
+        share = 100.0 * m.utilisation
+        high = max(100.0, float(share.max()))
+        title = "Utilisation: the most that arms carry under any load"
+        used = Colouring.of(title, share, "% of limit", colours.BAD, 0.0, high)
+        found["utilisation"] = plots.shape_map(m.shape, m.mesh.quads, m.sides, used)
     return found

@@ -140,7 +140,7 @@ class Simulation:
         tired = np.zeros(0, int)
         if lasting is not None and len(strain):
             tired = np.flatnonzero(strain > STRAINED * lasting.strain / self.material.strain_limit)
-        if len(tired) and not len(strained):
+        if lasting is not None and len(tired) and not len(strained):
             text = (
                 f"The arms of {len(tired)} spirals are strained by up to {100.0 * self.material.strain_limit * strain.max():.2g} %, more than the "
                 f"{100.0 * lasting.strain:.2g} % that {self.material.name} bears for years: the shape sags, and arms may crack in time"

@@ -38,7 +38,9 @@ LINE = re.compile(
     rf"(?P<name>{NAME})\s*:\s*(?P<kind>\w+)(?P<given>(?:\s+\S+?)*?)(?:\s+on\s+(?P<where>.+?))?"
     rf"(?:\s+times\s+(?P<factor>\S+))?(?P<lasting>\s+{LASTING})?\s*"
 )
-SUM = re.compile(rf"\s*(?P<factor>[+-]?\s*[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE)
+SUM = re.compile(
+    rf"\s*(?P<sign>[+-]?)\s*(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE
+)
 LONGEST = 60  # letters of a line that an error repeats
 
 
@@ -85,7 +87,7 @@ class LoadPlan:
     def __post_init__(self) -> None:
         if not self.cases:
             raise FlexMapsError("There is no load case; give one, such as 'weight: weight'")
-        names = [one.name for one in (*self.cases, *self.combinations)]
+        names = [case.name for case in self.cases] + [one.name for one in self.combinations]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise FlexMapsError(f"Two cases or combinations are called '{twice[0]}'; give each its own name")
@@ -183,5 +185,5 @@ def _combination(text: str) -> Combination:
     found = []
     for part in parts:
         assert part is not None
-        found.append((_number(text, (part["factor"] or "1").replace(" ", "")), part["name"]))
+        found.append((_number(text, part["sign"] + (part["factor"] or "1")), part["name"]))
     return Combination(name, tuple(found))

@@ -27,7 +27,10 @@ from ..progress import SILENT, Progress
 from .actions import Action
 
 LIMIT, BRANCH = "limit", "branch"  # how a critical load ends the path that was stable
-FIRST, LONGEST = 0.05, 0.25  # radians, or edges, that a hub moves in the first and in the longest step: both by eye, any converge
+FIRST, LONGEST = (
+    0.05,
+    0.25,
+)  # radians, or edges, that a hub moves in the first and in the longest step: both by eye, any converge
 SHORTEST = 1e-6  # of the same, and of the largest factor: what is shorter leads nowhere
 SHARE = 0.125  # of the largest factor that one step may add, so that a curve has points
 USUAL, MOST = 5, 14  # Newton steps that leave a step's length as it is, and after which it is halved
@@ -74,9 +77,10 @@ class Path:
     ended: str
 
     @property
-    def reached(self) -> float:
-        """The largest factor of a stable state."""
-        return max(one.factor for one in self.points if not one.unstable)
+    def last(self) -> Point:
+        """The last one before the piece gives way."""
+        first = next((k for k, one in enumerate(self.points) if one.unstable), len(self.points))
+        return self.points[max(first - 1, 0)]
 
 
 @dataclass(eq=False)
@@ -122,9 +126,7 @@ class Follower:
         """The derivative of the residual by the turns of the hubs through a pressure that turns with them; free increments."""
         return following(self.system, self.action, pose, factor)
 
-    def factored(
-        self, here: Expansion, pose: Pose, factor: float
-    ) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
+    def factored(self, here: Expansion, pose: Pose, factor: float) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
         """What solves with the tangent, and its number of negative pivots."""
         values = self.system.values(here.hessian)
         if not self.action.follows and self.system.factor(values):
@@ -297,4 +299,3 @@ def _critical(follower: Follower, stable: Point, unstable: Point) -> tuple[float
     length = float(np.abs(gap).max()) / follower.edge
     rise = stable.rises**2 * length / (2.0 * max(stable.rises - unstable.rises, 1e-300))
     return max(stable.factor, unstable.factor, min(stable.factor + rise, (1.0 + SHARP) * stable.factor)), LIMIT
-

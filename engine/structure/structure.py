@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..fabrication.connectors.connect import Connections
 from ..materials import Material
@@ -78,8 +78,7 @@ class Outcome:
     @property
     def shift(self) -> Float[np.ndarray, "spirals 3"]:
         """(n, 3) m: how far the hubs have moved from where they rest, at the factor 1 or the last one before it snaps."""
-        last = [one for one in self.path.points if not one.unstable][-1].pose
-        return (last if self.pose is None else self.pose).centres - self.rest.centres
+        return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
 
     @property
     def deflection(self) -> Float[np.ndarray, " spirals"]:
@@ -96,8 +95,8 @@ class Outcome:
             for one in self.path.points
         ])  # fmt: skip
 
-    def report(self) -> dict[str, Any]:
-        """One row of the block."""
+    def report(self, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+        """One row of the block; joints are told of where they are ``seams``."""
         row: dict[str, Any] = {
             "name": self.name,
             "kind": self.kind,
@@ -115,7 +114,7 @@ class Outcome:
                 "deflection_max_mm": float(f"{1e3 * self.deflection.max():.6g}"),
                 "deflection_rms_mm": float(f"{1e3 * np.sqrt((self.deflection**2).mean()):.6g}"),
                 "deflection_quad": int(self.deflection.argmax()),
-                **_borne(self.borne),
+                **_borne(self.borne, seams),
             }
         return row
 
@@ -133,7 +132,7 @@ class Structure:
     rest: Equilibrium
     at_rest: Borne
     outcomes: tuple[Outcome, ...]
-    seams: np.ndarray
+    seams: Bool[np.ndarray, " joints"]
 
     @property
     def utilisation(self) -> Float[np.ndarray, " quads"] | None:
@@ -150,8 +149,8 @@ class Structure:
         """The ``structure`` block of report.json."""
         block: dict[str, Any] = {
             "material": self.simulation.material.name,
-            "rest": _borne(self.at_rest),
-            "outcomes": [one.report() for one in self.outcomes],
+            "rest": _borne(self.at_rest, self.seams),
+            "outcomes": [one.report(self.seams) for one in self.outcomes],
         }
         known = self.simulation.material.lasting
         if known is not None:
@@ -165,22 +164,23 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else float(f"{value:.6g}")
 
 
-def _borne(found: Borne) -> dict[str, Any]:
+def _borne(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
     if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
         return {}
-    return {
-        "arms": _rounded(float(found.arms.max())),
-        "arms_quad": int(found.arms.argmax()),
-        "joints": _rounded(float(found.joints.max(initial=0.0))),
-        "joint_force_n": _rounded(float(found.forces.max(initial=0.0))),
-        "joint_moment_n_mm": _rounded(1e3 * float(found.moments.max(initial=0.0))),
-    }
+    told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
+    if seams.any():
+        told |= {
+            "joints": _rounded(float(found.joints[seams].max())),
+            "joint_force_n": _rounded(float(found.forces[seams].max())),
+            "joint_moment_n_mm": _rounded(1e3 * float(found.moments[seams].max())),
+        }
+    return told
 
 
 def _findings(one: Outcome, structure: Structure) -> list[Finding]:
     found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
     if one.pose is None:
-        reached = one.share * one.path.reached
+        reached = one.critical or one.share * one.path.last.factor
         far = tuple(np.flatnonzero(one.deflection >= 0.5 * one.deflection.max()).tolist())
         how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
         text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"

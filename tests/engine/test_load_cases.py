@@ -161,7 +161,7 @@ def test_pressures_and_winds_meet_areas_that_are_known() -> None:
 
 def test_what_lies_behind_something_else_is_hidden() -> None:
     low, high = grid(4, 1), grid(2, 1)
-    both = np.concatenate([low.vertices, high.vertices + [EDGE, 0.0, EDGE]])
+    both = np.concatenate([low.vertices, high.vertices + EDGE * np.array([1.0, 0.0, 1.0])])
     mesh = QuadMesh(both, np.concatenate([low.quads, high.quads + len(low.vertices)]))
     corners = mesh.vertices[mesh.quads]
     assert np.flatnonzero(hidden(corners, np.array([0.0, 0.0, -1.0]))).tolist() == [1, 2]
