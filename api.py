@@ -113,6 +113,10 @@ def change(
 
             held, force = groups.loads_of(piece.uid, wanted.loads)
             made = replace(made, supports=held, force=force)
+        if wanted.structure != piece.settings.structure and piece.uid is not None:
+            from .bridge.store import supports as groups
+
+            made = replace(made, groups=groups.named_of(piece.uid, wanted.structure))
         if supports is not None:
             made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
         made = job.completed(made, wanted)

@@ -23,6 +23,7 @@ from . import (
     report,
     simulate,
     spirals,
+    structure,
 )
 
 MODULES = (
@@ -33,6 +34,7 @@ MODULES = (
     choose,
     spirals,
     simulate,
+    structure,
     optimise,
     advice,
     explore,

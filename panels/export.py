@@ -51,7 +51,11 @@ class ExportPanel(StagePanel, bpy.types.Panel):
             settings_rows(body, settings.export, ExportParams, tuple(ExportParams.__dataclass_fields__)[1:])
         block = notes.read(obj.data).get("sheets")
         if block is not None:
-            _sheets(result(layout, context, "sheets"), block)
+            column = result(layout, context, "sheets")
+            # which seams are hard to join, and where connectors bear too much
+            for text in notes.read(obj.data).get("assembly", {}).get("warnings", ()):
+                wrapped(column.box(), context, text, icon="ERROR")
+            _sheets(column, block)
         layout.operator("flexmaps.report", icon="FILE_TEXT").browse = True
 
 

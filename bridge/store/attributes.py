@@ -51,6 +51,7 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "strain": ("FACE", "FLOAT", 0, LARGEST),
     "slot": ("FACE", "FLOAT", -LARGEST, LARGEST),
     "reach": ("FACE", "INT", 0, 6),
+    "utilisation": ("FACE", "FLOAT", 0, LARGEST),
     "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
