@@ -9,10 +9,11 @@ from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.store import notes
 from ..engine.params import StructureParams
-from .rows import choice_row, number, settings_rows, wrapped
+from ..engine.structure import cases
+from .rows import choice_row, fold, number, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
-EXAMPLE = "NAME: KIND VALUE AXIS on GROUP, such as: weight: weight; snow: snow 500; lamp: point 5 -z on Lamp lasting"
+EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 snow"
 
 
 class StructurePanel(StagePanel, bpy.types.Panel):
@@ -24,11 +25,18 @@ class StructurePanel(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, obj = self.layout, context.object
-        wrapped(layout, context, EXAMPLE, icon="INFO")
-        for name in ("cases", "combinations"):
-            column = layout.column(align=True)
-            column.label(text=StructureParams.__dataclass_fields__[name].metadata["label"])
-            column.prop(obj.flexmaps.structure, name, text="")
+        column = layout.column(align=True)
+        for number_, line in enumerate(cases.lines(obj.flexmaps.structure.cases)):
+            row = column.row(align=True)
+            row.label(text=line, translate=False)
+            row.operator("flexmaps.remove_load", text="", icon="X").number = number_
+        column.operator("flexmaps.add_load", icon="ADD")
+        body = fold(layout, "flexmaps_structure", "Combinations and text")
+        if body is not None:
+            wrapped(body, context, EXAMPLE, icon="INFO")
+            body.prop(obj.flexmaps.structure, "combinations", text="")
+            body.label(text="Load cases")
+            body.prop(obj.flexmaps.structure, "cases", text="")
         settings_rows(layout, obj.flexmaps.structure, StructureParams, ("factor_max",))
         button(layout, context, "flexmaps.structure", icon="MOD_PHYSICS")
         block = notes.read(obj.data).get("structure")

@@ -2,7 +2,7 @@
 
 The tangent stiffness at rest, K0, with the stresses that the piece has there already, and how it changes with the load's factor to
 first order, K1 (Brendel and Ramm 1980; Bathe and Dvorkin 1983): the lowest factor at which K0 + factor K1 has no inverse. It takes the
-path of the load to be straight, so that shallow arches and domes, which give way much before they snap, come out too strong.
+path of the load to be straight, so that it is a guess, too high or too low, where a piece gives way much before it snaps.
 """
 
 from __future__ import annotations

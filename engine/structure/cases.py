@@ -105,6 +105,24 @@ class LoadPlan:
         return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
 
 
+def line_of(name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False) -> str:
+    """The line that says a load; what its kind does not take is left out. Raises ``FlexMapsError`` where it would not be read."""
+    called = KINDS[kind][0]
+    words = [f"{name.strip()}: {kind}"]
+    words += [f"{value:.6g}"] if called else []
+    words += [axis] if called and kind != "pressure" else []
+    words += [f"on {where}"] if where else []
+    words += [f"times {factor:.6g}"] if factor != 1.0 else []
+    words += [LASTING] if lasting and kind != "weight" else []
+    line = " ".join(words)
+    if ";" in where or "\n" in where:
+        raise FlexMapsError(f"The group '{where:.{LONGEST}}' has a semicolon in its name, which parts load cases; name it otherwise")
+    read = _load(line)[1]
+    if read.where != where.strip():
+        raise FlexMapsError(f"The group '{where:.{LONGEST}}' cannot be told from the words of a load case; name it otherwise")
+    return line
+
+
 def lines(text: str) -> list[str]:
     """The lines of a text, which semicolons part too."""
     return [line.strip() for line in re.split(r"[;\n]", text) if line.strip()]

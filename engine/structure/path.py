@@ -227,6 +227,9 @@ def follow(
     critical, kind, ended = None, "", "the search took too many steps"
     if point.unstable:
         return Path((point,), {}, None, "", "the piece is in no stable equilibrium without load")
+    if not np.isfinite(point.rises):  # nothing moves
+        still = {mark: Point(mark, point.state, 0, point.way, point.rises) for mark in marks}
+        return Path((point, *still.values()), still, None, "", "")
     while len(points) < STEPS:
         progress(min(0.99, max(point.factor / most, len(points) / STEPS)), f"Load factor {point.factor:.3g}")
         progress.show(point.pose)

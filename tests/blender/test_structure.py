@@ -57,6 +57,21 @@ def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
     assert not colouring.current(piece, "UTILISATION")
 
 
+def test_loads_are_added_and_taken_out_by_buttons(piece: Any) -> None:
+    wanted = piece.flexmaps.structure
+    given = {"name": "lamp", "kind": "point", "value": 0.5, "axis": "-z", "group": "Top row", "factor": 1.2}
+    assert bpy.ops.flexmaps.add_load(**given, lasting=True) == {"FINISHED"}
+    assert bpy.ops.flexmaps.add_load(name="press", kind="pressure", value=20.0) == {"FINISHED"}
+    assert wanted.cases == "weight: weight; lamp: point 0.5 -z on Top row times 1.2 lasting; press: pressure 20"
+    assert bpy.ops.flexmaps.remove_load(number=0) == {"FINISHED"}
+    press("structure")
+    assert set(figures(piece)) == {"lamp", "press"}  # nobody knows what a year leaves of this material
+    with pytest.raises(RuntimeError, match="give it as NAME: KIND"):
+        bpy.ops.flexmaps.add_load(name="two words", kind="weight")
+    with pytest.raises(RuntimeError, match="name it otherwise"):
+        bpy.ops.flexmaps.add_load(name="a", kind="weight", group="it times 2")
+
+
 def test_a_new_simulation_takes_what_was_said_of_loads(piece: Any) -> None:
     press("structure")
     assert "structure" in notes.read(piece.data)

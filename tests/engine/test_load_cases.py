@@ -8,7 +8,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.loads import standing
 from flexmaps.engine.structure.actions import Action, Ground, actions, hidden, lasting
-from flexmaps.engine.structure.cases import Case, Combination, Load, plan
+from flexmaps.engine.structure.cases import Case, Combination, Load, line_of, plan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -185,3 +185,23 @@ def test_combinations_and_what_lasts_are_sums() -> None:
     assert found["c"].force == pytest.approx(2.0 * found["w"].force - 3.0 * found["p"].force)
     stays = lasting(wanted, place)
     assert stays.force.sum(axis=0) == pytest.approx([1.0, 0.0, -9.81 * 0.012])
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (("w", "weight", 5.0, "x"), "w: weight"),
+        (("s", "snow", 500.0, "-z", "the roof", 1.5), "s: snow 500 -z on the roof times 1.5"),
+        (("p", "pressure", -2.5, "x", "", 1.0, True), "p: pressure -2.5 lasting"),
+        (("m", "move", 3.0, "-y", "1,2"), "m: move 3 -y on 1,2"),
+    ],
+)
+def test_a_load_is_written_as_it_is_read(given: tuple[str, str, float, str], line: str) -> None:
+    assert line_of(*given) == line
+    assert plan(line).cases[0].loads[0].kind == given[1]
+
+
+@pytest.mark.parametrize("where", ["a; b", "it times 2", "these lasting"])
+def test_groups_that_a_line_cannot_name_are_refused(where: str) -> None:
+    with pytest.raises(FlexMapsError, match="name it otherwise"):
+        line_of("a", "snow", 5.0, "-z", where)
