@@ -39,7 +39,11 @@ class Overlay(bpy.types.Operator):
             ("REACH", "Limits", "What keeps every spiral from bending as the target does"),
             ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
             ("SLOT", "Slots", "Narrowest slot beside the arms of every spiral in the simulated shape"),
-            ("UTILISATION", "Utilisation", "The most that the arms of every spiral carry under the load cases, against what they bear"),
+            (
+                "UTILISATION",
+                "Utilisation",
+                "The most that the arms of every spiral carry under the load cases, against what they bear",
+            ),
         ],
         default="ENERGY",
     )

@@ -64,7 +64,9 @@ class AddLoad(bpy.types.Operator):
     bl_label = "Add load"
     bl_options = {"REGISTER", "UNDO"}
 
-    name: bpy.props.StringProperty(name="Load case", description="A word; loads of one name act together", default="load")  # type: ignore[valid-type]
+    name: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Load case", description="A word; loads of one name act together", default="load"
+    )
     kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Kind",
         items=[

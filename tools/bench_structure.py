@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from equilibrium_cases import EDGE, MATERIAL, straight_row
 from equilibrium_cases import dome as dome_of
-from flexmaps.database.validation_cases import USUAL, WIDE
 from flexmaps.engine.mechanics.arms.model import ArmModel, arm_compliances
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
@@ -46,11 +45,11 @@ def main(arguments: list[str]) -> int:
     column(table)
     small_loads(table)
     derivatives(table)
-    for piece, resolution in ((arch(), USUAL), (dome(), WIDE)):
+    for piece in (arch(), dome()):
         path = piece.path(100.0)
         itself(table, piece, path)
         if not options.plain:
-            solids(table, piece, path, resolution)
+            solids(table, piece, path)
     pressures(table)
     seconds(table)
     table.finish(options.json)
@@ -91,7 +90,9 @@ def small_loads(table: Table) -> None:
     one = _follower(found.arm, Loads.of(HUBS, supports=np.array([0])), action, found.pose)
     path = follow(one, found.pose, marks=(1.0, 2.0, 5.0), most=5.0)
     tips = np.array([path.marks[k].pose.centres[-1, 2] / k for k in (1.0, 2.0, 5.0)])
-    table.add(at_most(f"row of {HUBS}", "tip over load, between 1 and 5 times a small one", 1e-3, np.ptp(tips) / tips[0]))
+    table.add(
+        at_most(f"row of {HUBS}", "tip over load, between 1 and 5 times a small one", 1e-3, np.ptp(tips) / tips[0])
+    )
 
 
 def derivatives(table: Table) -> None:
@@ -135,15 +136,17 @@ def itself(table: Table, piece: Pushed, path: LoadPath) -> None:
         most = max(most, -float(gradient[piece.middle, 2].sum()))
     quick = linear_buckling(piece.follower, path.points[0])
     peer = {"limit": f"{path.critical:.4g} N", "linear buckling": "-" if quick is None else f"{quick:.4g} N"}
-    table.add(at_most(piece.name, "limit load off that with the fall held", 1e-3, abs(path.critical / most - 1.0), peer))
+    table.add(
+        at_most(piece.name, "limit load off that with the fall held", 1e-3, abs(path.critical / most - 1.0), peer)
+    )
 
 
-def solids(table: Table, piece: Pushed, path: LoadPath, resolution: object) -> None:
+def solids(table: Table, piece: Pushed, path: LoadPath) -> None:
     """Limit load and deflections against the solid of the whole design."""
     assert path.critical is not None
     falls = piece.fall(path.last.pose) * np.array(FALLS)
     begun = time.process_time()
-    forces = by_solid(piece, falls, lambda text: None, resolution)  # type: ignore[arg-type]
+    forces = by_solid(piece, falls)
     spent = time.process_time() - begun
     top = int(np.nanargmax(forces))
     near = slice(max(top - 1, 0), max(top - 1, 0) + 3)
@@ -188,5 +191,9 @@ def seconds(table: Table) -> None:
         spent = time.process_time() - begun
         linear_buckling(one, path.points[0])
         quick = time.process_time() - begun - spent
-        peer = {"points": len(path.points), "gives way at": f"{path.critical or np.inf:.3g}", "linear buckling": f"{quick:.2g} s"}
+        peer = {
+            "points": len(path.points),
+            "gives way at": f"{path.critical or np.inf:.3g}",
+            "linear buckling": f"{quick:.2g} s",
+        }
         table.add(row(f"dome of {len(low)}", "seconds of a load path", "", float(f"{spent:.3g}"), None, peer))

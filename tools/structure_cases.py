@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from flexmaps.database.design_mesh import UNIT, Resolution
+from flexmaps.database.design_mesh import UNIT
 from flexmaps.database.design_solid import DesignSolid
-from flexmaps.database.validation_cases import MATERIAL, SIDE, USUAL, cells, grid_mesh, shell
+from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, shell
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
@@ -98,21 +97,16 @@ def dome(height: float = 0.12, count: int = 6) -> Pushed:
     return Pushed.of(f"dome {count} x {count}", design, np.flatnonzero(border), np.flatnonzero(top).tolist())
 
 
-def by_solid(
-    piece: Pushed, falls: np.ndarray, tell: Callable[[str], None], resolution: Resolution = USUAL
-) -> np.ndarray:
-    """Newtons with which the middle of a piece's solid is pushed at these falls (k,) metres, rising."""
+def by_solid(piece: Pushed, falls: np.ndarray) -> np.ndarray:
+    """Newtons with which the middle of a piece's solid is pushed at these falls (k,) metres, rising; not a number where none was found."""
     loads = piece.lowered
     held = np.flatnonzero(loads.fixed.any(axis=1))
-    solid = DesignSolid(piece.design, MATERIAL.poisson, held.tolist(), resolution)
+    solid = DesignSolid(piece.design, MATERIAL.poisson, held.tolist())
     none, pose, out = np.zeros_like(solid.mesh.nodes), piece.rest.pose, []
     at = np.isin(held, piece.middle)
     for fall in falls:
         pose = piece.at_fall(pose, float(fall))
         found = solid.solve(solid.guess(pose), pose, none, loads.fixed[held])
         force = -float(found.reactions[at, 2].sum()) * MATERIAL.youngs * UNIT**2
-        tell(
-            f"solid: {1e3 * fall:.3f} mm, {force:.5f} N, {found.iterations} iterations, stable {found.stable}, {found.converged}"
-        )
         out.append(force if found.converged else np.nan)
     return np.array(out)

@@ -36,9 +36,7 @@ def loads_of(
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
-def named(
-    obj: bpy.types.Object, surface: Surface, params: StructureParams
-) -> dict[str, Int[np.ndarray, " some"]]:
+def named(obj: bpy.types.Object, surface: Surface, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
     """The quads of those vertex groups that load cases speak of; cases that cannot be read, or groups that hold no quad, are left out."""
     try:
         wanted = cases.plan(params.cases, params.combinations).groups

@@ -107,6 +107,8 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
+    if result.structure is not None:
+        equilibrium.write_utilisation(obj, result.structure.utilisation)
     notes.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 

@@ -105,7 +105,9 @@ class LoadPlan:
         return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
 
 
-def line_of(name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False) -> str:
+def line_of(
+    name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False
+) -> str:
     """The line that says a load; what its kind does not take is left out. Raises ``FlexMapsError`` where it would not be read."""
     called = KINDS[kind][0]
     words = [f"{name.strip()}: {kind}"]
@@ -116,10 +118,14 @@ def line_of(name: str, kind: str, value: float, axis: str, where: str = "", fact
     words += [LASTING] if lasting and kind != "weight" else []
     line = " ".join(words)
     if ";" in where or "\n" in where:
-        raise FlexMapsError(f"The group '{where:.{LONGEST}}' has a semicolon in its name, which parts load cases; name it otherwise")
+        raise FlexMapsError(
+            f"The group '{where:.{LONGEST}}' has a semicolon in its name, which parts load cases; name it otherwise"
+        )
     read = _load(line)[1]
     if read.where != where.strip():
-        raise FlexMapsError(f"The group '{where:.{LONGEST}}' cannot be told from the words of a load case; name it otherwise")
+        raise FlexMapsError(
+            f"The group '{where:.{LONGEST}}' cannot be told from the words of a load case; name it otherwise"
+        )
     return line
 
 

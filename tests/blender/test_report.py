@@ -26,7 +26,8 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link"}
-DRAWN = set(run_plots.NAMES) - {"choices"}  # that one needs layouts to choose from, see test_choose
+# the first needs layouts to choose from, see test_choose, the others loads, see test_structure
+DRAWN = set(run_plots.NAMES) - {"choices", "loads", "utilisation"}
 FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 

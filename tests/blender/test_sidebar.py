@@ -112,7 +112,9 @@ def test_the_sidebar_tells_what_is_borne(dome: Any, sides: Any) -> None:
     for button in ("flatten", "spirals", "simulate", "structure"):
         press(button)
     lines = sides()
-    assert {"heavy: snow 1e5", "Add load", "weight", "Largest deflection", "! Gives way at", "Utilisation"} <= set(lines)
+    assert {"heavy: snow 1e5", "Add load", "weight", "Largest deflection", "! Gives way at", "Utilisation"} <= set(
+        lines
+    )
     assert any("'heavy' the piece snaps at" in line for line in lines)
 
 

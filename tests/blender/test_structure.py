@@ -40,7 +40,9 @@ def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
     press("structure")
     found = figures(piece)
     assert set(found) == {"top", "w", "both"} and all(one["reached"] for one in found.values())
-    assert found["both"]["deflection_max_mm"] > found["top"]["deflection_max_mm"] > 10.0 * found["w"]["deflection_max_mm"]
+    assert (
+        found["both"]["deflection_max_mm"] > found["top"]["deflection_max_mm"] > 10.0 * found["w"]["deflection_max_mm"]
+    )
     # the quads beside the group are those that move most
     assert found["top"]["deflection_quad"] // 3 in (LENGTH // 2 - 1, LENGTH // 2)
     # the simulated shape stays
@@ -115,6 +117,18 @@ def test_scripts_name_groups_too(piece: Any) -> None:
     piece.flexmaps.structure.cases = "top: point 0.5 -z on Top row"
     press("structure")
     assert figures(piece)["top"]["deflection_max_mm"] == pytest.approx(one["deflection_max_mm"], rel=1e-3)
+
+
+def test_the_report_of_an_object_shows_what_it_bears(piece: Any, tmp_path: Path) -> None:
+    press("structure")
+    block = notes.read(piece.data)["structure"]
+    assert api.report(piece, tmp_path)["structure"] == block
+    assert (tmp_path / "plots/loads.svg").is_file() and (tmp_path / "plots/utilisation.svg").is_file()
+    made = api.structure(api.load(piece))
+    shown = api.show(api.load(made.mesh), None)
+    assert "flexmaps_utilisation" not in shown.data.attributes
+    shown = api.show(made, piece)
+    assert "flexmaps_utilisation" in shown.data.attributes and "structure" in notes.read(shown.data)
 
 
 def test_the_command_line_tells_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -140,7 +140,11 @@ def test_notes_are_dropped_with_what_they_tell_of() -> None:
 
 
 def test_every_block_is_told(made: Result) -> None:
-    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"choose", "optimise", "structure"}  # which nobody asked for
+    assert report.blocks(made).keys() == set(stages.BLOCKS) - {
+        "choose",
+        "optimise",
+        "structure",
+    }  # which nobody asked for
     assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 
