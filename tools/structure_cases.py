@@ -84,13 +84,16 @@ def arch(half: float = 0.93) -> Pushed:
     return Pushed.of("arch 2 x 9", design, ends, [row * columns + columns // 2 for row in range(rows)])
 
 
-def dome(height: float = 0.12, count: int = 6) -> Pushed:
-    """A cap over a square, of four panels that meet at its top, clamped along its border and pushed at the four hubs there."""
+def dome(count: int = 8, height: float = 0.15, width: float = 1.5, twist: float = 120.0) -> Pushed:
+    """A cap over a square, of four panels that meet at its top, clamped along its border and pushed at the four hubs there.
+
+    height : of a quad's side, how much it curves; width, twist : mm and degrees
+    """
     points, quads = grid_mesh(count, count)
     x, y = (points - 0.5 * count).T
     mesh = QuadMesh(SIDE * np.column_stack([x, y, height * (0.5 * count**2 - x * x - y * y)]), quads)
     flat = [np.abs(mesh.vertices[mesh.edges][..., k]).max(axis=1) < 1e-9 for k in (0, 1)]
-    design = shell(mesh, flat[0] | flat[1], 2.0, 60.0)
+    design = shell(mesh, flat[0] | flat[1], width, twist)
     column, row = cells(count, count).T
     border = (column == 0) | (column == count - 1) | (row == 0) | (row == count - 1)
     top = np.isin(column, (count // 2 - 1, count // 2)) & np.isin(row, (count // 2 - 1, count // 2))
