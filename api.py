@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 __all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "calibrated", "calibration_sheet",
            "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "regularise", "remesh",
            "report", "run", "save", "share", "sheets", "show",
-           "simulate", "spirals", "take", "use"]  # fmt: skip
+           "simulate", "spirals", "structure", "take", "use"]  # fmt: skip
 
 Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
 Supports = str | Sequence[int] | None
@@ -117,6 +117,10 @@ def change(
 
             held, force = groups.loads_of(piece.uid, wanted.loads)
             made = replace(made, supports=held, force=force)
+        if wanted.structure != piece.settings.structure and piece.uid is not None:
+            from .bridge.store import supports as groups
+
+            made = replace(made, groups=groups.named_of(piece.uid, wanted.structure))
         if supports is not None:
             made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
         made = job.completed(made, wanted)
@@ -240,6 +244,22 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
 
         ready = replace(ready, rest=snapshot.rest_of(piece.uid))
     return _go_on(replace(piece, made=ready), ("compare",), progress)
+
+
+def structure(
+    piece: Piece,
+    *cases: str,
+    combinations: Sequence[str] = (),
+    supports: Supports = None,
+    progress: Tell = None,
+) -> Piece:
+    """What a simulated piece bears: deflection, utilisation, joints, and how far each load may rise, in ``result.structure``.
+
+    cases, combinations : as "snow: snow 500" and "all = 1.35 weight + 1.5 snow", see ``engine/structure/cases.py``; else as the settings say
+    """
+    given = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
+    held = change(piece, {name: text for name, text in given.items() if text}, supports=supports)
+    return _to(held, "simulation", progress, "structure")
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
@@ -386,6 +406,7 @@ def run(
     supports: Supports = None,
     optimised: bool = False,
     chosen: bool = False,
+    structured: bool = False,
     stop_after: str = "sheets",
     formats: Sequence[str] = USUAL,
     pictures: bool = True,
@@ -394,13 +415,14 @@ def run(
     """The whole main job: from a source, as ``load`` takes it, to a folder with all its files; returns the report.
 
     optimised, chosen : spirals are optimised, and layouts compared and one chosen, as the settings of the section choose say.
+    structured : the piece is examined under the load cases of the settings
     Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
     earlier run's files in the folder stay as they are unless everything succeeds.
     """
     from .bridge.hosts import job_folder
 
     told = _progress(progress)
-    names = job.stages(stop_after, optimised, chosen)
+    names = job.stages(stop_after, optimised, chosen, structured)
     with job_folder.folder(Path(out)) as new:  # one that cannot be written to says so before the work, not after
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
                      supports=supports, progress=told.part(0.0, 0.2))  # fmt: skip

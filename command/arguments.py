@@ -17,6 +17,7 @@ from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, S
 from ..engine.progress import Progress
 from ..engine.runs import job
 from ..engine.scanning.reading import UNITS
+from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from . import calibration, summary
@@ -54,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
         "--choose", action="store_true",
         help="compare many layouts by the shape that their panels take, and take the best; so do --match, --panels and --goal",
     )  # fmt: skip
+    whole.add_argument("--structure", action="store_true", help="examine it under the load cases (--cases) too")
     whole.add_argument("--pictures", action=argparse.BooleanOptionalAction, default=True, help="render the pictures")
     _formats(whole)
     _flags(whole)
@@ -72,6 +74,9 @@ def parser() -> argparse.ArgumentParser:
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
     _comparing(_command(commands, "compare", _compare, summary.whole, "lay a scan of the built piece over its shape"))
+    loaded = _command(commands, "structure", _structure, summary.whole, "what it bears: load cases, and when it snaps")
+    loaded.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
+    _cases(loaded)
     _exploring(
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
@@ -143,6 +148,11 @@ def _comparing(made: argparse.ArgumentParser) -> None:
     made.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
     made.add_argument("--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer")
     made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
+def _cases(made: argparse.ArgumentParser) -> None:
+    made.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
+                      help=f"a load, such as 'snow: snow 500'; kinds: {', '.join(KINDS)}; N, N/m, N/m2, mm")  # fmt: skip
+    made.add_argument("--combine", action="append", default=[], metavar="NAME = 1.35 A + 1.5 B", dest="combinations",
+                      help="a sum of cases with factors")  # fmt: skip
 
 
 def _exploring(made: argparse.ArgumentParser) -> None:
@@ -218,7 +228,7 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     given = _source(args)
     chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
-    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, stop_after=args.stop_after,
+    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
 
 
@@ -240,6 +250,12 @@ def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return _saved(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
+
+
+def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    piece = api.load(args.mesh, **_source(args))
+    made = api.structure(piece, *args.cases, combinations=args.combinations, progress=tell)
+    return api.report(made, args.out)
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

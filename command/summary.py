@@ -45,6 +45,8 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         from ..bridge.store import scans
 
         print(f"  {scans.sentence(described['scan'])}")
+    if "structure" in described:
+        _structure(described["structure"])
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
@@ -53,6 +55,18 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     out = getattr(args, "out", None)
     seconds = sum(described.get("seconds", {}).values())
     print(f"  computed in {seconds:.1f} s" + (f", files and pictures aside; everything is in {out}" if out else ""))
+
+
+def _structure(block: dict[str, Any]) -> None:
+    for one in block["outcomes"]:
+        critical, to = one["critical"], one["followed_to"]
+        gives = f"over {to:.3g}" if critical is None else f"{critical:.3g}"
+        parts = [f"{name} at {100 * one[name]:.0f} %" for name in ("arms", "joints") if name in one]
+        carried = f", {' and '.join(parts)} of what they bear" if parts else ""
+        moves = f"{one['deflection_max_mm']:.3g} mm at most{carried}" if one["reached"] else "it snaps before"
+        print(f"  load '{one['name']}': {moves}; gives way at {gives} times the load")
+    for finding in block.get("findings", ()):
+        print(f"  warning: {finding['message']}")
 
 
 def explored(described: dict[str, Any], args: argparse.Namespace) -> None:

@@ -124,6 +124,26 @@ class SparseCholesky:
         return self._factor.solve(rhs)
 
 
+class SparseLU:
+    """Factors of a square matrix whose pattern is symmetric, whatever the signs of its eigenvalues and with values of its own on
+    both sides of the diagonal; raises NotPositiveDefinite where a pivot is zero.
+    """
+
+    def __init__(self, matrix: csc_array):
+        self._factor = _unpivoted(matrix)
+
+    @property
+    def negative(self) -> int:
+        """Number of negative pivots: of a symmetric matrix that of its negative eigenvalues (Sylvester); else the sign of the
+        determinant is that of its parity.
+        """
+        return int((self._factor.U.diagonal() < 0).sum())
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Solve for a (size,) or (size, k) right-hand side."""
+        return self._factor.solve(np.asarray(rhs, dtype=float))
+
+
 def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
     """How many eigenvalues of the matrix with these (nnz,) values are negative: the signs of its pivots (Sylvester).
 
@@ -134,10 +154,12 @@ def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
 
 def _symmetric_lu(pattern: Pattern, values: np.ndarray) -> Any:
     """LU factors without pivoting: the signs of U's diagonal are the signs of the eigenvalues (Sylvester)."""
+    return _unpivoted(pattern.matrix(values))
+
+
+def _unpivoted(matrix: csc_array) -> Any:
     try:
-        return splu(
-            pattern.matrix(values), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:
         raise NotPositiveDefinite(str(error)) from None
 

@@ -12,6 +12,20 @@ from .errors import FlexMapsError
 
 
 @dataclass(frozen=True)
+class Lasting:
+    """What a year under load leaves of a material, at room temperature.
+
+    share : of Young's modulus that is left after a year (creep modulus over modulus)
+    strain : largest strain to design for that lasts, elastic and creep together
+    source : where the values come from
+    """
+
+    share: float
+    strain: float
+    source: str
+
+
+@dataclass(frozen=True)
 class Material:
     """One sheet material, SI.
 
@@ -19,6 +33,7 @@ class Material:
     strain_limit : largest strain to design for: yield for plastics that yield, else break
     breaks : True where the limit is a break without warning, False where it is yield
     source : where the values come from; note : what they leave out
+    lasting : what a year leaves of it; None where that is not known
     """
 
     name: str
@@ -29,6 +44,12 @@ class Material:
     breaks: bool
     source: str
     note: str = ""
+    lasting: Lasting | None = None
+
+    @property
+    def strength(self) -> float:
+        """Pa, the stress at the strain limit."""
+        return self.youngs * self.strain_limit
 
 
 # SI units, each with its source
@@ -42,6 +63,13 @@ MATERIALS: dict[str, Material] = {
         False,
         "DuPont Delrin 500P data sheet, ISO 527 and ISO 1183: modulus 3100 MPa, yield strain 17 %, 1420 kg/m3",
         "Poisson's ratio as is usual for POM. Creeps under lasting load, so half the yield strain is the limit.",
+        Lasting(
+            0.37,
+            0.02,
+            "ISO 899-1 creep moduli at 1 and 1000 h: Hostaform C 9021 2500 and 1300 MPa (modulus 2850), C 27021 2400 and 1200 (2750), "
+            "Delrin 500T 2300 and 1200 (2300); a factor of 0.80 each tenfold time goes on to 8760 h: 0.35 to 0.42. No data sheet that was "
+            "read gives a strain limit for years: a quarter of the one for short times, a guess",
+        ),
     ),
     "vero": Material(
         "VeroWhite",
@@ -63,6 +91,12 @@ MATERIALS: dict[str, Material] = {
         "Evonik Plexiglas GS data sheet, ISO 527: modulus 3300 MPa, strength 80 MPa, break 5.5 %; other cast sheets "
         "2800-3200 MPa, 67-75 MPa, 4-6 %",
         "Laser-cut edges carry stress cracks: the limit is well under the break.",
+        Lasting(
+            0.5,
+            0.0064,
+            "Plexiglas G, stresses that are to be designed for under continuous load, against crazing: 1500 psi (10.3 MPa). The share of the "
+            "modulus is usual for PMMA at 20 degrees, uncertain by a quarter; the strain is that stress over what is left of the modulus",
+        ),
     ),
     "pla": Material(
         "PLA, printed",
@@ -73,6 +107,12 @@ MATERIALS: dict[str, Material] = {
         True,
         "Farah, Anderson and Langer 2016, Adv. Drug Deliv. Rev. 107: modulus 3-3.5 GPa, Poisson 0.36, break 3-6 %",
         "Along the printed strands; less across layers.",
+        Lasting(
+            0.4,
+            0.005,
+            "Fischbach and Weinberg 2023 (arXiv 2302.11240): printed PLA creeps for months far below its glass transition, less the older it is. "
+            "Both numbers are guesses between POM and acrylic",
+        ),
     ),
     "petg": Material(
         "PETG, printed",
@@ -83,6 +123,12 @@ MATERIALS: dict[str, Material] = {
         False,
         "Prusament PETG data sheet: modulus 1.5-2.1 GPa; yield near 5 %; other printed bars 2-3 GPa, 1250-1290 kg/m3",
         "Along the printed strands; less across layers.",
+        Lasting(
+            0.4,
+            0.0075,
+            "Romeijn et al. 2022 (Additive Manufacturing 103145) and Polymers 17 (2025) 2075 measured creep of printed PETG for hours. Both "
+            "numbers are guesses between POM and acrylic",
+        ),
     ),
     "birch": Material(
         "Birch plywood",
@@ -95,6 +141,12 @@ MATERIALS: dict[str, Material] = {
         "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, mean density 680 kg/m3",
         "Effective isotropic value, the mean of both directions. They differ by 2.7; in three plies (4 mm) by 16, which no "
         "isotropic value stands for. The sheet is much softer in shear and torsion. Shapes lean with the grain; test a panel.",
+        Lasting(
+            1.0 / 1.8,
+            0.004,
+            "EN 1995-1-1, plywood in service class 1: k_def 0.80 (table 3.2, of decades rather than of a year, so on the safe side), k_mod 0.60 under "
+            "permanent load (table 3.1). The strain is k_mod (1 + k_def) of the limit, at most the limit itself",
+        ),
     ),
     "mdf": Material(
         "MDF",
@@ -106,6 +158,12 @@ MATERIALS: dict[str, Material] = {
         "EN 622-5, thin boards: bending modulus at least 2700 MPa, bending strength at least 23 MPa; GB/T 11718, 1.5-3.5 mm: "
         "2700 and 27 MPa",
         "Effective isotropic value in the sheet; weaker through the thickness. Thin arms swell and break with damp.",
+        Lasting(
+            1.0 / 3.25,
+            0.00325,
+            "EN 1995-1-1, MDF.LA in service class 1: k_def 2.25 (table 3.2, of decades), k_mod 0.20 under permanent load (table 3.1). The strain is "
+            "k_mod (1 + k_def) of the limit",
+        ),
     ),
 }
 

@@ -15,7 +15,7 @@ from os import PathLike
 from typing import Any, ClassVar, TypeVar
 
 from .errors import FlexMapsError
-from .materials import MATERIALS, Material, material
+from .materials import MATERIALS, Lasting, Material, material
 
 # of each unit: the factor to what is shown, and its symbol
 SHOWN: dict[str, tuple[float, str]] = {
@@ -426,7 +426,7 @@ class MaterialParams(Params):
         "What the sheet is made of: stiffness, weight and the strain it bears",
         choices=(
             *((key, m.name, m.source) for key, m in MATERIALS.items()),
-            ("custom", "Custom", "The four values below"),
+            ("custom", "Custom", "The values below"),
         ),
     )
     youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa")
@@ -439,6 +439,16 @@ class MaterialParams(Params):
         low=1e-4,
         high=5.0,
     )
+    lasting_share: float = setting(
+        0.0,
+        "Left after a year",
+        "Share of Young's modulus that a custom material has left after a year under load; 0: not known",
+        low=0.0,
+        high=1.0,
+    )
+    lasting_strain: float = setting(
+        0.01, "Lasting strain limit", "Largest strain that a custom material bears for years", low=1e-5, high=5.0
+    )
 
     @property
     def chosen(self) -> Material:
@@ -446,7 +456,9 @@ class MaterialParams(Params):
         if self.material != "custom":
             return material(self.material)
         values = (self.youngs, self.poisson, self.density, self.strain_limit)
-        return Material("Custom", *values, breaks=True, source="given by the user")
+        given = "given by the user"
+        lasting = Lasting(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
+        return Material("Custom", *values, breaks=True, source=given, lasting=lasting)
 
 
 @dataclass(frozen=True)
@@ -559,6 +571,24 @@ class OptimiseParams(Params):
 
 
 @dataclass(frozen=True)
+class StructureParams(Params):
+    """What the piece has to bear; how lines of load cases read stands in ``engine/structure/cases.py``."""
+
+    cases: str = setting(
+        "weight: weight",
+        "Load cases",
+        "NAME: KIND VALUE AXIS on GROUP times FACTOR, with semicolons between them; kinds: weight, point, line, pressure, wind, snow, move; "
+        "N, N/m, N/m2, mm",
+    )
+    combinations: str = setting(
+        "", "Combinations", "Sums of cases with factors, with semicolons between them: NAME = 1.35 weight + 1.5 snow"
+    )
+    factor_max: float = setting(
+        10.0, "Largest factor", "How many times a load may rise before it counts as safe", low=1.0, high=1000.0
+    )
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings of the main job together."""
 
@@ -573,6 +603,7 @@ class Settings:
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
     optimise: OptimiseParams = field(default_factory=OptimiseParams)
+    structure: StructureParams = field(default_factory=StructureParams)
 
 
 # settings of different sections of which the first may not be above the second, and what to do then

@@ -27,6 +27,7 @@ from . import (
     simulate,
     spirals,
     together,
+    structure,
 )
 
 MODULES = (
@@ -39,6 +40,7 @@ MODULES = (
     spirals,
     simulate,
     compare,
+    structure,
     optimise,
     advice,
     explore,

@@ -45,6 +45,11 @@ class Overlay(bpy.types.Operator):
             ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
             ("SCAN", "Scan", "How far the built piece, scanned, is from the simulated shape"),
             ("SLOT", "Slots", "Narrowest slot beside the arms of every spiral in the simulated shape"),
+            (
+                "UTILISATION",
+                "Utilisation",
+                "The most that the arms of every spiral carry under the load cases, against what they bear",
+            ),
         ],
         default="ENERGY",
     )

@@ -67,7 +67,11 @@ class ExportPanel(StagePanel, bpy.types.Panel):
             )
         block = notes.read(obj.data).get("sheets")
         if block is not None:
-            _sheets(result(layout, context, "sheets"), block)
+            column = result(layout, context, "sheets")
+            # which seams are hard to join, and where connectors bear too much
+            for text in notes.read(obj.data).get("assembly", {}).get("warnings", ()):
+                wrapped(column.box(), context, text, icon="ERROR")
+            _sheets(column, block)
         body = fold(layout, "flexmaps_page", "Page")
         if body is not None:
             settings_rows(body, settings.page, PageParams)

@@ -13,7 +13,7 @@ from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.store.states import DONE
 from ..bridge.view import flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
-from . import choose, explore, optimise, presets, simulate
+from . import choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
 from .rows import choice_row, decimals, fold, more, number, numbers, percent, settings_rows, span, wrapped
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
@@ -229,6 +229,7 @@ CLASSES = (
     *choose.CLASSES,
     SpiralPanel,
     simulate.SimulatePanel,
+    *structure.CLASSES,
     optimise.OptimisePanel,
     *explore.CLASSES,
     ExportPanel,

@@ -41,6 +41,7 @@ ROOMS = (
     "engine/fabrication",
     "engine/fabrication/writers",
     "engine/calibrating",
+    "engine/structure",
     "engine/display",
     "engine/assembling",
     "engine/choosing",

@@ -52,6 +52,7 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "slot": ("FACE", "FLOAT", -LARGEST, LARGEST),
     "reach": ("FACE", "INT", 0, 6),
     "scan": ("FACE", "FLOAT", -1, LARGEST),
+    "utilisation": ("FACE", "FLOAT", 0, LARGEST),
     "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),

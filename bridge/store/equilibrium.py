@@ -9,6 +9,7 @@ What is written:
     flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
     flexmaps_slot            face        narrowest slot beside its arms in that shape, millimetres; negative where arms overlap
     flexmaps_reach           face        what limits the match with the target, a number into ``engine/optimisation/reach.py``'s kinds
+    flexmaps_utilisation     face        the most that arms carry under the load cases, as a share of what they bear, see ``operators/structure.py``
     flexmaps_hub             face        where the hubs are, see ``pose``
 """
 
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from .surface import Surface
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
-NAMES, REACH = ("distance", "strain_energy", "strain", "slot"), "reach"
+NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "reach", "utilisation"
 
 
 # -- the shape key -----------------------------------------------------------------------------------------------------
@@ -58,7 +59,7 @@ def foreign_keys(mesh: bpy.types.Mesh) -> bool:
 
 def forget(obj: bpy.types.Object) -> None:
     """Remove everything that a simulation wrote: an earlier stage made it out of date."""
-    for name in (*NAMES, REACH):
+    for name in (*NAMES, REACH, UTILISATION):
         attributes.remove(obj, attributes.PREFIX + name)
     pose.forget(obj)
     scans.forget(obj)
@@ -115,6 +116,7 @@ def write(
         else:
             attributes.put(obj, attributes.PREFIX + name, "FACE", "FLOAT", values)
     attributes.remove(obj, attributes.PREFIX + REACH)
+    attributes.remove(obj, attributes.PREFIX + UTILISATION)
     if limits is not None:
         attributes.put(obj, attributes.PREFIX + REACH, "FACE", "INT", limits.kind)
     pose.write(obj, surface.to_metres, simulation.equilibrium.pose)
@@ -207,6 +209,14 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> 
     if block is None or not sound(block) or out_of_date(obj, scene):
         return None
     return pose.read(obj, surface.to_metres)
+
+
+def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"] | None) -> None:
+    """The most that the arms of every spiral carry under any load, as a share of what they bear; None where no model tells."""
+    if values is None:
+        attributes.remove(obj, attributes.PREFIX + UTILISATION)
+    else:
+        attributes.put(obj, attributes.PREFIX + UTILISATION, "FACE", "FLOAT", values)
 
 
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import bpy
@@ -25,6 +25,7 @@ class Snapshot:
 
     name : of the object; note : of the stage that made its spirals, if there is one
     held : quads that are held; force : newtons on the quads; None without
+    groups : quads by the names of the vertex groups that load cases speak of
     """
 
     name: str
@@ -33,13 +34,14 @@ class Snapshot:
     held: Int[np.ndarray, " supports"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
     note: dict[str, Any] | None = None
+    groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
 
     def result(self) -> Result:
         """The job's result as far as its stages have run. Raises ``FlexMapsError`` with the first error of the check.
 
         Members that are stored but cannot be used any more are in ``Result.lost``.
         """
-        made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force)
+        made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force, groups=self.groups)
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
@@ -90,7 +92,7 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loade
     if not loaded:
         return snapshot
     held, force = supports.loads(obj, surface, used.loads)
-    return replace(snapshot, held=held, force=force)
+    return replace(snapshot, held=held, force=force, groups=supports.named(obj, surface, used.structure))
 
 
 def read(obj: bpy.types.Object) -> Stored:
@@ -109,9 +111,8 @@ def read(obj: bpy.types.Object) -> Stored:
     except FlexMapsError:
         return Stored(surface.polygons, used, surface.uid)
     held, force = supports.loads(obj, surface, used.loads)
-    return Stored(
-        surface.polygons, used, surface.uid, replace(result, supports=held, force=force), snapshot.seams(result)
-    )
+    loaded = replace(result, supports=held, force=force, groups=supports.named(obj, surface, used.structure))
+    return Stored(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
 
 
 def rest_of(uid: int) -> Pose | None:

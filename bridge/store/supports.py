@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import bpy
@@ -9,7 +10,8 @@ import numpy as np
 
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
-from ...engine.params import LoadParams
+from ...engine.params import LoadParams, StructureParams
+from ...engine.structure import cases
 from . import mesh, objects
 
 if TYPE_CHECKING:
@@ -32,6 +34,26 @@ def loads_of(
     """The same of an object that was read earlier."""
     obj = objects.find(uid)
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
+
+
+def named(obj: bpy.types.Object, surface: Surface, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
+    """The quads of those vertex groups that load cases speak of; cases that cannot be read, or groups that hold no quad, are left out."""
+    try:
+        wanted = cases.plan(params.cases, params.combinations).groups
+    except FlexMapsError:
+        return {}  # whoever needs them reads them again, and is told
+    found = {}
+    for name in wanted:
+        if obj.vertex_groups.get(name) is not None:
+            with suppress(FlexMapsError):
+                found[name] = _quads(obj, surface, name, "Load cases")
+    return found
+
+
+def named_of(uid: int, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
+    """The same of an object that was read earlier."""
+    obj = objects.find(uid)
+    return named(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
 def is_group(uid: int, name: str) -> bool:

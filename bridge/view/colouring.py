@@ -24,6 +24,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "SAFETY": ("flexmaps_strain", "Strain", "%"),
     "SLOT": ("flexmaps_slot", "Slots", "mm"),
     "SCAN": ("flexmaps_scan", "Distance of the scan", "mm"),
+    "UTILISATION": ("flexmaps_utilisation", "Utilisation", "%"),
 }
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
 OPEN = 0.3  # mm: the scale of the slots ends at least here, the smallest one that a laser leaves
@@ -58,6 +59,9 @@ def painted(
         return colours.on_scale(values, 0.0, high, colours.BAD), legend
     if kind == "SAFETY":
         legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
+        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
+    if kind == "UTILISATION":
+        legend = Legend(f"Under loads, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
         return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
     low, high = float(values.min()), float(values.max())
     if kind == "SLOT":
@@ -126,4 +130,6 @@ def current(obj: bpy.types.Object, kind: str) -> bool:
     """Colours of a simulation that the mesh has left behind are not shown."""
     if kind == "SCAN":
         return scans.current(obj, bpy.context.scene)
+    if kind == "UTILISATION":
+        return not equilibrium.out_of_date(obj, bpy.context.scene, "structure")
     return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)

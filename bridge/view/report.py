@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
     from ..store.snapshot import Snapshot
 
-SIMULATED = ("equilibrium", "reach", "optimise")
+SIMULATED = ("equilibrium", "reach", "optimise", "structure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         key.data.foreach_get("co", shape.ravel())
     if not np.isfinite(shape).all():
         return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
-    names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
+    names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach", "utilisation": "utilisation"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
     return replace(found, shape=shape, values=found.values | values, pose=pose.read(obj, taken.surface.to_metres))
 

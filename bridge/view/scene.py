@@ -109,6 +109,8 @@ def put(
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
     if result.scan is not None:
         scans.write(obj, result.scan, scan_points.show(obj, scene, result.scan))
+    if result.structure is not None:
+        equilibrium.write_utilisation(obj, result.structure.utilisation)
     notes.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 

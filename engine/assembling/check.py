@@ -1,10 +1,7 @@
 """Looking ahead to the assembly: seam by seam, how well both sides fit, what their joints have to bear, what will be hard.
 
 Both sides of a seam were flattened with lengths that differ a little; whoever joins them has to stretch the one and to
-press the other together. At rest every joint carries a force and a moment of the equilibrium. Its narrowest place is the
-neck of its connector, a bar of the neck's width n and the sheet's thickness t: of a force F and the moments M in and out
-of the sheet's plane it feels at most the strain (F / n t + 6 M_in / t n^2 + 6 M_out / n t^2) / E by beam theory. Torsion
-counts as bending out of the plane: in a bar as flat as a sheet it strains the material a little less.
+press the other together. What the joints carry at rest is told by ``structure/joints``.
 """
 
 from __future__ import annotations
@@ -20,6 +17,7 @@ from ..mechanics.arms.model import ArmModel
 from ..patches.layout import PatchLayout
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
+from ..structure import joints
 
 # share of an edge by which its two sides may differ: with more, two joints 20 mm apart are off by a whole thin arm
 STRETCH = 0.05
@@ -176,19 +174,5 @@ def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulati
     wrench = np.zeros((len(mesh.edges), 6))
     wrench[~mesh.border] = model.wrenches(model.start(rest.pose))
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
-    neck = _necks(design, made)
-    inside, outside = np.abs(wrench[:, 5]), np.linalg.norm(wrench[:, 3:5], axis=1)
-    stress = force / (neck * thickness) + 6.0 * inside / (thickness * neck**2) + 6.0 * outside / (neck * thickness**2)
-    return np.column_stack([force, moment, stress / (material.youngs * material.strain_limit)])
-
-
-def _necks(design: SpiralDesign, made: Connections | None) -> np.ndarray:
-    """(E,) metres, width of the narrowest place of every joint: its connector's neck, else the arm."""
-    mesh = design.flat.layout.mesh
-    neck = design.arms.joint_width[mesh.edge_quads[:, 0], mesh.edge_sides[:, 0]]
-    for connector in () if made is None else made.connectors:
-        if connector.kind != "tab":
-            size = connector.made.size
-            # the gap is taken from both sides of the curve between head and socket
-            neck[mesh.quad_edges[connector.faces[0], connector.sides[0]]] = size.neck - size.clearance
-    return neck
+    stress = joints.stresses(wrench, joints.necks(design, made), thickness)
+    return np.column_stack([force, moment, stress / material.strength])

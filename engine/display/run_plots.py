@@ -17,13 +17,14 @@ from ..scanning.compare import Comparison
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
+from ..structure.structure import Structure
 from ..surface.mesh import QuadMesh
-from . import arrange, plots
+from . import arrange, load_plots, plots
 from .drawing import Drawing, hexes
 from .plots import Colouring
 
 NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
-         "slots", "limits", "scan")  # fmt: skip
+         "slots", "limits", "scan", "loads", "utilisation")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
 # mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
@@ -38,6 +39,7 @@ class Measured:
     distortion : ARAP energy; width, anisotropy, twist : mean of the arms in mm, percent as in ``spiral.anisotropy``, degrees
     shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
     slot : mm, the narrowest slot beside the arms in that shape
+    utilisation : the largest share of what its arms bear, over all loads
     kind : what limits the match, into ``reach.NAMES``
     scan : mm from the scan of the built piece, negative where it does not show the spiral
     """
@@ -56,6 +58,7 @@ class Measured:
     slot: Float[np.ndarray, " quads"] | None = None
     kind: Int[np.ndarray, " quads"] | None = None
     scan: Float[np.ndarray, " quads"] | None = None
+    utilisation: Float[np.ndarray, " quads"] | None = None
 
     @classmethod
     def of(
@@ -66,6 +69,7 @@ class Measured:
         simulation: Simulation | None = None,
         limits: Reach | None = None,
         scan: Comparison | None = None,
+        structure: Structure | None = None,
     ) -> Measured:
         """Of what the stages have made."""
         values: dict[str, Any] = {}
@@ -93,6 +97,8 @@ class Measured:
             values["kind"] = limits.kind
         if scan is not None:
             values["scan"] = scan.shown_mm
+        if structure is not None:
+            values["utilisation"] = structure.utilisation
         return cls(mesh, **values)
 
 
@@ -103,7 +109,8 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
     match = _match(measured, described)
-    return layout | spirals | _choices(described) | _history(described) | match | _scan(measured, described)
+    loaded = _loads(measured, described)
+    return layout | spirals | _choices(described) | _history(described) | match | _scan(measured, described) | loaded
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
@@ -208,3 +215,17 @@ def _scan(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
     far = replace(far, fills=np.where((m.scan < 0)[:, None], colours.UNSEEN, far.fills))
     shape = m.mesh.vertices if m.shape is None else m.shape
     return {"scan": plots.shape_map(shape, m.mesh.quads, np.zeros((len(m.mesh.quads), 4), bool), far)}
+
+
+def _loads(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    block = described.get("structure")
+    if not block:
+        return {}
+    found = {"loads": load_plots.load_paths(block)}
+    if m.utilisation is not None and m.shape is not None and m.sides is not None:
+        share = 100.0 * m.utilisation
+        high = max(100.0, float(share.max()))
+        title = "Utilisation: the most that arms carry under any load"
+        used = Colouring.of(title, share, "% of limit", colours.BAD, 0.0, high)
+        found["utilisation"] = plots.shape_map(m.shape, m.mesh.quads, m.sides, used)
+    return found

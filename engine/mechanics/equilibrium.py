@@ -178,15 +178,19 @@ class _Balance:
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
         """Forces left over, relative to the forces in the joints now and at the start, and to the loads."""
-        a, b = self.model.pairs.T
-        length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
-        weight = np.repeat([1.0, 1.0 / length], 3)
+        weight, inner = force_measure(self.model, here, pose)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
-        stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
-        inner = float(np.sqrt(2.0 * here.per_joint * stiffness).sum() / np.sqrt(len(stiffness)))
-        loads = float(np.linalg.norm(self.loads.force))
-        self.scale = max(self.scale, inner, loads, UNSTRESSED * length * float(np.median(stiffness)))
+        self.scale = max(self.scale, inner, float(np.linalg.norm(self.loads.force)))
         return float(left / self.scale)
+
+
+def force_measure(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
+    """What makes forces of forces and moments (6,), and newtons, the size of the forces within the joints of a state."""
+    a, b = model.pairs.T
+    length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
+    stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
+    inner = float(np.sqrt(2.0 * here.per_joint * stiffness).sum() / np.sqrt(len(stiffness)))
+    return np.repeat([1.0, 1.0 / length], 3), max(inner, UNSTRESSED * length * float(np.median(stiffness)))
 
 
 def _result(problem: _Balance, run: Run) -> Equilibrium:

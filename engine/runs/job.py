@@ -64,6 +64,7 @@ def run(
     stop_after: str = NAMES[-1],
     optimised: bool = False,
     chosen: bool = False,
+    structured: bool = False,
     supports: str | Sequence[int] | None = None,
     progress: Progress = SILENT,
 ) -> Result:
@@ -73,19 +74,22 @@ def run(
     is taken to be in metres already. ``supports`` names the quads that stand, see ``loads.standing``. Raises
     ``FlexMapsError`` where the input or a setting does not allow a stage, and ``Cancelled`` when the progress asks to stop.
     """
-    wanted = stages(stop_after, optimised, chosen)
+    wanted = stages(stop_after, optimised, chosen, structured)
     stage = _Stages(wanted, progress)
     with stage(CHECK):
         result = begin(polygons, edge=edge, height=height, supports=supports)
     return _through(result, settings, wanted[1:], stage, lenient=True)
 
 
-def stages(stop_after: str, optimised: bool = False, chosen: bool = False) -> list[str]:
-    """The stages up to ``stop_after``; "optimise" only if that is the last or ``optimised``, "choose" likewise if ``chosen``."""
+def stages(stop_after: str, optimised: bool = False, chosen: bool = False, structured: bool = False) -> list[str]:
+    """The stages up to ``stop_after``; "optimise" only if that is the last or ``optimised``, "choose" likewise if ``chosen``, and
+    "structure" if ``structured``.
+    """
     if stop_after not in NAMES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(NAMES)}")
     first = NAMES[: NAMES.index(stop_after) + 1]
-    wanted = {CHECK, stop_after} | ({"optimise"} if optimised else set()) | ({"choose"} if chosen else set())
+    asked = {"optimise": optimised, "choose": chosen, "structure": structured}
+    wanted = {CHECK, stop_after, *(name for name, is_so in asked.items() if is_so)}
     return [name for name in first if name in wanted or not STAGES[name].asked]
 
 

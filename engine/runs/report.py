@@ -96,6 +96,7 @@ _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),
     "reach": _own("limits"),
     "scan": _own("scan"),
+    "structure": _own("structure"),
     "sheets": ("sheets", _sheets),
     "assembly": _own("assembly"),
 }

@@ -32,7 +32,9 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
 
 def measured(result: Result) -> Measured:
     """What the plots of a run show."""
-    return Measured.of(result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan)
+    return Measured.of(
+        result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan, result.structure
+    )
 
 
 def write(
@@ -135,6 +137,7 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
         sound = shape["converged"] and not shape["locked"] and shape["negative_eigenvalues"] == 0
         notes.append((not sound, shape["status"]))
         notes += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
+    notes += [(True, finding["message"]) for finding in described.get("structure", {}).get("findings", ())]
     better = described.get("optimise", {})
     if "end" in better:
         notes.append((not better["finished"], f"How optimising ended: {better['end']}"))

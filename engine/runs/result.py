@@ -21,6 +21,7 @@ from ..scanning.compare import Comparison
 from ..scanning.reading import Scan
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
+from ..structure.structure import Structure
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh, QuadMesh
 
@@ -34,6 +35,7 @@ class Result:
     mesh : the quad mesh, regularised if that stage ran
     edge, height : the size that was asked for, metres, which regularising keeps
     supports : quads that are held where they lie in the target; force : newtons on the quads
+    groups : quads by the names that loads may use beside numbers
     seams : where somebody wants the surface to be cut; tracing then begins there
     rest : a pose that was found before, from which simulating starts
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
@@ -41,6 +43,7 @@ class Result:
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
     scanned : a scan of the built piece to compare with; scan : it laid over the simulated shape, or the target
+    structure : what the piece bears, if that was asked for
     sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
     lost : why a member that was there once cannot be used, by its name; reported instead of "there is none yet"
     undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
@@ -54,6 +57,7 @@ class Result:
     height: float | None = None
     supports: Int[np.ndarray, " held"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
+    groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
     seams: Bool[np.ndarray, " edges"] | None = None
     rest: Pose | None = None
     layout: PatchLayout | None = None
@@ -65,6 +69,7 @@ class Result:
     limits: Reach | None = None
     scanned: Scan | None = None
     scan: Comparison | None = None
+    structure: Structure | None = None
     sheets: CutSheets | None = None
     estimates: Estimates | None = None
     assembly: AssemblyCheck | None = None

@@ -78,6 +78,8 @@ TABLE = (
           settings=PHYSICS, blocks=("equilibrium", "reach"), optional=True, done="simulated"),
     Stage("compare", 0.1, makes=("scan",), may_use=("simulation",), blocks=("scan",), asked=True, optional=True,
           done="compared with its scan"),
+    Stage("structure", 0.3, ("simulation",), makes=("structure",), settings=(*PHYSICS, "structure", "connect", "cut"),
+          blocks=("structure",), asked=True, optional=True, done="examined under its loads"),
     Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
           blocks=("sheets",)),
     Stage("estimate", 0.0, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
@@ -92,6 +94,7 @@ MISSING = {
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",
     "simulation": "There is no simulated shape yet; press Simulate first",
+    "structure": "Nothing was examined under loads yet; press Check structure first",
     "sheets": "There are no sheets yet; press Export sheets first",
 }
 

@@ -15,6 +15,7 @@ from ..choosing import choose
 from ..choosing.judge import Piece
 from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
+from ..fabrication.connectors.connect import Connections, connect
 from ..optimisation import optimise, reach
 from ..params import Settings
 from ..patches.layout import PatchLayout
@@ -25,6 +26,7 @@ from ..progress import Progress
 from ..scanning import compare
 from ..simulation import simulate
 from ..spirals import design
+from ..structure import cases, structure
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
@@ -133,6 +135,31 @@ def _compare(result: Result, settings: Settings, progress: Progress) -> Result:
     return replace(result, scan=compare.compare(mesh, result.scanned, simulated, progress))
 
 
+def _structure(result: Result, settings: Settings, progress: Progress) -> Result:
+    assert result.simulation is not None
+    assert result.design is not None
+    wanted = settings.structure
+    plan = cases.plan(wanted.cases, wanted.combinations)
+    found = structure.analyse(
+        result.simulation,
+        plan,
+        wanted,
+        settings.simulate,
+        connections=_connected(result.design, settings, progress.part(0.0, 0.2)),
+        groups=result.groups,
+        progress=progress.part(0.2, 1.0),
+    )
+    return replace(result, structure=found)
+
+
+def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
+    """The connectors of a design; None where it cannot be cut with them."""
+    try:
+        return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
+    except FlexMapsError:
+        return None
+
+
 def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     split.check_size(result.design.flat, settings.layout, settings.sheet)
@@ -159,6 +186,7 @@ STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
     "optimise": _optimise,
     "simulate": _simulate,
     "compare": _compare,
+    "structure": _structure,
     "sheets": _sheets,
     "estimate": _estimate,
 }

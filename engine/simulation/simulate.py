@@ -136,6 +136,16 @@ class Simulation:
                 "bears: they break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
             )
             found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
+        lasting = self.material.lasting
+        tired = np.zeros(0, int)
+        if lasting is not None and len(strain):
+            tired = np.flatnonzero(strain > STRAINED * lasting.strain / self.material.strain_limit)
+        if lasting is not None and len(tired) and not len(strained):
+            text = (
+                f"The arms of {len(tired)} spirals are strained by up to {100.0 * self.material.strain_limit * strain.max():.2g} %, more than the "
+                f"{100.0 * lasting.strain:.2g} % that {self.material.name} bears for years: the shape sags, and arms may crack in time"
+            )
+            found.append(Finding("strained-for-years", "warning", text, tuple(tired.tolist())))
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)

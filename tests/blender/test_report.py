@@ -26,8 +26,8 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link", "input"}
-# these need layouts to choose from and a scan, see test_choose, test_compare
-DRAWN = set(run_plots.NAMES) - {"choices", "scan"}
+# these need layouts to choose from, a scan and loads, see test_choose, test_compare, test_structure
+DRAWN = set(run_plots.NAMES) - {"choices", "scan", "loads", "utilisation"}
 FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 

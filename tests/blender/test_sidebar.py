@@ -107,6 +107,21 @@ def test_the_sidebar_tells_a_simulation_as_it_is(dome: Any, sides: Any) -> None:
     sides()
 
 
+def test_the_sidebar_tells_what_is_borne(dome: Any, sides: Any) -> None:
+    feet = dome.vertex_groups.new(name="feet")
+    low = min(v.co.z for v in dome.data.vertices)
+    feet.add([v.index for v in dome.data.vertices if v.co.z < low + 1e-4], 1.0, "REPLACE")
+    dome.flexmaps.loads.supports = "feet"
+    dome.flexmaps.structure.cases = "weight: weight; heavy: snow 1e5"
+    for button in ("flatten", "spirals", "simulate", "structure"):
+        press(button)
+    lines = sides()
+    assert {"heavy: snow 1e5", "Add load", "weight", "Largest deflection", "! Gives way at", "Utilisation"} <= set(
+        lines
+    )
+    assert "'heavy' the piece snaps at" in " ".join(lines)
+
+
 def test_the_sidebar_shows_a_running_job_and_warnings(add: Any, sides: Any) -> None:
     from flexmaps.bridge.hosts import background
 

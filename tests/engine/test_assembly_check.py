@@ -14,6 +14,7 @@ from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation import simulate
 from flexmaps.engine.spirals import design
+from flexmaps.engine.structure import joints
 from flexmaps.engine.surface import shapes
 
 POM = MATERIALS["pom"]
@@ -100,7 +101,7 @@ def test_the_force_of_a_pulled_strip(flat_grid):
 def test_necks_are_those_of_the_connectors(flat_grid, kind):
     made = design.uniform(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
     joined = connectors.connect(made, ConnectorParams(connector=kind))
-    neck = assembly_check._necks(made, joined)
+    neck = joints.necks(made, joined)
     cut = made.flat.layout.cut
     arm = made.arms.joint_width[made.flat.layout.mesh.edge_quads[:, 0], made.flat.layout.mesh.edge_sides[:, 0]]
     np.testing.assert_array_equal(neck[~cut], arm[~cut])
@@ -126,7 +127,7 @@ def test_hard_seams_are_named(flat_grid):
     weak = SimpleNamespace(
         model=found.model,
         equilibrium=found.equilibrium,
-        material=SimpleNamespace(youngs=POM.youngs, strain_limit=1e-6),
+        material=SimpleNamespace(strength=1e-6 * POM.youngs),
     )
     checked = assembly_check.check_assembly(made, None, weak)
     assert checked.seams[0].hard == ("load",)

@@ -23,6 +23,7 @@ GIVEN = {
     "height",
     "supports",
     "force",
+    "groups",
     "seams",
     "rest",
     "scanned",
@@ -84,6 +85,7 @@ SHAPE, CUT = {"simulation", "limits"}, {"sheets", "estimates", "assembly"}
         ("loads", {"force_z": 1.0}, SPIRALS | {"sheets"}),
         ("sheet", {"sheet_width": 0.3}, SPIRALS | SHAPE),
         ("connect", {"connector": "none"}, SPIRALS | SHAPE),
+        ("structure", {"cases": "a: weight"}, SPIRALS | SHAPE | CUT),
         ("export", {"pdf": True}, SPIRALS | SHAPE | CUT),
         ("optimise", {"iterations": 7}, SPIRALS | SHAPE | CUT),
     ],
@@ -131,15 +133,16 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
 
 def test_notes_are_dropped_with_what_they_tell_of() -> None:
     """In a .blend file a note stays true until a stage before its own writes."""
-    made = {"spirals", "optimise", "equilibrium", "reach", "sheets", "assembly"}
+    made = {"spirals", "optimise", "equilibrium", "reach", "structure", "sheets", "assembly"}
     assert stages.blocks_after("layout") == made | {"choose"}
     assert stages.blocks_after("choose") == set()  # the layout that is written with it takes them
-    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "sheets", "assembly"}
-    assert stages.blocks_after("equilibrium") == stages.blocks_after("optimise") == set()
+    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "structure", "sheets", "assembly"}
+    assert stages.blocks_after("equilibrium") == {"structure"} and stages.blocks_after("optimise") == set()
 
 
 def test_every_block_is_told(made: Result) -> None:
-    assert report.blocks(made).keys() == set(stages.BLOCKS) - {"choose", "optimise", "scan"}  # which nobody asked for
+    asked = {"choose", "optimise", "scan", "structure"}  # which nobody asked for
+    assert report.blocks(made).keys() == set(stages.BLOCKS) - asked
     assert report.blocks(made, ("sheets", "optimise")).keys() == {"sheets"}
 
 
@@ -147,6 +150,7 @@ def test_stages_up_to_a_name() -> None:
     assert job.stages("split") == ["check", "regularise", "trace", "merge", "split"]
     assert "optimise" not in job.stages("sheets") and "optimise" in job.stages("sheets", optimised=True)
     assert job.stages("optimise")[-1] == "optimise"
+    assert "structure" not in job.stages("sheets") and "structure" in job.stages("sheets", structured=True)
     assert "choose" not in job.stages("sheets", optimised=True) and "optimise" not in job.stages("sheets", chosen=True)
     assert job.stages("spirals", chosen=True)[-3:] == ["split", "choose", "spirals"]
     assert not any(STAGES[name].quick for name in job.NAMES[1:])

@@ -1,0 +1,81 @@
+"""Plots of what a piece bears: how it gives way as its loads rise, and how near its arms are to what they bear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from .. import colours
+from .drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
+from .plots import ACCENT, CURVE, Axes
+
+ROOM = 1.06  # of the largest value, that an axis ends beyond it; by eye
+LEFT = 118.0  # pixels for the names beside the curves; by eye
+SHOWN = 3.0  # times the load, or the deflection where it snaps, where the axes end: what is beyond flattens the rest
+
+
+def load_paths(block: Mapping[str, Any], size: tuple[float, float] = (520, 340)) -> Drawing:
+    """Factor of every load against the deflection of the hub that moves most; a dot where the piece gives way.
+
+    block : ``structure`` of report.json
+    """
+    outcomes = [one for one in block["outcomes"] if len(one["curve"]) > 1]
+    drawing = Drawing("How far the piece gives way as its loads rise", *size)
+    if not outcomes:
+        return drawing
+    curves = [np.array(one["curve"]) for one in outcomes]
+    wide, tall = _ends(outcomes, curves)
+    axes = Axes(drawing, (0.0, ROOM * wide), (0.0, ROOM * tall), right=LEFT)
+    axes.frame("Deflection (mm)", "Factor of the load", ticks(0.0, wide), ticks(0.0, tall))
+    looks = hexes(np.clip(colours.of_patches(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
+    for row, (one, curve, look) in enumerate(zip(outcomes, curves, looks, strict=True)):
+        inside = _inside(curve, wide, tall)
+        points = axes.at(inside[:, 1], inside[:, 0])
+        drawing.add(Line(points, look, 2.2))
+        if one["critical"] is not None and one["critical"] <= ROOM * tall:
+            highest = curve[np.abs(curve[:, 0] - one["critical"]).argmin()]
+            if highest[1] <= ROOM * wide:
+                drawing.add(Dots(axes.at(highest[[1]], highest[[0]]), 4.5, ACCENT))
+        y = axes.top + 12.0 + 18.0 * row
+        drawing.add(Line(np.array([[size[0] - LEFT + 8, y - 4], [size[0] - LEFT + 28, y - 4]]), look, 2.2))
+        drawing.add(Text((size[0] - LEFT + 34, y), one["name"], 11.5, INK))
+    one_load = axes.at(np.array([0.0, ROOM * wide]), np.array([1.0, 1.0]))
+    drawing.add(Line(one_load, CURVE, 1.2, 4.0))
+    return drawing
+
+
+def _ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Where the axes end: beyond the load itself and the critical ones, but not where a piece hangs long after it snapped."""
+    highest = [one["critical"] for one in outcomes if one["critical"] is not None]
+    tall = min(
+        max([1.2, *(1.1 * value for value in highest)]), SHOWN * 1.0 if not highest else max(SHOWN, min(highest))
+    )
+    at_load = [float(np.interp(min(tall, c[:, 0].max()), *_rising(c))) for c in curves]
+    return max(*at_load, 1e-6, 0.0) * 1.5, tall
+
+
+def _rising(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factors and deflections up to the largest factor."""
+    part = curve[: 1 + int(curve[:, 0].argmax())]
+    return part[:, 0], part[:, 1]
+
+
+def _inside(curve: np.ndarray, wide: float, tall: float) -> np.ndarray:
+    """The curve up to where it leaves the plot, cut off at its edge."""
+    out = [curve[0]]
+    for before, after in pairwise(curve):
+        share = 1.0
+        for value, step, end in (
+            (after[1], after[1] - before[1], ROOM * wide),
+            (after[0], after[0] - before[0], ROOM * tall),
+        ):
+            if value > end:
+                share = min(share, 1.0 - (value - end) / max(step, 1e-300))
+        share = min(share, before[1] / max(before[1] - after[1], 1e-300)) if after[1] < 0.0 else share
+        out.append(before + max(share, 0.0) * (after - before))
+        if share < 1.0:
+            break
+    return np.array(out)

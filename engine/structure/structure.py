@@ -1,0 +1,332 @@
+"""A piece under its load cases: how far it gives way, how near its arms and joints are to what they bear, and when it snaps.
+
+All figures of a case are those of its own load path (``path``), which begins at the shape that the piece takes without loads. What
+holds after a year is the same under the loads that stay, with what is left of Young's modulus by then (the effective modulus of
+EN 1995-1-1, 2.3.2.2): as all stiffnesses go with the modulus, that is the equilibrium under these loads over its share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Bool, Float, Int
+from ..errors import FlexMapsError
+from ..fabrication.connectors.connect import Connections
+from ..materials import Material
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.assembly import Pose
+from ..mechanics.equilibrium import Equilibrium, solve
+from ..mechanics.loads import Loads, standing
+from ..mechanics.newton_system import NewtonSystem
+from ..params import SimulateParams, StructureParams
+from ..progress import SILENT, Progress
+from ..simulation.simulate import Simulation, carried
+from ..surface.checking.check import Finding
+from ..threads import one_thread
+from . import joints
+from .actions import Action, Ground, actions, lasting
+from .buckling import linear_buckling
+from .cases import LoadPlan
+from .path import Follower, Path, follow
+
+YEAR = "after a year"  # name and kind of the outcome of the loads that stay
+FULL = 1.0005  # of what is borne, from which on something is said to be overloaded, as in ``simulate``
+POINTS = 60  # of a curve in the report
+
+
+@dataclass(frozen=True, eq=False)
+class Borne:
+    """What the arms and the joints of a state carry, as shares of what they bear.
+
+    arms : (n,) of every spiral its most strained arm; None for the rod model, as are the others
+    joints : (m,) of every joint its narrowest place; forces, moments : (m,) N and N m
+    """
+
+    arms: Float[np.ndarray, " spirals"] | None = None
+    joints: Float[np.ndarray, " joints"] | None = None
+    forces: Float[np.ndarray, " joints"] | None = None
+    moments: Float[np.ndarray, " joints"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A case, a combination or the state after a year.
+
+    action : at the factor 1; pose : of the hubs under it, None where it snaps before
+    borne : what is carried then; path : the load path; share : of Young's modulus that is left
+    linear : the critical factor by linear buckling
+    """
+
+    name: str
+    kind: str
+    action: Action
+    rest: Pose
+    pose: Pose | None
+    borne: Borne
+    path: Path
+    linear: float | None
+    share: float = 1.0
+
+    @property
+    def critical(self) -> float | None:
+        """The factor of the load at which the piece gives way; None where that was not found."""
+        return None if self.path.critical is None else self.share * self.path.critical
+
+    @property
+    def shift(self) -> Float[np.ndarray, "spirals 3"]:
+        """(n, 3) m: how far the hubs have moved from where they rest, at the factor 1 or the last one before it snaps."""
+        return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
+
+    @property
+    def deflection(self) -> Float[np.ndarray, " spirals"]:
+        """(n,) m"""
+        return np.linalg.norm(self.shift, axis=1)
+
+    @property
+    def curve(self) -> Float[np.ndarray, "points 2"]:
+        """(k, 2): factor, and the deflection (m) of the hub that moves most, along its way."""
+        most = int(self.deflection.argmax())
+        way = self.shift[most] / max(float(self.deflection[most]), 1e-300)
+        return np.array([
+            [self.share * one.factor, float((one.pose.centres[most] - self.rest.centres[most]) @ way)]
+            for one in self.path.points
+        ])  # fmt: skip
+
+    def report(self, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+        """One row of the block; joints are told of where they are ``seams``."""
+        row: dict[str, Any] = {
+            "name": self.name,
+            "kind": self.kind,
+            "reached": self.pose is not None,
+            "critical": _rounded(self.critical),
+            "critical_kind": self.path.kind,
+            "linear": _rounded(None if self.linear is None else self.share * self.linear),
+            "followed_to": _rounded(self.share * max(one.factor for one in self.path.points)),
+            "curve": [[float(f"{x:.6g}"), float(f"{1e3 * y:.6g}")] for x, y in self.curve[:POINTS]],
+        }
+        if self.path.ended:
+            row["ended"] = self.path.ended
+        if self.pose is not None:
+            row |= {
+                "deflection_max_mm": float(f"{1e3 * self.deflection.max():.6g}"),
+                "deflection_rms_mm": float(f"{1e3 * np.sqrt((self.deflection**2).mean()):.6g}"),
+                "deflection_quad": int(self.deflection.argmax()),
+                **_borne(self.borne, seams),
+            }
+        return row
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """What a piece bears.
+
+    rest : what is carried without loads; lasting : the same as shares of what is borne for years, where that is known
+    outcomes : of the cases, the combinations, and after a year, in this order
+    seams : (m,) bool, joints that are put together by hand
+    """
+
+    simulation: Simulation
+    rest: Equilibrium
+    at_rest: Borne
+    outcomes: tuple[Outcome, ...]
+    seams: Bool[np.ndarray, " joints"]
+
+    @property
+    def utilisation(self) -> Float[np.ndarray, " quads"] | None:
+        """(F,) the largest share of what every spiral's arms bear, over all that was looked at; None for the rod model."""
+        found = [one.borne.arms for one in self.outcomes if one.borne.arms is not None]
+        return np.max(found, axis=0) if found else self.at_rest.arms
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What would snap, break, or pull a joint apart."""
+        return [finding for one in self.outcomes for finding in _findings(one, self)]
+
+    def report(self) -> dict[str, Any]:
+        """The ``structure`` block of report.json."""
+        block: dict[str, Any] = {
+            "material": self.simulation.material.name,
+            "rest": _borne(self.at_rest, self.seams),
+            "outcomes": [one.report(self.seams) for one in self.outcomes],
+        }
+        known = self.simulation.material.lasting
+        if known is not None:
+            block["lasting"] = {"share": known.share, "strain": known.strain, "source": known.source}
+        if self.findings:
+            block["findings"] = [finding.as_dict() for finding in self.findings]
+        return block
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else float(f"{value:.6g}")
+
+
+def _borne(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+    if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
+        return {}
+    told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
+    if seams.any():
+        told |= {
+            "joints": _rounded(float(found.joints[seams].max())),
+            "joint_force_n": _rounded(float(found.forces[seams].max())),
+            "joint_moment_n_mm": _rounded(1e3 * float(found.moments[seams].max())),
+        }
+    return told
+
+
+def _findings(one: Outcome, structure: Structure) -> list[Finding]:
+    found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
+    if one.pose is None:
+        reached = one.critical or one.share * one.path.last.factor
+        far = tuple(np.flatnonzero(one.deflection >= 0.5 * one.deflection.max()).tolist())
+        how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
+        text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"
+        found.append(Finding("snaps", "warning", text, far))
+    if one.borne.arms is not None and one.borne.arms.max() > FULL:
+        worst = tuple(np.flatnonzero(one.borne.arms > FULL).tolist())
+        text = f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of what the material bears"
+        found.append(Finding("overstrained", "warning", text, worst))
+    if one.borne.joints is not None and structure.seams.any():
+        share = np.where(structure.seams, one.borne.joints, 0.0)
+        weak = np.flatnonzero(share > FULL)
+        if len(weak):
+            quads = np.unique(structure.simulation.assembly.pairs[weak])
+            text = f"{what} {len(weak)} connectors are loaded to {100.0 * share.max():.0f} % of what their necks bear"
+            found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
+    return found
+
+
+# -- analysis ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Strength:
+    """What arms and joints bear: strain and stress limits of a material; necks (m,) m of the joints."""
+
+    simulation: Simulation
+    necks: Float[np.ndarray, " joints"]
+
+    def borne(self, pose: Pose, strain: float) -> Borne:
+        """What is carried in a pose as a share of what is borne at a strain limit."""
+        model, material = self.simulation.model, self.simulation.material
+        if not isinstance(model, ArmModel):
+            return Borne()
+        state = model.start(pose)
+        arms = model.strains(state, material).sum(axis=2) / strain
+        worst = np.zeros(model.assembly.size)
+        np.maximum.at(worst, model.assembly.pairs, arms)
+        wrench = model.wrenches(state)
+        stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
+        force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
+        return Borne(worst, stress / (material.youngs * strain), force, moment)
+
+
+def without_loads(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Equilibrium:
+    """The shape that a piece takes under nothing but what holds it. Raises ``FlexMapsError`` where there is none."""
+    loads = Loads(simulation.loads.fixed, np.zeros_like(simulation.loads.force))
+    found = solve(simulation.model, simulation.equilibrium.pose, loads, params, progress)
+    if not found.converged:
+        raise FlexMapsError(f"Without loads the piece comes to no rest to begin with: {found.status}")
+    return found
+
+
+def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> Ground:
+    """The shape at rest as loads see it; groups : quads by the names that loads may use beside numbers."""
+    design, mesh = simulation.design, simulation.target
+
+    def where(text: str) -> np.ndarray:
+        if text in groups:
+            return groups[text]
+        try:
+            return standing(mesh, text)
+        except FlexMapsError:
+            last = len(mesh.quads) - 1
+            raise FlexMapsError(
+                f"'{text:.60}' names no quad; give numbers from 0 to {last} with commas between them, 'lowest', or a vertex group"
+            ) from None
+
+    return Ground(
+        rest,
+        carried(design, rest, mesh)[mesh.quads],
+        design.flat.corners,
+        simulation.assembly.pairs,
+        simulation.assembly.sides,
+        design.area * simulation.assembly.thickness * simulation.material.density,
+        simulation.loads.fixed[:, :3].all(axis=1),
+        where,
+    )
+
+
+@one_thread
+def analyse(
+    simulation: Simulation,
+    plan: LoadPlan,
+    params: StructureParams,
+    how: SimulateParams,
+    *,
+    connections: Connections | None = None,
+    groups: dict[str, Int[np.ndarray, " some"]] | None = None,
+    progress: Progress = SILENT,
+) -> Structure:
+    """A simulated piece under cases and combinations of loads, and after a year.
+
+    connections : the connectors, else joints are as wide as the arms; groups : quads by name. Raises ``FlexMapsError`` where a load names no
+    quad, or acts on a piece that nothing holds.
+    """
+    base = without_loads(simulation, how, progress.part(0.0, 0.05))
+    ground = ground_of(simulation, base.pose, groups or {})
+    found, stays = actions(plan, ground), lasting(plan, ground)
+    mesh = simulation.design.flat.layout.mesh
+    strength = _Strength(simulation, joints.necks(simulation.design, connections)[~mesh.border])
+    material, out = simulation.material, []
+    if material.lasting is not None:
+        # the loads go up in place of the stiffness that is lost, the movements of the supports do not
+        stays = replace(stays, shift=material.lasting.share * stays.shift)
+    names = [*found, *([YEAR] if material.lasting is not None and stays.acts else [])]
+    combined = {one.name for one in plan.combinations}
+    for number, name in enumerate(names):
+        part = progress.part(0.05 + 0.95 * number / len(names), 0.05 + 0.95 * (number + 1) / len(names))
+        kind = YEAR if name not in found else "combination" if name in combined else "case"
+        action = found.get(name, stays)
+        try:
+            held = Loads(simulation.loads.fixed, action.at(base.pose)).held(simulation.model.pairs, base.pose.centres)
+        except FlexMapsError as error:
+            raise FlexMapsError(f"Load case '{name}': {error}", faces=error.faces) from None
+        out.append(_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))
+    seams = simulation.design.flat.layout.cut[~mesh.border]
+    return Structure(simulation, base, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
+
+
+def _outcome(
+    name: str,
+    kind: str,
+    action: Action,
+    strength: _Strength,
+    base: Equilibrium,
+    held: np.ndarray,
+    params: StructureParams,
+    how: SimulateParams,
+    progress: Progress,
+) -> Outcome:
+    model, material = strength.simulation.model, strength.simulation.material
+    share, strain = _limits(material, kind)
+    follower = Follower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
+    path = follow(follower, base.pose, marks=(1.0 / share,), most=params.factor_max / share, progress=progress)
+    there = path.marks.get(1.0 / share)
+    pose = None if there is None else there.pose
+    borne = Borne() if pose is None else strength.borne(pose, strain)
+    if share != 1.0 and borne.forces is not None and borne.moments is not None:
+        # the stiffness of the model is that of the first day
+        borne = Borne(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
+    linear = linear_buckling(follower, path.points[0])
+    return Outcome(name, kind, action, base.pose, pose, borne, path, linear, share)
+
+
+def _limits(material: Material, kind: str) -> tuple[float, float]:
+    """The share of Young's modulus that is left, and the largest strain that is borne."""
+    if kind == YEAR and material.lasting is not None:
+        return material.lasting.share, material.lasting.strain
+    return 1.0, material.strain_limit

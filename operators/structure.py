@@ -1,0 +1,147 @@
+"""What the piece bears under its load cases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.store import notes
+from ..bridge.store.i18n import translate
+from ..bridge.store.objects import unusable
+from ..engine.errors import FlexMapsError
+from ..engine.progress import Progress
+from .continued import Continuation, ContinuedStage
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..engine.runs.result import Result
+
+
+class CheckStructure(ContinuedStage, bpy.types.Operator):
+    """Follow every load case until the piece snaps, and tell how far it gives way, and what its arms and joints carry. The shape itself stays"""
+
+    bl_idname = "flexmaps.structure"
+    bl_label = "Check structure"
+    needs = "simulation"
+    loaded = True
+    shows = "UTILISATION"
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.store import equilibrium
+
+        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
+        if rest is None:
+            raise FlexMapsError("The simulated shape is no equilibrium, or out of date; press Simulate first")
+        settings = snapshot.settings
+        once = replace(settings, simulate=replace(settings.simulate, restarts=0))
+
+        def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.runs import job
+
+            made = job.go_on(replace(result, rest=rest), once, ("simulate", "structure"), progress)
+            assert made.structure is not None
+            return made.structure
+
+        return go_on
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        from ..bridge.store import equilibrium
+
+        equilibrium.write_utilisation(obj, result.utilisation)
+        block = result.report()
+        notes.write(obj.data, "structure", block)
+        told = [finding["message"] for finding in block.get("findings", ())]
+        self.level = "WARNING" if told else "INFO"
+        return ". ".join(told) or translate("{} loads are borne", len(block["outcomes"]))
+
+
+class AddLoad(bpy.types.Operator):
+    """Add a load to the load cases; loads of one name act together"""
+
+    bl_idname = "flexmaps.add_load"
+    bl_label = "Add load"
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: bpy.props.StringProperty(  # type: ignore[valid-type]
+        name="Load case", description="A word; loads of one name act together", default="load"
+    )
+    kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Kind",
+        items=[
+            ("weight", "Weight", "The sheet's own weight"),
+            ("point", "Point load (N)", "One force, shared by the quads"),
+            ("line", "Line load (N/m)", "A force along a line of quads, by its length"),
+            ("pressure", "Pressure (N/m2)", "From outside along the normals, which it follows"),
+            ("wind", "Wind (N/m2)", "Along an axis, on the area that it sees"),
+            ("snow", "Snow (N/m2)", "Along an axis, on the area that it sees"),
+            ("move", "Movement (mm)", "Of supports"),
+        ],
+        default="snow",
+    )
+    value: bpy.props.FloatProperty(name="Value", description="N, N/m, N/m2 or mm, as the kind says", default=500.0)  # type: ignore[valid-type]
+    axis: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Axis", items=[(sign + a, sign + a.upper(), "") for a in "xyz" for sign in ("", "-")], default="-z"
+    )
+    group: bpy.props.StringProperty(name="Group", description="Vertex group that it acts on; empty: all quads")  # type: ignore[valid-type]
+    factor: bpy.props.FloatProperty(name="Factor", default=1.0)  # type: ignore[valid-type]
+    lasting: bpy.props.BoolProperty(name="Lasts for years", description="It counts after a year too")  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return unusable(context.object) is None
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        for prop in ("name", "kind"):
+            layout.prop(self, prop)
+        if self.kind != "weight":
+            layout.prop(self, "value")
+        if self.kind not in {"weight", "pressure"}:
+            layout.prop(self, "axis")
+        layout.prop_search(self, "group", context.object, "vertex_groups")
+        layout.prop(self, "factor")
+        if self.kind != "weight":
+            layout.prop(self, "lasting")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.structure import cases
+
+        wanted = context.object.flexmaps.structure
+        try:
+            line = cases.line_of(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
+        except FlexMapsError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        wanted.cases = "; ".join([*cases.lines(wanted.cases), line])
+        return {"FINISHED"}
+
+
+class RemoveLoad(bpy.types.Operator):
+    """Take this load out"""
+
+    bl_idname = "flexmaps.remove_load"
+    bl_label = "Remove load"
+    bl_options = {"REGISTER", "UNDO"}
+
+    number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return unusable(context.object) is None
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..engine.structure import cases
+
+        wanted = context.object.flexmaps.structure
+        left = cases.lines(wanted.cases)
+        del left[self.number : self.number + 1]
+        wanted.cases = "; ".join(left)
+        return {"FINISHED"}
+
+
+CLASSES = (CheckStructure, AddLoad, RemoveLoad)
