@@ -1,6 +1,6 @@
 """The designs on which the coarse models are compared with full solids: spirals, supports, loads.
 
-All are cut from 2 mm of a material with E = 2.6 GPa and a Poisson's ratio of 0.3, with the program's usual blends and fillets.
+All but those with a grain are cut from 2 mm of a material with E = 2.6 GPa and a Poisson's ratio of 0.3, with the program's usual blends and fillets.
 Widths are millimetres here, twists degrees, forces newtons.
 """
 
@@ -71,12 +71,14 @@ class Case:
     """A design with the states in which it is solved.
 
     name : of its file; make : the design, whose mesh is the pose at rest that everything starts from
+    material : of all arms
     """
 
     name: str
     make: Callable[[], SpiralDesign]
     loadings: tuple[Loading, ...]
     resolution: Resolution = USUAL
+    material: Material = MATERIAL
 
     @cached_property
     def design(self) -> SpiralDesign:
@@ -88,10 +90,13 @@ class Case:
 
     def identity(self) -> dict:
         """What the results depend on besides the shape of the design, for their file's header."""
+        material = asdict(self.material)
+        if self.material.orthotropy is None:
+            del material["orthotropy"]
         return {
             "loadings": [asdict(one) for one in self.loadings],
             "resolution": asdict(self.resolution),
-            "material": asdict(MATERIAL),
+            "material": material,
             "thickness": PARAMS.thickness,
             "fillet": PARAMS.fillet,
         }
@@ -347,6 +352,36 @@ def loadings() -> list[Case]:
     ]
 
 
+def plywood(across: float, angle: float) -> Material:
+    """Birch plywood, whose grain runs at an angle in degrees to the x axis of every panel: of five plies where ``across``, Pa, is
+    4.8e9, of three where it is a sixteenth of what it is along the grain.
+    """
+    birch = MATERIALS["birch"]
+    assert birch.orthotropy is not None
+    along = birch.orthotropy.along if across > 0.25 * birch.orthotropy.along else 16.0 * across
+    return replace(birch, orthotropy=replace(birch.orthotropy, along=along, across=across, angle=math.radians(angle)))
+
+
+def grained() -> list[Case]:
+    """Pieces of plywood: a patch pulled in many ways, a sheet of three plies, a dome on its feet and a ring that springs up."""
+    five, three = 4.8e9, 1.03e9
+    home = Held(0)
+    patch = (
+        Loading("corner", (home,), ((8, (0.0, 0.0, 0.8)),)),
+        Loading("wring", _clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
+        Loading("mixed", (home,), ((8, (1.6, -0.8, 0.8)), (2, (0.0, 0.8, -0.4)))),
+    )
+    pushed = tuple(one for case in shells() if case.name == "dome" for one in case.loadings)
+    bent = (_cantilever("bent", 4, 4, 0.0, 0.0, 0.2), _cantilever("aside", 4, 4, 0.0, 0.6, 0.0))
+    return [
+        Case("grain-patch", lambda: sheet(3, 3, 1.5, 180.0), patch, material=plywood(five, 30.0)),
+        Case("grain-across", lambda: sheet(4, 4, 1.2, 250.0), bent, material=plywood(three, 90.0)),
+        Case("grain-dome", dome, pushed, material=plywood(five, 0.0)),
+        Case("grain-ring", lambda: ring(8, 3, 1.5, 250.0), (Loading("free"),), material=plywood(three, 20.0)),
+        Case("grain-saddle", saddle, (Loading("free"),), material=plywood(three, 0.0)),
+    ]
+
+
 def cases() -> list[Case]:
     """All cases."""
     free = (Loading("free"),)
@@ -354,4 +389,4 @@ def cases() -> list[Case]:
         Case("optimised", lambda: optimised("optimised", "alike"), free),
         Case("optimised-four", lambda: optimised("optimised-four", "each"), free),
     ]
-    return unlike() + four_widths() + loadings() + shells() + found
+    return unlike() + four_widths() + loadings() + shells() + grained() + found

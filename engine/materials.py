@@ -12,6 +12,24 @@ from .errors import FlexMapsError
 
 
 @dataclass(frozen=True)
+class Orthotropy:
+    """How stiff a sheet is along its grain (1), across it in the sheet (2), and in shear, as if it were one homogeneous body, SI.
+
+    along, across : Pa, Young's moduli; poisson : contraction across per stretch along
+    shear : Pa, in the sheet (12); shear_along, shear_across : Pa, of planes parallel to the sheet (13 and 23)
+    angle : radians, from the x axis of every flat patch to the grain
+    """
+
+    along: float
+    across: float
+    poisson: float
+    shear: float
+    shear_along: float
+    shear_across: float
+    angle: float = 0.0
+
+
+@dataclass(frozen=True)
 class Material:
     """One sheet material, SI.
 
@@ -19,6 +37,7 @@ class Material:
     strain_limit : largest strain to design for: yield for plastics that yield, else break
     breaks : True where the limit is a break without warning, False where it is yield
     source : where the values come from; note : what they leave out
+    orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then what a sheet without one would have
     """
 
     name: str
@@ -29,6 +48,7 @@ class Material:
     breaks: bool
     source: str
     note: str = ""
+    orthotropy: Orthotropy | None = None
 
 
 # SI units, each with its source
@@ -92,9 +112,12 @@ MATERIALS: dict[str, Material] = {
         0.004,
         True,
         "Handbook of Finnish Plywood (Finnish Forest Industries 2007), birch, 6.5 mm, five plies: mean modulus in bending "
-        "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, mean density 680 kg/m3",
-        "Effective isotropic value, the mean of both directions. They differ by 2.7; in three plies (4 mm) by 16, which no "
-        "isotropic value stands for. The sheet is much softer in shear and torsion. Shapes lean with the grain; test a panel.",
+        "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, panel shear "
+        "modulus 620 MPa, mean density 680 kg/m3. Through the sheet: plies of yellow birch (Wood Handbook, Forest Products "
+        "Laboratory 2010, tables 5-1 and 5-2), one over the other",
+        "Young's modulus is the mean of both directions. Three plies (4 mm) differ by 16, not by 2.7: test a strip along and "
+        "across, and give your own values.",
+        Orthotropy(12.7e9, 4.8e9, 0.08, 0.62e9, 0.5e9, 0.4e9),
     ),
     "mdf": Material(
         "MDF",

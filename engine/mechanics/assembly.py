@@ -124,6 +124,11 @@ class Assembly:
         out[..., :3, :3] = out[..., 3:, 3:] = self.radial
         return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
 
+    def to_direction(self, angle: float) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) radians from every arm's radius to a direction in the flat frames, ``angle`` from their x axes, to the side to
+        which the arms wind inwards."""
+        return (angle - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
+
     @cached_property
     def left(self) -> Float[np.ndarray, "joints 2 3"]:
         """(m, 2, 3) metres, the levers turned a quarter in the sheet, to the side to which the arms wind inwards."""
