@@ -256,8 +256,8 @@ def _matrix(stress: Float[np.ndarray, "*points 6"]) -> Float[np.ndarray, "*point
     return out
 
 
-def orthotropic(known: Orthotropy, unit: float) -> Float[np.ndarray, "6 6"]:
-    """Stiffness of a sheet with a grain in its flat frame, x and y in the sheet, per ``unit`` Pa.
+def orthotropic(known: Orthotropy, unit: float, angle: float) -> Float[np.ndarray, "6 6"]:
+    """Stiffness, per ``unit`` Pa, of a sheet in its flat frame, x and y in the sheet, whose grain lies ``angle`` radians from x.
 
     Through the sheet, where arms carry next to nothing, it is taken as soft as across the grain, with a Poisson's ratio of
     ``THROUGH`` to both sides.
@@ -269,7 +269,7 @@ def orthotropic(known: Orthotropy, unit: float) -> Float[np.ndarray, "6 6"]:
     soft[0, 1] = soft[1, 0] = -known.poisson / known.along
     soft[0, 2] = soft[2, 0] = -THROUGH / known.along
     soft[1, 2] = soft[2, 1] = -THROUGH / known.across
-    c, s = math.cos(known.angle), math.sin(known.angle)
+    c, s = math.cos(angle), math.sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     # stresses in the grain's axes from those in the flat frame, and strains back
     inward = np.array([_vector_of(turn.T @ _unit(k) @ turn) for k in range(6)]).T

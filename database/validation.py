@@ -122,7 +122,7 @@ def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
 def solid_of(case: Case, held: list[int]) -> DesignSolid:
     """The solid of a case's design, per its material's Young's modulus."""
     known = case.material.orthotropy
-    stiffness = None if known is None else orthotropic(known, case.material.youngs)
+    stiffness = None if known is None else orthotropic(known, case.material.youngs, case.design.params.grain)
     return DesignSolid(case.design, case.material.poisson, held, case.resolution, stiffness=stiffness)
 
 

@@ -17,7 +17,7 @@ class Orthotropy:
 
     along, across : Pa, Young's moduli; poisson : contraction across per stretch along
     shear : Pa, in the sheet (12); shear_along, shear_across : Pa, of planes parallel to the sheet (13 and 23)
-    angle : radians, from the x axis of every flat patch to the grain
+    strength : Pa, along, across, and in shear in the sheet; None where the material's strain limit holds in every direction
     """
 
     along: float
@@ -26,7 +26,7 @@ class Orthotropy:
     shear: float
     shear_along: float
     shear_across: float
-    angle: float = 0.0
+    strength: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -113,11 +113,11 @@ MATERIALS: dict[str, Material] = {
         True,
         "Handbook of Finnish Plywood (Finnish Forest Industries 2007), birch, 6.5 mm, five plies: mean modulus in bending "
         "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, panel shear "
-        "modulus 620 MPa, mean density 680 kg/m3. Through the sheet: plies of yellow birch (Wood Handbook, Forest Products "
+        "620 MPa and 9.5 MPa, mean density 680 kg/m3. Through the sheet: plies of yellow birch (Wood Handbook, Forest Products "
         "Laboratory 2010, tables 5-1 and 5-2), one over the other",
         "Young's modulus is the mean of both directions. Three plies (4 mm) differ by 16, not by 2.7: test a strip along and "
         "across, and give your own values.",
-        Orthotropy(12.7e9, 4.8e9, 0.08, 0.62e9, 0.5e9, 0.4e9),
+        Orthotropy(12.7e9, 4.8e9, 0.08, 0.62e9, 0.5e9, 0.4e9, (51e6, 29e6, 9.5e6)),
     ),
     "mdf": Material(
         "MDF",

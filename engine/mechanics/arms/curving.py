@@ -89,8 +89,7 @@ class Arms:
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
-        grain = assembly.to_direction(0.0 if material.orthotropy is None else material.orthotropy.angle)
-        rest = (grain, assembly.thickness, material, side)
+        rest = (assembly.to_grain, assembly.thickness, material, side)
         return cls(*shape, compliance, radial, centre, to_joint, *rest)
 
     def part(self, joints: slice) -> Arms:

@@ -130,7 +130,7 @@ def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.nda
     found = np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
     if material is None or material.orthotropy is None:
         return found
-    return np.column_stack([found, assembly.to_direction(material.orthotropy.angle).ravel()])
+    return np.column_stack([found, assembly.to_grain.ravel()])
 
 
 def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:
@@ -175,12 +175,12 @@ def more_compliant(
             lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
         found = np.zeros((len(_PLACES), NUMBERS + 1, len(some.radius)))
         for sign, rows, line in lines:
-            numbers = [part[kept] for part in line]
+            place, pace, width, weight = (part[kept] for part in line)
             if material.orthotropy is None:
-                found[:, rows[kept]] += sign * _beam(*numbers, thickness, material)
+                found[:, rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
             else:
-                grain = _dual(some.grain[None], {}, len(numbers[0]) - 1)
-                found[:, rows[kept]] += sign * line_compliance(*numbers, grain, thickness, partial(Yielding.of, material.orthotropy))
+                grain, of = _dual(some.grain[None], {}, len(place) - 1), partial(Yielding.of, material.orthotropy)
+                found[:, rows[kept]] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
         fade, fade_by = _fade(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by

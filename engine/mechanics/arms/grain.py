@@ -35,6 +35,10 @@ POINTS = 48
 # draws others); the last is where the second turns from tall arms to wide ones, in solids of straight arms
 HUB_BEND, HUB_LIFT, HUB_TALL = 0.032, 0.025, 0.31
 HUB_AT = 0.5  # widths from the centre to where it yields: where the arm leaves it
+_DIRECTIONS, _HIGH = (
+    24,
+    12,
+)  # places along an arm, and the power that stands for the largest: 0.8 of it where a tenth reaches it
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # the numbers by which the beam has derivatives
 
@@ -75,7 +79,6 @@ class Yielding:
         left = s66 - shared
         twist = _torsion(left, s55, width, height) + of(0.25 * shared, inertia, 1)
         return cls(stretch, slide, mixed, rise, bend, lift, twist, of(-0.5 * s16, inertia, 1))
-
 
     @classmethod
     def of_hub(
@@ -191,7 +194,9 @@ def _pair(
     first: np.ndarray, second: np.ndarray, mixed: np.ndarray, a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, "6 numbers n"]:
     """The sums of first a a + second b b + mixed (a b + b a) over the stations."""
-    rows = [(_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)]
+    rows = [
+        (_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)
+    ]
     return np.stack([_total(rows[i][0], a[j]) + _total(rows[i][1], b[j]) for i, j in ENTRIES])
 
 
@@ -234,7 +239,9 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = 0.5 * (x[:, None] + 1.0)
-        along = line_compliance(*_spiral(radius, twist, t), width, weight, angle, height, partial(Yielding.of, self.known))
+        along = line_compliance(
+            *_spiral(radius, twist, t), width, weight, angle, height, partial(Yielding.of, self.known)
+        )
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = _spiral(radius, twist, t)
@@ -259,3 +266,33 @@ def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.nd
     places[1 + _TWIST] += radius * (1j * last * place)
     paces[1 + _TWIST] += radius * (1j * last * pace + 1j * (1.0 - last) * turn)
     return places, paces
+
+
+def strength_share(
+    strength: tuple[float, float, float],
+    stress: float,
+    twist: Float[np.ndarray, " arms"],
+    grain: Float[np.ndarray, " arms"],
+) -> tuple[Float[np.ndarray, " arms"], Float[np.ndarray, " arms"]]:
+    """A stress (Pa) over what n arms bear, in the direction in which they bear least, and the derivative by their twist.
+
+    In one direction by Norris (Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962);
+    of all directions along an arm the mean of a high power, which has derivatives. strength : as in ``Orthotropy``
+    """
+    first, second, sheared = (stress / one for one in strength)
+    t = (np.arange(_DIRECTIONS)[:, None] + 0.5) / _DIRECTIONS
+    wind = twist * (1.0 - t)
+    # the way of a spiral against its radius, and how that changes with the twist
+    way = twist * t - np.arctan(wind)
+    angle, by_twist = grain - way, -(t - (1.0 - t) / (1.0 + wind**2))
+    c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
+    both = sheared**2 - first * second
+    square = c * c * first**2 + s * s * second**2 + c * s * both
+    slope = (
+        2.0 * np.sqrt(c * s) * np.sign(np.sin(2.0 * angle)) * (s * second**2 - c * first**2 + 0.5 * (c - s) * both)
+    )  # by the angle: c' = -sin 2a, s' = sin 2a
+    power = 0.5 * _HIGH
+    mean = (square**power).mean(axis=0)
+    out = mean ** (1.0 / _HIGH)
+    change = (power * square ** (power - 1.0) * 2.0 * slope * by_twist).mean(axis=0)
+    return out, out / mean * change / _HIGH
