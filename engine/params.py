@@ -472,10 +472,9 @@ class MaterialParams(Params):
         usual = MATERIALS["birch"].orthotropy
         assert usual is not None
         shear = self.shear or self.youngs * usual.shear / usual.along
-        upright = (shear * one / usual.shear for one in (usual.shear_along, usual.shear_across))
-        known = Orthotropy(
-            self.youngs, self.across, self.poisson * min(1.0, self.youngs / self.across), shear, *upright
-        )
+        poisson = self.poisson * min(1.0, self.youngs / self.across)
+        flat, steep = (shear * one / usual.shear for one in (usual.shear_along, usual.shear_across))
+        known = Orthotropy(self.youngs, self.across, poisson, shear, flat, steep)
         return Material("Custom", 0.5 * (self.youngs + self.across), *rest, orthotropy=known)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import ConnectorParams, CutParams, SheetParams
@@ -14,9 +15,6 @@ from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits
 from .panels.kerf import cut_paths
 from .panels.panel import Panel
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 def check_mill(design: SpiralDesign, cut: CutParams) -> None:

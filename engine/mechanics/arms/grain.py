@@ -288,9 +288,7 @@ def strength_share(
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
     both = sheared**2 - first * second
     square = c * c * first**2 + s * s * second**2 + c * s * both
-    slope = (
-        2.0 * np.sqrt(c * s) * np.sign(np.sin(2.0 * angle)) * (s * second**2 - c * first**2 + 0.5 * (c - s) * both)
-    )  # by the angle: c' = -sin 2a, s' = sin 2a
+    slope = np.sin(2.0 * angle) * (s * second**2 - c * first**2 + 0.5 * (c - s) * both)
     power = 0.5 * _HIGH
     mean = (square**power).mean(axis=0)
     out = mean ** (1.0 / _HIGH)
