@@ -28,9 +28,8 @@ ITERATIONS = 60  # Newton steps; none of the stored states takes more than 12
 TOLERANCE = 1e-8  # work of the last step over the energy; positions end far closer than the mesh resolves
 HOLD = 100.0  # stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is
 SHARES = (0.0, 0.5, 0.8, 1.0)  # of the stress that is left out where the tangent is indefinite with it
-TOGETHER = (
-    2  # spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
-)
+# spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
+TOGETHER = 2
 FIT = 1e-6  # ``UNIT``, by which the ends of both arms of a joint may differ
 
 

@@ -28,7 +28,8 @@ from . import chunks
 from .design_mesh import UNIT
 from .design_solid import Balance, DesignSolid
 from .elastic import orthotropic
-from .validation_cases import Case, Loading, cases
+from .validation_cases import Case, Loading
+from .validation_grain import every_case
 
 FOLDER = Path(__file__).resolve().parent / "validation"
 VERSION = 4  # of the stored solids
@@ -158,9 +159,9 @@ def run(folder: Path, only: str | None = None, progress: Progress = SILENT) -> l
 
 def named(only: str | None) -> list[Case]:
     """The cases with this text in their name. Raises FlexMapsError where there is none."""
-    found = [case for case in cases() if only is None or only in case.name]
+    found = [case for case in every_case() if only is None or only in case.name]
     if not found:
-        raise FlexMapsError(f"No case has '{only}' in its name; there are {', '.join(c.name for c in cases())}")
+        raise FlexMapsError(f"No case has '{only}' in its name; there are {', '.join(c.name for c in every_case())}")
     return found
 
 

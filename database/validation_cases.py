@@ -258,14 +258,14 @@ def _side(columns: int, rows: int, column: int) -> list[int]:
     return [row * columns + column for row in range(rows)]
 
 
-def _clamped(columns: int, rows: int) -> tuple[Held, ...]:
+def clamped(columns: int, rows: int) -> tuple[Held, ...]:
     return tuple(Held(one) for one in _side(columns, rows, 0))
 
 
-def _cantilever(name: str, columns: int, rows: int, *force: float) -> Loading:
+def cantilever(name: str, columns: int, rows: int, *force: float) -> Loading:
     """The first column clamped, a force (N) on every hub of the last one."""
     pull = (force[0], force[1], force[2])
-    return Loading(name, _clamped(columns, rows), tuple((one, pull) for one in _side(columns, rows, columns - 1)))
+    return Loading(name, clamped(columns, rows), tuple((one, pull) for one in _side(columns, rows, columns - 1)))
 
 
 def unlike() -> list[Case]:
@@ -274,7 +274,7 @@ def unlike() -> list[Case]:
     chess, row = (c + r) % 2, c % 2
 
     def case(name: str, width: Values, twist: Values, *force: float) -> Case:
-        return Case(name, lambda: sheet(4, 4, width, twist), (_cantilever("bent", 4, 4, *force),))
+        return Case(name, lambda: sheet(4, 4, width, twist), (cantilever("bent", 4, 4, *force),))
 
     return [
         case("unlike-width", 1.0 + chess, 180.0, 0.0, 0.0, 0.2),
@@ -292,9 +292,9 @@ def shells() -> list[Case]:
     feet, top = (0, 5, 30, 35), 14
     pinned = tuple(Held(foot, turn=None) for foot in feet)
     free, pushed = Loading("free"), Loading("pushed", pinned, ((top, (0.5, 0.0, -1.5)),), weight=True)
-    oblong = Loading("bent", _clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
-    short = Loading("bent", _clamped(6, 5), tuple((one, (0.0, 0.0, 0.8)) for one in _side(6, 5, 5)))
-    slender = Loading("bent", _clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
+    oblong = Loading("bent", clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
+    short = Loading("bent", clamped(6, 5), tuple((one, (0.0, 0.0, 0.8)) for one in _side(6, 5, 5)))
+    slender = Loading("bent", clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
     return [
         Case("saddle", saddle, (free,)),
         Case("barrel", lambda: ring(10, 3, 1.5, 180.0, bulge=0.12, seams=2), (free,)),
@@ -317,7 +317,7 @@ def four_widths() -> list[Case]:
     ) -> Case:
         wide, loading = (
             np.broadcast_to(np.asarray(width, dtype=float), (16, 4)),
-            _cantilever("bent", 4, 4, 0.0, 0.0, force),
+            cantilever("bent", 4, 4, 0.0, 0.0, force),
         )
         return Case(f"four-{name}", lambda: sheet(4, 4, wide, twist), (loading,), resolution)
 
@@ -341,7 +341,7 @@ def loadings() -> list[Case]:
     saddle_forces = tuple((one, (0.0, 0.0, up)) for one, up in ((0, 1.6), (2, -1.6), (8, 1.6), (6, -1.6)))
     patch = [
         Loading("corner", (home,), ((8, (0.0, 0.0, 0.8)),)),
-        Loading("wring", _clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
+        Loading("wring", clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
         Loading("saddle", (), saddle_forces),
         Loading("mixed", (home,), ((8, (1.6, -0.8, 0.8)), (2, (0.0, 0.8, -0.4)))),
     ]
@@ -353,50 +353,11 @@ def loadings() -> list[Case]:
     ]
 
 
-FIVE_PLIES = MATERIALS["birch"]
-
-
-def three_plies() -> Material:
-    """Birch plywood of three plies: 16 times as stiff along the grain as across it (Handbook of Finnish Plywood, 4 mm)."""
-    known = FIVE_PLIES.orthotropy
-    assert known is not None
-    return replace(FIVE_PLIES, orthotropy=replace(known, along=16.5e9, across=1.03e9))
-
-
-def laid(make: Callable[[], SpiralDesign], angle: float) -> Callable[[], SpiralDesign]:
-    """The same design with the grain at an angle in degrees to the x axis of every panel."""
-
-    def turned() -> SpiralDesign:
-        design = make()
-        return replace(design, params=replace(design.params, grain=math.radians(angle)))
-
-    return turned
-
-
-def grained() -> list[Case]:
-    """Pieces of plywood: a patch pulled in many ways, a sheet of three plies, a dome on its feet and a ring that springs up."""
-    home = Held(0)
-    patch = (
-        Loading("corner", (home,), ((8, (0.0, 0.0, 0.8)),)),
-        Loading("wring", _clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
-        Loading("mixed", (home,), ((8, (1.6, -0.8, 0.8)), (2, (0.0, 0.8, -0.4)))),
-    )
-    pushed = tuple(one for case in shells() if case.name == "dome" for one in case.loadings)
-    bent = (_cantilever("bent", 4, 4, 0.0, 0.0, 0.2), _cantilever("aside", 4, 4, 0.0, 0.6, 0.0))
-    return [
-        Case("grain-patch", laid(lambda: sheet(3, 3, 1.5, 180.0), 30.0), patch, material=FIVE_PLIES),
-        Case("grain-across", laid(lambda: sheet(4, 4, 1.2, 250.0), 90.0), bent, material=three_plies()),
-        Case("grain-dome", dome, pushed, material=FIVE_PLIES),
-        Case("grain-ring", laid(lambda: ring(8, 3, 1.5, 250.0), 20.0), (Loading("free"),), material=three_plies()),
-        Case("grain-saddle", saddle, (Loading("free"),), material=three_plies()),
-    ]
-
-
 def cases() -> list[Case]:
-    """All cases."""
+    """All cases without a grain."""
     free = (Loading("free"),)
     found = [
         Case("optimised", lambda: optimised("optimised", "alike"), free),
         Case("optimised-four", lambda: optimised("optimised-four", "each"), free),
     ]
-    return unlike() + four_widths() + loadings() + shells() + grained() + found
+    return unlike() + four_widths() + loadings() + shells() + found

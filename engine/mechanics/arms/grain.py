@@ -10,8 +10,8 @@ the sheet turned to the section's axes, 1 along the arm, 2 across it in the shee
 where D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: that of an isotropic section made wider
 by the root of their ratio. All of it is exact for forces and moments that are the same along the arm, but for the shear factors.
 
-The hub yields more, the softer the sheet is in shear: an isotropic hub's share is in the stiffness table, what is left is measured
-(see ``Yielding.of_hub``).
+A hub keeps the sections near it from warping, which counts the more, the larger S16 is (``Yielding.of_held``), and it yields more,
+the softer the sheet is in shear (``Yielding.of_hub``). What isotropic hubs do is in the stiffness table.
 """
 
 from __future__ import annotations
@@ -31,14 +31,13 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 # 150 degrees of twist, 3e-5 up to 300, 2e-4 up to 500
 POINTS = 48
 # What a hub yields to bending in the sheet and out of it beyond what isotropic ones do: lengths of arm, in widths, per ratio of
-# Young's to the shear modulus more than there. The first two fit 240 solids of random spirals and materials (tools/bench_grain.py
-# draws others); the last is where the second turns from tall arms to wide ones, in solids of straight arms
-HUB_BEND, HUB_LIFT, HUB_TALL = 0.032, 0.025, 0.31
-HUB_AT = 0.5  # widths from the centre to where it yields: where the arm leaves it
-_DIRECTIONS, _HIGH = (
-    24,
-    12,
-)  # places along an arm, and the power that stands for the largest: 0.8 of it where a tenth reaches it
+# Young's to the shear modulus more than there; and the distance from the centre, in widths, at which it no longer holds sections:
+# 1.4 and 2 hold about as well. All three fit 240 solids of random spirals and materials; tools/bench_grain.py draws others
+HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
+HUB_TALL = 0.31  # where the second turns from tall arms to wide ones, in solids of straight arms
+HUB_AT = 0.5  # widths from the centre to where a hub yields: where the arm leaves it
+_DIRECTIONS = 24  # places along an arm where its strength is looked at
+_HIGH = 12  # the power that stands for the largest: 0.8 of it where a tenth of the places reaches it
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # the numbers by which the beam has derivatives
 
@@ -79,6 +78,30 @@ class Yielding:
         left = s66 - shared
         twist = _torsion(left, s55, width, height) + of(0.25 * shared, inertia, 1)
         return cls(stretch, slide, mixed, rise, bend, lift, twist, of(-0.5 * s16, inertia, 1))
+
+    @classmethod
+    def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+        """What a section yields less where it is kept from warping, beyond what isotropic ones do; as ``of``.
+
+        It stays plane: the stiffness Q is the inverse of S11, S16 and S66, in the sheet Q11 h w^3 / 12, out of it and in torsion
+        [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)].
+        """
+        free = cls.of(known, angle, width, height)
+        s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _turned(known, angle))
+        level = np.stack([width * height**3 / 12.0, height**3 / 12.0 + 0.0 * width, 0.0 * width])
+        upright = np.stack([height * width**3 / 12.0, height * width**2 / 4.0, 0.0 * width])
+        over = _inverse(_times(s11, s66) - _times(s16, s16))
+        bent, mixed = _times(level, _times(s66, over)), _times(level, _times(s16, over))
+        twisted = _times(level, _times(s11, over)) + _times(upright, _inverse(s55))
+        both = _inverse(_times(bent, twisted) - _times(mixed, mixed))
+        bend = _inverse(_times(upright, _times(s66, over))) - free.bend
+        constant, slope = torsion_constant(height / width)
+        torsion = np.stack([width**4 * constant, 4.0 * width**3 * constant - width**2 * height * slope, 0.0 * width])
+        alike = _times(torsion, _inverse(level + upright))
+        lift, coupled = _times(twisted, both) - free.lift, -_times(mixed, both) - free.coupled
+        twist = _times(bent, both) - _times(alike, free.twist)
+        none = np.zeros_like(bend)
+        return cls(none, none, none, none, bend, lift, twist, coupled)
 
     @classmethod
     def of_hub(
@@ -132,6 +155,12 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out = a * b[:1] + a[:1] * b
     out[0] = a[0] * b[0]
+    return out
+
+
+def _inverse(a: np.ndarray) -> np.ndarray:
+    out = -a / a[0] ** 2
+    out[0] = 1.0 / a[0]
     return out
 
 
@@ -239,9 +268,17 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = 0.5 * (x[:, None] + 1.0)
-        along = line_compliance(
-            *_spiral(radius, twist, t), width, weight, angle, height, partial(Yielding.of, self.known)
-        )
+        # how far the hub holds the stations' sections, by their distance from the centre in widths
+        away = radius * (1.0 - t[0])
+        share = np.zeros((5, POINTS, n))
+        share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
+        share[1 + _WIDTH] = 2.0 * (away / HUB_HOLDS) ** 2 * share[0]
+        share[1 + _RADIUS] = -share[1 + _WIDTH] / radius
+        lines, free = _spiral(radius, twist, t), partial(Yielding.of, self.known)
+        along = line_compliance(*lines, width, weight, angle, height, free)
+        weight = weight * share[:1] + weight[:1] * share
+        weight[0] = 0.5 * w[:, None] * share[0]
+        along += line_compliance(*lines, width, weight, angle, height, partial(Yielding.of_held, self.known))
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = _spiral(radius, twist, t)
