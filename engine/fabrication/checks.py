@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import FlexMapsError
+from ..materials import Material
 from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, touching
@@ -97,6 +98,16 @@ def oversize(
             )
         found.append(f"{text}; it gets a sheet of the size that it needs")
     return found
+
+
+def grain_lost(material: Material, params: SheetParams) -> list[str]:
+    """A warning where the grain of the sheet counts and the panels are not laid along it."""
+    if material.orthotropy is None or params.rotation == "GRAIN":
+        return []
+    return [
+        f"{material.name} is stiffer along its grain, but the panels are not laid along it: set Rotation to Along the grain, or "
+        "the piece takes another shape than the simulation's"
+    ]
 
 
 def tight(design: SpiralDesign) -> list[str]:

@@ -152,7 +152,8 @@ def _in_rows(
         progress(0.5 + 0.5 * done / count, "packing in rows")
         turn, (wide, high) = laid[i]
         if wide > free[0] or high > free[1]:
-            sizes.append(_large_enough(np.sort(laid[i][1])[::-1], sheet, margin, 0.0, rotation))
+            size = laid[i][1] if rotation == "GRAIN" else np.sort(laid[i][1])[::-1]
+            sizes.append(_large_enough(size, sheet, margin, 0.0, rotation))
             used.append(np.inf)
             rows.append([len(sizes) - 1, np.inf, margin, np.inf])
             row, turn = rows[-1], boxed[i][1]
