@@ -28,9 +28,8 @@ ITERATIONS = 60  # Newton steps; none of the stored states takes more than 12
 TOLERANCE = 1e-8  # work of the last step over the energy; positions end far closer than the mesh resolves
 HOLD = 100.0  # stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is
 SHARES = (0.0, 0.5, 0.8, 1.0)  # of the stress that is left out where the tangent is indefinite with it
-TOGETHER = (
-    2  # spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
-)
+# spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
+TOGETHER = 2
 FIT = 1e-6  # ``UNIT``, by which the ends of both arms of a joint may differ
 
 
@@ -69,6 +68,7 @@ class DesignSolid:
 
     pairs, sides : the spirals of every joint and the arms that meet there; lever, axes : as those of an ``Assembly``
     held : the hubs whose mean motion is prescribed, at least one; ``joined`` False leaves all spirals by themselves
+    stiffness : (6, 6) of a sheet that is not isotropic, in the flat frames of the patches, as in ``Elements``
     """
 
     def __init__(
@@ -79,10 +79,11 @@ class DesignSolid:
         resolution: Resolution | None = None,
         *,
         joined: bool = True,
+        stiffness: Float[np.ndarray, "6 6"] | None = None,
     ):
         if not held:
             raise FlexMapsError("A solid needs at least one held hub; hold any one of a free body")
-        self.design, self.held = design, held
+        self.design, self.held, self.stiffness = design, held, stiffness
         self.mesh: DesignMesh = make_mesh(design, resolution or Resolution())
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -111,7 +112,7 @@ class DesignSolid:
         hubs = shift[:, None, None, None] + n.hub
         arms = (shift[:, None, None, None] + n.arms.reshape(-1, 4, 16)).reshape(-1, 4, 16)
         index = np.concatenate([hubs.reshape(-1, 4, 16), arms])
-        elements = Elements(self.mesh.nodes[start:stop].reshape(-1, 3), index, poisson)
+        elements = Elements(self.mesh.nodes[start:stop].reshape(-1, 3), index, poisson, self.stiffness)
         return _Batch(slice(start, stop), elements, size * len(n.hub))
 
     def _hub_groups(self) -> list[Group]:

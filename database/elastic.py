@@ -6,16 +6,19 @@ of the tangent sparse, and 4 x 4 Gauss points in its section, where torsion need
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 
 import numpy as np
 
 from ..engine.arrays import Float, Int
 from ..engine.errors import FlexMapsError
+from ..engine.materials import Orthotropy
 from .solid import LOBATTO_WEIGHTS, derivative_matrix, lagrange
 
 ALONG = 4  # nodes, and stations of the quadrature, along an element
 SECTION = 16  # nodes and points of an element's section, 4 by 4
+THROUGH = 0.3  # Poisson's ratio from the sheet's plane through it; of wood 0.3 to 0.7 (Wood Handbook, Forest Products Laboratory)
 STATION_PAIRS = [(p, r) for p in range(ALONG) for r in range(p + 1)]  # the pairs of stations that a tangent couples
 
 
@@ -32,15 +35,24 @@ class Elements:
 
     rest : (E, 4, 16, 3) rest positions of the nodes, in arm widths: station along, node of the section
     poisson : Poisson's ratio in (0, 0.45)
+    stiffness : (6, 6) of an anisotropic solid, in the order of ``VOIGT``, per the modulus that is the unit; then the ratio plays
+        no part
     """
 
-    def __init__(self, nodes: np.ndarray, elements: np.ndarray, poisson: float):
+    def __init__(
+        self,
+        nodes: np.ndarray,
+        elements: np.ndarray,
+        poisson: float,
+        stiffness: Float[np.ndarray, "6 6"] | None = None,
+    ):
         if not 0.0 < poisson < 0.45:
             raise FlexMapsError(f"Poisson's ratio is {poisson:g}; it must lie between 0 and 0.45")
         self.index = elements.reshape(-1, ALONG, SECTION)
         self.poisson = poisson
         self.lame = poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
         self.shear = 0.5 / (1.0 + poisson)
+        self.anisotropic = stiffness
         self.rest = nodes[self.index]
         self._d = derivative_matrix()
         weights, self._n, self._n1, self._n2 = _section_basis()
@@ -80,11 +92,15 @@ class Elements:
 
     def stress(self, strain: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points 3 3"]:
         """Second Piola-Kirchhoff stress of (linearised or full) Green strains, per Young's modulus."""
+        if self.anisotropic is not None:
+            return _matrix(_vector(strain) @ self.anisotropic)
         trace = np.trace(strain, axis1=-2, axis2=-1)
         return 2.0 * self.shear * strain + self.lame * trace[..., None, None] * np.eye(3)
 
     def energy(self, strain: Float[np.ndarray, "elements 4 16 3 3"]) -> float:
         """Elastic energy, in Young's modulus times cubed arm width."""
+        if self.anisotropic is not None:
+            return 0.5 * float((self.weight * np.einsum("...ij,...ij->...", strain, self.stress(strain))).sum())
         trace = np.trace(strain, axis1=-2, axis2=-1)
         density = self.shear * np.einsum("...ij,...ij->...", strain, strain) + 0.5 * self.lame * trace**2
         return float((self.weight * density).sum())
@@ -120,6 +136,8 @@ class Elements:
 
         w [lambda f_d f_e^T + mu (F F^T (g_d . g_e) + f_e f_d^T) + I (g_d . S g_e)], with g_d = dxi_d/dX and f_d = F g_d.
         """
+        if self.anisotropic is not None:
+            return self._anisotropic_moduli(f, stress)
         e = len(f)
 
         # the points go last, so that what follows is long runs of plain products
@@ -145,6 +163,19 @@ class Elements:
                         if d != g:  # the energy's second derivatives are symmetric
                             out[:, :, g, d, j, i] = value
         return out
+
+    def _anisotropic_moduli(self, f: np.ndarray, stress: np.ndarray) -> np.ndarray:
+        """``_moduli`` for any elasticity C: w [f_i,I g_d,J C_IJKL g_e,L f_j,K + I (g_d . S g_e)]."""
+        # how the strain changes with the slope of component i along the local direction d
+        change = np.einsum("emqiI,emqdJ->emqdiIJ", f, self.inverse)
+        rows = _vector(0.5 * (change + np.swapaxes(change, -1, -2))).reshape(*f.shape[:3], 9, 6)
+        out = (rows @ self.anisotropic @ np.swapaxes(rows, -1, -2)).reshape(*f.shape[:3], 3, 3, 3, 3)
+        geometric = self.inverse @ stress @ np.swapaxes(self.inverse, -1, -2)
+        for i in range(3):
+            out[..., :, i, :, i] += geometric
+        out *= self.weight[..., None, None, None, None]
+        # (E, m, q, d, i, e, j) to (E, m, d, e, i, j, q)
+        return np.ascontiguousarray(out.transpose(0, 1, 3, 5, 4, 6, 2))
 
     def tangents(self, f: np.ndarray, stress: np.ndarray) -> Float[np.ndarray, "elements 10 3 3 16 16"]:
         """Second derivative of the energy by the nodal positions, per pair in STATION_PAIRS.
@@ -206,6 +237,52 @@ class Elements:
     @cached_property
     def _fine_weight(self) -> np.ndarray:
         return np.linalg.det(self._fine_jacobian) * LOBATTO_WEIGHTS[:, None] / 64.0
+
+
+# places of a symmetric matrix in its vector: the engineering strains of 23, 13 and 12 are twice the matrix's
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+
+
+def _vector(strain: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points 6"]:
+    """Engineering strains of symmetric matrices."""
+    return np.stack([strain[..., i, j] * (1.0 if i == j else 2.0) for i, j in VOIGT], axis=-1)
+
+
+def _matrix(stress: Float[np.ndarray, "*points 6"]) -> Float[np.ndarray, "*points 3 3"]:
+    """Symmetric matrices of stresses in the order of ``VOIGT``."""
+    out = np.empty((*stress.shape[:-1], 3, 3))
+    for k, (i, j) in enumerate(VOIGT):
+        out[..., i, j] = out[..., j, i] = stress[..., k]
+    return out
+
+
+def orthotropic(known: Orthotropy, unit: float, angle: float) -> Float[np.ndarray, "6 6"]:
+    """Stiffness, per ``unit`` Pa, of a sheet in its flat frame, x and y in the sheet, whose grain lies ``angle`` radians from x.
+
+    Through the sheet, where arms carry next to nothing, it is taken as soft as across the grain, with a Poisson's ratio of
+    ``THROUGH`` to both sides.
+    """
+    soft = np.zeros((6, 6))
+    soft[np.arange(6), np.arange(6)] = 1.0 / np.array(
+        [known.along, known.across, known.across, known.shear_across, known.shear_along, known.shear]
+    )
+    soft[0, 1] = soft[1, 0] = -known.poisson / known.along
+    soft[0, 2] = soft[2, 0] = -THROUGH / known.along
+    soft[1, 2] = soft[2, 1] = -THROUGH / known.across
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    # stresses in the grain's axes from those in the flat frame, and strains back
+    inward = np.array([_vector_of(turn.T @ _unit(k) @ turn) for k in range(6)]).T
+    return np.linalg.inv(inward.T @ soft @ inward) / unit
+
+
+def _unit(k: int) -> Float[np.ndarray, "3 3"]:
+    """The stress whose k-th number is 1."""
+    return _matrix(np.eye(6)[k])
+
+
+def _vector_of(stress: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 6"]:
+    return np.array([stress[i, j] for i, j in VOIGT])
 
 
 def largest_principal(strain: Float[np.ndarray, "*points 3 3"]) -> Float[np.ndarray, "*points"]:

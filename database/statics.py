@@ -143,11 +143,12 @@ class Model:
         *,
         backend: str | None = None,
         like: Model | None = None,
+        stiffness: Float[np.ndarray, "6 6"] | None = None,
     ):
-        """``like`` is a model of the same plan (scale, twist, fillet, fineness) whose numbering is used again."""
+        """``stiffness`` as in ``Elements``; ``like`` is a model of the same plan (scale, twist, fillet, fineness) whose numbering is used again."""
         self.solid: Solid = make_solid(spiral, fineness)
         nodes = self.solid.nodes
-        self.elements = Elements(nodes, self.solid.elements, poisson)
+        self.elements = Elements(nodes, self.solid.elements, poisson, stiffness)
         self.tips = [self._tip(k) for k in range(ARMS)]
         volumes = np.zeros(len(nodes))
         own = self.solid.hub_elements

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
+from ..engine.materials import Material
 from ..engine.mechanics.assembly import Pose, of_design, target_pose
 from ..engine.mechanics.elastic import ElasticModel
 from ..engine.mechanics.equilibrium import Equilibrium, solve
@@ -26,7 +27,9 @@ from ..engine.simulation.simulate import build_model
 from . import chunks
 from .design_mesh import UNIT
 from .design_solid import Balance, DesignSolid
-from .validation_cases import MATERIAL, Case, Loading, cases
+from .elastic import orthotropic
+from .validation_cases import Case, Loading
+from .validation_grain import every_case
 
 FOLDER = Path(__file__).resolve().parent / "validation"
 VERSION = 4  # of the stored solids
@@ -79,18 +82,18 @@ def loads(case: Case, loading: Loading) -> tuple[Loads, Pose]:
     for spiral, pull in loading.forces:
         force[spiral] += pull
     if loading.weight:
-        force[:, 2] -= GRAVITY * MATERIAL.density * design.params.thickness * design.area
+        force[:, 2] -= GRAVITY * case.material.density * design.params.thickness * design.area
     return Loads(fixed, force), Pose(centres, rotations)
 
 
 def model(case: Case, name: str) -> ElasticModel:
     """A coarse model of a case's design: "arm", "quick" (without the strains' second order) or "rod"."""
-    return build_model(of_design(case.design), MATERIAL, "rod" if name == "rod" else "arm", quick=name == "quick")
+    return build_model(of_design(case.design), case.material, "rod" if name == "rod" else "arm", quick=name == "quick")
 
 
 def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
     """The arrays of a case's file, by full solids. Raises FlexMapsError where a state finds no equilibrium."""
-    coarse, rows = model(case, "arm"), []
+    coarse, material, rows = model(case, "arm"), case.material, []
     solid: DesignSolid | None = None
     for number, loading in enumerate(case.loadings):
         part = progress.part(number / len(case.loadings), (number + 1) / len(case.loadings))
@@ -99,31 +102,38 @@ def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
         fixed = supports.held(coarse.pairs, rest.centres)
         held = np.flatnonzero(fixed.any(axis=1))
         if solid is None or solid.held != held.tolist():
-            solid = DesignSolid(case.design, MATERIAL.poisson, held.tolist(), case.resolution)
-        unit = MATERIAL.youngs * UNIT**2
+            solid = solid_of(case, held.tolist())
+        unit = material.youngs * UNIT**2
         pulls = np.zeros_like(supports.force)
         for spiral, pull in loading.forces:
             pulls[spiral] += pull
         load = solid.pulled(pulls / unit)
         if loading.weight:
-            load += solid.weight(np.array([0.0, 0.0, -GRAVITY * MATERIAL.density * UNIT**3 / unit]))
+            load += solid.weight(np.array([0.0, 0.0, -GRAVITY * material.density * UNIT**3 / unit]))
         # the last hub of a free body is held where the coarse model left it
         found = solid.solve(solid.guess(guess), guess, load, fixed[held], part)
         if not found.converged:
             raise FlexMapsError(f"The solid of case {case.name}, state {loading.name}, finds no equilibrium")
-        rows.append(_row(found, supports))
+        rows.append(_row(found, supports, material))
     arrays = {name: np.array([row[name] for row in rows]) for name in ARRAYS}
     header = {"version": VERSION, "case": case.identity(), "unknowns": solid.unknowns if solid else 0}
     return {**arrays, "shape": shape(case), "header": np.array(json.dumps(header, sort_keys=True))}
 
 
-def _row(found: Balance, supports: Loads) -> dict[str, Any]:
+def solid_of(case: Case, held: list[int]) -> DesignSolid:
+    """The solid of a case's design, per its material's Young's modulus."""
+    known = case.material.orthotropy
+    stiffness = None if known is None else orthotropic(known, case.material.youngs, case.design.params.grain)
+    return DesignSolid(case.design, case.material.poisson, held, case.resolution, stiffness=stiffness)
+
+
+def _row(found: Balance, supports: Loads, material: Material) -> dict[str, Any]:
     return {
         "fixed": supports.fixed,
         "force": supports.force,
         "centres": found.centres * UNIT,
         "turns": Rotation.from_matrix(found.rotations).as_rotvec(),
-        "energy": found.energy * MATERIAL.youngs * UNIT**3,
+        "energy": found.energy * material.youngs * UNIT**3,
         "strain": found.strain,
         "iterations": found.iterations,
     }
@@ -149,9 +159,9 @@ def run(folder: Path, only: str | None = None, progress: Progress = SILENT) -> l
 
 def named(only: str | None) -> list[Case]:
     """The cases with this text in their name. Raises FlexMapsError where there is none."""
-    found = [case for case in cases() if only is None or only in case.name]
+    found = [case for case in every_case() if only is None or only in case.name]
     if not found:
-        raise FlexMapsError(f"No case has '{only}' in its name; there are {', '.join(c.name for c in cases())}")
+        raise FlexMapsError(f"No case has '{only}' in its name; there are {', '.join(c.name for c in every_case())}")
     return found
 
 

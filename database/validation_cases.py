@@ -1,6 +1,6 @@
 """The designs on which the coarse models are compared with full solids: spirals, supports, loads.
 
-All are cut from 2 mm of a material with E = 2.6 GPa and a Poisson's ratio of 0.3, with the program's usual blends and fillets.
+All but those with a grain are cut from 2 mm of a material with E = 2.6 GPa and a Poisson's ratio of 0.3, with the program's usual blends and fillets.
 Widths are millimetres here, twists degrees, forces newtons.
 """
 
@@ -71,12 +71,14 @@ class Case:
     """A design with the states in which it is solved.
 
     name : of its file; make : the design, whose mesh is the pose at rest that everything starts from
+    material : of all arms
     """
 
     name: str
     make: Callable[[], SpiralDesign]
     loadings: tuple[Loading, ...]
     resolution: Resolution = USUAL
+    material: Material = MATERIAL
 
     @cached_property
     def design(self) -> SpiralDesign:
@@ -88,12 +90,16 @@ class Case:
 
     def identity(self) -> dict:
         """What the results depend on besides the shape of the design, for their file's header."""
+        material = asdict(self.material)
+        if self.material.orthotropy is None:
+            del material["orthotropy"]
         return {
             "loadings": [asdict(one) for one in self.loadings],
             "resolution": asdict(self.resolution),
-            "material": asdict(MATERIAL),
+            "material": material,
             "thickness": PARAMS.thickness,
             "fillet": PARAMS.fillet,
+            **({"grain": self.design.params.grain} if self.material.orthotropy else {}),
         }
 
 
@@ -252,14 +258,14 @@ def _side(columns: int, rows: int, column: int) -> list[int]:
     return [row * columns + column for row in range(rows)]
 
 
-def _clamped(columns: int, rows: int) -> tuple[Held, ...]:
+def clamped(columns: int, rows: int) -> tuple[Held, ...]:
     return tuple(Held(one) for one in _side(columns, rows, 0))
 
 
-def _cantilever(name: str, columns: int, rows: int, *force: float) -> Loading:
+def cantilever(name: str, columns: int, rows: int, *force: float) -> Loading:
     """The first column clamped, a force (N) on every hub of the last one."""
     pull = (force[0], force[1], force[2])
-    return Loading(name, _clamped(columns, rows), tuple((one, pull) for one in _side(columns, rows, columns - 1)))
+    return Loading(name, clamped(columns, rows), tuple((one, pull) for one in _side(columns, rows, columns - 1)))
 
 
 def unlike() -> list[Case]:
@@ -268,7 +274,7 @@ def unlike() -> list[Case]:
     chess, row = (c + r) % 2, c % 2
 
     def case(name: str, width: Values, twist: Values, *force: float) -> Case:
-        return Case(name, lambda: sheet(4, 4, width, twist), (_cantilever("bent", 4, 4, *force),))
+        return Case(name, lambda: sheet(4, 4, width, twist), (cantilever("bent", 4, 4, *force),))
 
     return [
         case("unlike-width", 1.0 + chess, 180.0, 0.0, 0.0, 0.2),
@@ -286,9 +292,9 @@ def shells() -> list[Case]:
     feet, top = (0, 5, 30, 35), 14
     pinned = tuple(Held(foot, turn=None) for foot in feet)
     free, pushed = Loading("free"), Loading("pushed", pinned, ((top, (0.5, 0.0, -1.5)),), weight=True)
-    oblong = Loading("bent", _clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
-    short = Loading("bent", _clamped(6, 5), tuple((one, (0.0, 0.0, 0.8)) for one in _side(6, 5, 5)))
-    slender = Loading("bent", _clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
+    oblong = Loading("bent", clamped(6, 3), tuple((one, (0.0, 0.0, 0.3)) for one in _side(6, 3, 5)))
+    short = Loading("bent", clamped(6, 5), tuple((one, (0.0, 0.0, 0.8)) for one in _side(6, 5, 5)))
+    slender = Loading("bent", clamped(4, 4), tuple((one, (0.0, 0.0, 0.05)) for one in _side(4, 4, 3)))
     return [
         Case("saddle", saddle, (free,)),
         Case("barrel", lambda: ring(10, 3, 1.5, 180.0, bulge=0.12, seams=2), (free,)),
@@ -311,7 +317,7 @@ def four_widths() -> list[Case]:
     ) -> Case:
         wide, loading = (
             np.broadcast_to(np.asarray(width, dtype=float), (16, 4)),
-            _cantilever("bent", 4, 4, 0.0, 0.0, force),
+            cantilever("bent", 4, 4, 0.0, 0.0, force),
         )
         return Case(f"four-{name}", lambda: sheet(4, 4, wide, twist), (loading,), resolution)
 
@@ -335,7 +341,7 @@ def loadings() -> list[Case]:
     saddle_forces = tuple((one, (0.0, 0.0, up)) for one, up in ((0, 1.6), (2, -1.6), (8, 1.6), (6, -1.6)))
     patch = [
         Loading("corner", (home,), ((8, (0.0, 0.0, 0.8)),)),
-        Loading("wring", _clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
+        Loading("wring", clamped(3, 3), ((2, (0.0, 0.0, 1.6)), (8, (0.0, 0.0, -1.6)))),
         Loading("saddle", (), saddle_forces),
         Loading("mixed", (home,), ((8, (1.6, -0.8, 0.8)), (2, (0.0, 0.8, -0.4)))),
     ]
@@ -348,7 +354,7 @@ def loadings() -> list[Case]:
 
 
 def cases() -> list[Case]:
-    """All cases."""
+    """All cases without a grain."""
     free = (Loading("free"),)
     found = [
         Case("optimised", lambda: optimised("optimised", "alike"), free),

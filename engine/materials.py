@@ -26,6 +26,24 @@ class Lasting:
 
 
 @dataclass(frozen=True)
+class Orthotropy:
+    """How stiff a sheet is along its grain (1), across it in the sheet (2), and in shear, as if it were one homogeneous body, SI.
+
+    along, across : Pa, Young's moduli; poisson : contraction across per stretch along
+    shear : Pa, in the sheet (12); shear_along, shear_across : Pa, of planes parallel to the sheet (13 and 23)
+    strength : Pa, along, across, and in shear in the sheet; None where the material's strain limit holds in every direction
+    """
+
+    along: float
+    across: float
+    poisson: float
+    shear: float
+    shear_along: float
+    shear_across: float
+    strength: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
 class Material:
     """One sheet material, SI.
 
@@ -34,6 +52,7 @@ class Material:
     breaks : True where the limit is a break without warning, False where it is yield
     source : where the values come from; note : what they leave out
     lasting : what a year leaves of it; None where that is not known
+    orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then what a sheet without one would have
     """
 
     name: str
@@ -45,6 +64,7 @@ class Material:
     source: str
     note: str = ""
     lasting: Lasting | None = None
+    orthotropy: Orthotropy | None = None
 
     @property
     def strength(self) -> float:
@@ -138,15 +158,18 @@ MATERIALS: dict[str, Material] = {
         0.004,
         True,
         "Handbook of Finnish Plywood (Finnish Forest Industries 2007), birch, 6.5 mm, five plies: mean modulus in bending "
-        "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, mean density 680 kg/m3",
-        "Effective isotropic value, the mean of both directions. They differ by 2.7; in three plies (4 mm) by 16, which no "
-        "isotropic value stands for. The sheet is much softer in shear and torsion. Shapes lean with the grain; test a panel.",
+        "12.7 GPa along the face grain and 4.8 GPa across it, characteristic strength 51 and 29 MPa, panel shear "
+        "620 MPa and 9.5 MPa, mean density 680 kg/m3. Through the sheet: plies of yellow birch (Wood Handbook, Forest Products "
+        "Laboratory 2010, tables 5-1 and 5-2), one over the other",
+        "Young's modulus is the mean of both directions. Three plies (4 mm) differ by 16, not by 2.7: test a strip along and "
+        "across, and give your own values.",
         Lasting(
             1.0 / 1.8,
             0.004,
             "EN 1995-1-1, plywood in service class 1: k_def 0.80 (table 3.2, of decades rather than of a year, so on the safe side), k_mod 0.60 under "
             "permanent load (table 3.1). The strain is k_mod (1 + k_def) of the limit, at most the limit itself",
         ),
+        Orthotropy(12.7e9, 4.8e9, 0.08, 0.62e9, 0.5e9, 0.4e9, (51e6, 29e6, 9.5e6)),
     ),
     "mdf": Material(
         "MDF",

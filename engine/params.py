@@ -15,7 +15,7 @@ from os import PathLike
 from typing import Any, ClassVar, TypeVar
 
 from .errors import FlexMapsError
-from .materials import MATERIALS, Lasting, Material, material
+from .materials import MATERIALS, Lasting, Material, Orthotropy, material
 
 # of each unit: the factor to what is shown, and its symbol
 SHOWN: dict[str, tuple[float, str]] = {
@@ -238,6 +238,15 @@ class SpiralParams(Params):
         high=100.0,
     )
     clockwise: bool = setting(False, "Clockwise", "Wind the spirals the other way round")
+    grain: float = setting(
+        0.0,
+        "Grain",
+        "Direction of the sheet's grain in every panel, from its longer side, counter-clockwise as seen from outside; for sheets that "
+        "are stiffer along it, and for panels that are laid along the grain",
+        low=-0.5 * math.pi,
+        high=0.5 * math.pi,
+        unit="rad",
+    )
 
 
 @dataclass(frozen=True)
@@ -369,7 +378,7 @@ class SheetParams(Params):
         choices=(
             ("FREE", "Any", "Any angle"),
             ("QUARTER", "Quarter turns", "Every panel's longer side along or across the sheet"),
-            ("GRAIN", "Along the grain", "Every panel's longer side along the sheet's width, as for wood"),
+            ("GRAIN", "Along the grain", "The grain of every panel along the sheet's width: its longer side, or as Grain says"),
         ),
     )  # fmt: skip
     nesting: str = setting(
@@ -431,6 +440,22 @@ class MaterialParams(Params):
     )
     youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa")
     poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
+    across: float = setting(
+        0.0,
+        "Across the grain",
+        "Young's modulus of a custom material across its grain, and the one above along it; 0 for a material without a grain",
+        low=0.0,
+        high=1e12,
+        unit="Pa",
+    )
+    shear: float = setting(
+        0.0,
+        "Shear modulus",
+        "In the sheet, of a custom material with a grain; 0 takes what plywood has beside its Young's modulus",
+        low=0.0,
+        high=1e12,
+        unit="Pa",
+    )
     density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
     strain_limit: float = setting(
         0.02,
@@ -455,10 +480,19 @@ class MaterialParams(Params):
         """The material as the engine needs it."""
         if self.material != "custom":
             return material(self.material)
-        values = (self.youngs, self.poisson, self.density, self.strain_limit)
         given = "given by the user"
         lasting = Lasting(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
-        return Material("Custom", *values, breaks=True, source=given, lasting=lasting)
+        rest = (self.poisson, self.density, self.strain_limit, True, given)
+        if not self.across:
+            return Material("Custom", self.youngs, *rest, lasting=lasting)
+        # what is left as it is between the moduli of birch plywood
+        usual = MATERIALS["birch"].orthotropy
+        assert usual is not None
+        shear = self.shear or self.youngs * usual.shear / usual.along
+        poisson = self.poisson * min(1.0, self.youngs / self.across)
+        flat, steep = (shear * one / usual.shear for one in (usual.shear_along, usual.shear_across))
+        known = Orthotropy(self.youngs, self.across, poisson, shear, flat, steep)
+        return Material("Custom", 0.5 * (self.youngs + self.across), *rest, lasting=lasting, orthotropy=known)
 
 
 @dataclass(frozen=True)

@@ -190,9 +190,10 @@ class MakeThinner(Advised, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import states
+        from ..engine.runs import stages
 
         obj.flexmaps.spiral.thickness = self._amount
-        now, others = states.settings_now(obj, context.scene), "spiral!thickness"
+        now, (others,) = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
         if now[others] == self._made_from[others]:  # else somebody has changed another setting of the spirals meanwhile
             self._made_from |= {"spiral": now["spiral"]}
         return self.written(context, obj, surface, result, self._was, self._amount)

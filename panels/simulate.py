@@ -13,7 +13,7 @@ from .rows import choice_row, fold, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
 LOADS = ("gravity", "clamped")
-CUSTOM = ("youngs", "poisson", "density", "strain_limit", "lasting_share", "lasting_strain")
+CUSTOM = ("youngs", "across", "shear", "poisson", "density", "strain_limit", "lasting_share", "lasting_strain")
 
 
 class SimulatePanel(StagePanel, bpy.types.Panel):

@@ -99,14 +99,14 @@ def write(properties: Any, settings: Any) -> None:
             setattr(properties, f.name, value)
 
 
-def changed(properties: Any, but: str = "") -> str:
+def changed(properties: Any, but: tuple[str, ...] = ()) -> str:
     """The settings of a group that are not at their defaults, as a text to compare with; cheap enough for a panel.
 
-    but : the name of one that is left out
+    but : the names of those that are left out
     """
     found = []
     for name, prop in properties.bl_rna.properties.items():
-        if name in {"rna_type", "name", but} or prop.type == "POINTER":
+        if name in {"rna_type", "name", *but} or prop.type == "POINTER":
             continue
         value = getattr(properties, name)
         if value != prop.default:

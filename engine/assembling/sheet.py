@@ -168,7 +168,8 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: P
     across = min(box.width / columns, 1.06 * scale * float(sizes[:, 0].max()))
     rows = -(-len(sizes) // columns)
     down = min(box.height / rows, 1.06 * scale * float(sizes[:, 1].max()))
-    page.text("Where the panels lie on the sheets", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
+    along = ", their grain from left to right" if sheets.params.rotation == "GRAIN" else ""
+    page.text(f"Where the panels lie on the sheets{along}", (box.x, box.y + rows * down + 0.002), 0.0032, GREY)
     for index, size in enumerate(sizes):
         row, column = divmod(index, columns)
         corner = np.array([box.x + column * across, box.y + (rows - row - 1) * down])

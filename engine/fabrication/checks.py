@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..errors import FlexMapsError
+from ..materials import Material
 from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline, touching
 from ..spirals.design import SpiralDesign, nearest_quads
 from .connectors.connect import Connections
-from .nesting.packing import least_box, turn_that_fits
+from .nesting.packing import lying_box, turn_that_fits
 from .panels.kerf import cut_paths
 from .panels.panel import Panel
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 def check_mill(design: SpiralDesign, cut: CutParams) -> None:
@@ -75,16 +74,20 @@ def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
 
 
 def oversize(
-    panels: Sequence[Panel], patches: tuple[np.ndarray, ...], params: SheetParams, progress: Progress = SILENT
+    panels: Sequence[Panel],
+    patches: tuple[np.ndarray, ...],
+    params: SheetParams,
+    progress: Progress = SILENT,
+    turn: float = 0.0,
 ) -> list[str]:
-    """A warning for every panel that is larger than the sheet, or an error if so asked."""
+    """A warning for every panel that is larger than the sheet, or an error if so asked. ``turn``, radians, lays the grain along x."""
     found = []
     for number, panel in enumerate(panels):
         progress(number / len(panels), "size of the panels")
-        shape = panel.outline.sampled(1e-4)
+        shape = panel.outline.moved(turn, np.zeros(2)).sampled(1e-4)
         if turn_that_fits(shape, (params.sheet_width, params.sheet_height), params.margin, params.rotation) is not None:
             continue
-        size = least_box(shape)[1]
+        size = lying_box(shape, params.rotation)[1]
         text = (
             f"Panel {panel.number} is {size[0] * 1e3:.0f} x {size[1] * 1e3:.0f} mm and larger than the sheet of "
             f"{params.sheet_width * 1e3:g} x {params.sheet_height * 1e3:g} mm less its margins"
@@ -95,6 +98,16 @@ def oversize(
             )
         found.append(f"{text}; it gets a sheet of the size that it needs")
     return found
+
+
+def grain_lost(material: Material, params: SheetParams) -> list[str]:
+    """A warning where the grain of the sheet counts and the panels are not laid along it."""
+    if material.orthotropy is None or params.rotation == "GRAIN":
+        return []
+    return [
+        f"{material.name} is stiffer along its grain, but the panels are not laid along it: set Rotation to Along the grain, or "
+        "the piece takes another shape than the simulation's"
+    ]
 
 
 def tight(design: SpiralDesign) -> list[str]:

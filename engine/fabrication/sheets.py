@@ -131,8 +131,10 @@ def make_sheets(
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
     slot, bridge = design.measured(progress.part(0.65, 0.7))
+    # one direction of the grain for the physics and for the sheets
+    turn = -design.params.grain if params.rotation == "GRAIN" else 0.0
     warnings = [
-        *oversize(panels, layout.patches, params, progress.part(0.7, 0.72)),
+        *oversize(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
         *tight(design),
         *without(made, connectors),
     ]
@@ -140,8 +142,9 @@ def make_sheets(
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
-    shapes = [p.outline.sampled(2e-5) for p in traced]
-    packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
+    shapes = [p.outline.moved(turn, np.zeros(2)).sampled(2e-5) if turn else p.outline.sampled(2e-5) for p in traced]
+    laid = nest(shapes, params, progress.part(0.72, 1.0))
+    packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
     return CutSheets(
         panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
         slot, min(bridge, made.bridge), design.params.thickness, cut, made,

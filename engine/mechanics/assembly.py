@@ -80,6 +80,7 @@ class Assembly:
     thickness : metres, of the sheet
     clockwise : sense of rotation of the arms, from the tips inwards
     cut : how the arms are cut; None for pure spirals with the fillets of the stiffness table
+    grain : radians, from the x axes of the flat patches to the sheet's grain; nothing to sheets without one
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -91,6 +92,7 @@ class Assembly:
     thickness: float
     clockwise: bool = False
     cut: Cut | None = None
+    grain: float = 0.0
 
     @property
     def size(self) -> int:
@@ -123,6 +125,11 @@ class Assembly:
         out = np.zeros((*self.pairs.shape, 6, 6))
         out[..., :3, :3] = out[..., 3:, 3:] = self.radial
         return out * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0]) if self.clockwise else out
+
+    @property
+    def to_grain(self) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) radians from every arm's radius to the grain, to the side to which the arms wind inwards."""
+        return (self.grain - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
     def left(self) -> Float[np.ndarray, "joints 2 3"]:
@@ -173,7 +180,7 @@ def of_design(design: SpiralDesign) -> Assembly:
     lever, axes = rest_joints(mesh, corners)
     p = design.params
     cut, sides = Cut(p.blend, p.fillet), mesh.edge_sides[inner]
-    return Assembly(pairs, sides, lever, axes, design.width, design.twist, p.thickness, p.clockwise, cut)
+    return Assembly(pairs, sides, lever, axes, design.width, design.twist, p.thickness, p.clockwise, cut, p.grain)
 
 
 def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from .. import PROGRAM, VERSION
+from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
 from ..params import Settings, shown_values
@@ -79,7 +80,11 @@ def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress 
 
 def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
     assert result.sheets is not None
-    return sheets_report(result.sheets) | ({} if result.estimates is None else estimates_report(result.estimates))
+    block, figures = sheets_report(result.sheets), result.estimates
+    if figures is None:
+        return block
+    warnings = [*block["warnings"], *grain_lost(figures.material, result.sheets.params)]
+    return block | {"warnings": warnings} | estimates_report(figures)
 
 
 def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:

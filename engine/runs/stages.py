@@ -27,7 +27,7 @@ class Stage:
     share : of the progress bar; 0 for a quick one
     needs : what it goes on from; may_use : what it looks at where it is there
     makes : what it makes; improves : what it was given and gives back better, so that later stages begin with that
-    settings : sections of the settings that its result depends on; "spiral!thickness" is a section but for one setting
+    settings : sections of the settings that its result depends on; "spiral!thickness!grain" is a section but for some settings
     blocks : what it tells of itself in report.json and in the notes of a .blend file
     asked : it runs only if it is asked for; optional : sheets can be cut without it, so that its failure does not end a job
     quick : it takes so little time that it is done whenever it can be; nobody asks for it by name
@@ -49,19 +49,20 @@ class Stage:
 
     @property
     def sections(self) -> set[str]:
-        """The sections of the settings that concern it, wholly or but for one setting."""
+        """The sections of the settings that concern it, wholly or but for some settings."""
         return {section_of(named)[0] for named in self.settings}
 
 
-def section_of(named: str) -> tuple[str, str]:
-    """A section of the settings as ``Stage.settings`` names it, and the setting that is left out of it, or ""."""
-    section, _, but = named.partition("!")
-    return section, but
+def section_of(named: str) -> tuple[str, tuple[str, ...]]:
+    """A section of the settings as ``Stage.settings`` names it, and the settings that are left out of it."""
+    section, *but = named.split("!")
+    return section, tuple(but)
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
 
-# Every spiral knows the thickness of its sheet, but no line of its outline depends on it: it concerns what comes after.
+# Every spiral knows the thickness of its sheet and its grain, but no line of its outline depends on them: they concern what
+# comes after.
 # What the optimiser's own settings say is how to search; a result stays true whatever they become.
 PHYSICS = ("spiral", "material", "simulate", "loads")
 TABLE = (
@@ -71,7 +72,7 @@ TABLE = (
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
           blocks=("choose",), asked=True, optional=True, done="chosen"),
-    Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness",), blocks=("spirals",)),
+    Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness!grain",), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation", "limits"), may_use=("optimisation",),
@@ -205,5 +206,5 @@ def _differs(named: str, old: Settings, new: Settings) -> bool:
     name, but = section_of(named)
     before, now = getattr(old, name, None), getattr(new, name, None)
     if but and before is not None and now is not None:
-        now = replace(now, **{but: getattr(before, but)})
+        now = replace(now, **{one: getattr(before, one) for one in but})
     return bool(before != now)

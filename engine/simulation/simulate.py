@@ -85,8 +85,8 @@ class Simulation:
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
         """The slots between the arms in this shape, measured at the first call; None where it is no equilibrium."""
         if not self.seen and self.equilibrium.converged:
-            pose, poisson = self.equilibrium.pose, self.material.poisson
-            arms = bent(self.design, pose, poisson=poisson, progress=progress.part(0.0, 0.5))
+            pose = self.equilibrium.pose
+            arms = bent(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
             self.seen.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
         return self.seen[0] if self.seen else None
 

@@ -14,7 +14,8 @@ from flexmaps.database.design_solid import HOLD, DesignSolid, Loaded
 from flexmaps.database.geometry import Spiral
 from flexmaps.database.linear import tip_compliance, unit_motions
 from flexmaps.database.statics import Model
-from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, box, cases, dome, ring, sheet
+from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, box, dome, ring, sheet
+from flexmaps.database.validation_grain import every_case
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.newton import Local
@@ -27,8 +28,9 @@ POISSON = 0.3
 TWIST = 60.0  # degrees
 
 # shares of the size and of the energy for cases that the limits were not made for: two wide arms beside two thin ones, wound by 250
-# degrees, whose root gives more than the model says; and a single joint, whose error is not spread over a piece
-MORE = {"four-2211-more": (0.6, 0.04), "pair": (0.8, 0.04)}
+# degrees, whose root gives more than the model says; a single joint, whose error is not spread over a piece; and a sheet of three
+# plies whose arms are pulled straight, in the sheet
+MORE = {"four-2211-more": (0.6, 0.04), "pair": (0.8, 0.04), "grain-across": (0.5, 0.04)}
 
 
 def at_rest(design: SpiralDesign) -> Pose:
@@ -247,13 +249,13 @@ def compared() -> list[dict]:
 
 
 def test_reference_results_are_those_of_the_cases():
-    assert {r.case.name for r in validation.load()} == {c.name for c in cases()}
+    assert {r.case.name for r in validation.load()} == {c.name for c in every_case()}
 
 
 def test_arm_model_keeps_to_the_solids(compared):
     """The limits asked of the default model: RMS 0.5 %, 1.5 % at most of the size and 3 % of the energy."""
     rows = [r for r in compared if r["model"] == "arm"]
-    assert len(rows) == sum(len(c.loadings) for c in cases())
+    assert len(rows) == sum(len(c.loadings) for c in every_case())
     for row in rows:
         rms, energy = MORE.get(row["case"], (0.5, 0.03))
         assert row["converged"] and row["rms_percent"] < rms and row["max_percent"] < 1.5, row

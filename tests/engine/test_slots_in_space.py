@@ -92,7 +92,7 @@ def test_flat_slots_are_those_between_polygons(flat_grid, clockwise):
 
 def test_bent_slots_are_those_between_clouds_of_points(dome):
     made = dome.design
-    arms = bent(made, dome.equilibrium.pose, poisson=dome.material.poisson)
+    arms = bent(made, dome.equilibrium.pose, material=dome.material)
     found, own = dome.slots(), 4 * len(made.width)
     order = np.argsort(found.width)
     order = order[found.width[order] > 5e-5]  # points tell no depth

@@ -18,7 +18,7 @@ from ...arrays import Float
 from ...params import SheetParams
 from ...progress import SILENT, Progress
 from .odd import on_remnants
-from .packing import Packing, least_box, pack, turn_that_fits, used_length
+from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_length
 from .process import Strip, Worker, python
 from .remnants import read
 
@@ -39,6 +39,8 @@ LAST = 0.25  # least share of the time limit for drawing the panels of the last 
 
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
     """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
+
+    Those that are to lie along the grain are given with their grain along x.
 
     Never worse than ``packing.pack``, which it returns where spyrrow is missing or nothing better is found. The seed makes
     the search repeatable as far as a limit in seconds can be. Remnants come first, and are filled by ``odd``.
@@ -160,7 +162,7 @@ class _Search:
 
     def _turns(self, shape: np.ndarray) -> list[float]:
         """Degrees in which a shape fits on the sheet; none for one that is too large."""
-        base = np.degrees(least_box(shape)[0])
+        base = np.degrees(lying_box(shape, self.params.rotation)[0])
         step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
         angles = base + np.arange(0.0, 360.0, step)
         turn = turn_that_fits(shape, tuple(self.free), 0.0, self.params.rotation)

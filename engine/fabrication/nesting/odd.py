@@ -10,7 +10,7 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...progress import SILENT, Progress
-from .packing import CELLS, Packing, Sheet, Stamp, least_box
+from .packing import CELLS, Packing, Sheet, Stamp, lying_box
 from .remnants import Remnant
 
 SLANTS = 3  # directions in a quarter turn in which a panel is tried, and their quarter turns; more found no more place for panels
@@ -36,7 +36,7 @@ class _Odd:
         grain = self.params.rotation == "GRAIN"
         slants = np.radians(90.0 / SLANTS * np.arange(SLANTS)) if self.params.rotation == "FREE" else np.zeros(1)
         for slant in slants.tolist():
-            turn = least_box(shape)[0] + slant
+            turn = lying_box(shape, self.params.rotation)[0] + slant
             stamp = Stamp(shape, turn, self.cell, self.half, (0, 2) if grain else (0, 1, 2, 3))
             found = self.sheet.place(stamp, always=True)
             if found is not None:

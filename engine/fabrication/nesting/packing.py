@@ -77,7 +77,7 @@ def pack(
     boxes = []
     for done, shape in enumerate(shapes):
         progress(0.1 * done / len(shapes), "packing")
-        boxes.append(least_box(shape))
+        boxes.append(lying_box(shape, rotation))
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
     cell = max(sheet) / CELLS
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
@@ -162,7 +162,8 @@ def _in_rows(
         progress(0.5 + 0.5 * done / count, "packing in rows")
         turn, (wide, high) = laid[i]
         if wide > free[0] or high > free[1]:
-            sizes.append(_large_enough(np.sort(laid[i][1])[::-1], sheet, margin, 0.0, rotation))
+            size = laid[i][1] if rotation == "GRAIN" else np.sort(laid[i][1])[::-1]
+            sizes.append(_large_enough(size, sheet, margin, 0.0, rotation))
             used.append(np.inf)
             rows.append([len(sizes) - 1, np.inf, margin, np.inf])
             row, turn = rows[-1], boxed[i][1]
@@ -184,12 +185,19 @@ def _in_rows(
     return Packing(where, np.array([turn for turn, _ in laid]), shift, np.array(sizes).reshape(-1, 2))
 
 
+def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
+    """The turn with which points are laid on a sheet first, and the sides of the box around them: of ``least_box``, but along the
+    grain the points lie already."""
+    return (0.0, _extent(points, 0.0)) if rotation == "GRAIN" else least_box(points)
+
+
 def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
     """A turn in radians that lays points (M, 2), metres, on a sheet less its margin; ``None`` if none does.
 
-    rotation : "FREE", any turn; "QUARTER", the longer side of the smallest box along or across; "GRAIN", only along.
+    rotation : "FREE", any turn; "QUARTER", the longer side of the smallest box along or across; "GRAIN", as they lie, or half a
+    turn from there.
     """
-    turn = least_box(points)[0]
+    turn = lying_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
     steps = np.radians(np.arange(0.0, 90.0)) if rotation == "FREE" else np.zeros(1)
     for angle in (turn + steps[:, None] + quarters).ravel().tolist():

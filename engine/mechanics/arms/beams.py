@@ -26,11 +26,11 @@ class Blocks:
     """The two symmetric 3 x 3 blocks of a tip compliance, with derivatives.
 
     values : (2, 6, n): block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
-    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist
+    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist; of sheets with a grain also by its direction
     """
 
     values: Float[np.ndarray, "2 6 spirals"]
-    slopes: Float[np.ndarray, "3 2 6 spirals"]
+    slopes: Float[np.ndarray, "_ 2 6 spirals"]
 
 
 def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float[np.ndarray, " 24"]:

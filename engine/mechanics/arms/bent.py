@@ -14,12 +14,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Bool, Float, Int
+from ...materials import Material, Orthotropy
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
 from .beams import SHEAR_FACTOR, torsion_constant
+from .grain import Yielding
 
 # pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
 # 8 miss by 1e-3
@@ -78,6 +80,30 @@ class BentArms:
         return self.place[:, -1], self.turn[:, -1]
 
 
+@dataclass(frozen=True)
+class Grain:
+    """The grain of a sheet: its moduli, its angle from the x axes of the flat frames, radians, and what counts as 1 Pa."""
+
+    known: Orthotropy
+    angle: float
+    unit: float
+
+    def yields(
+        self, tangent: np.ndarray, width: np.ndarray, height: float
+    ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
+        """Turn per moment, and stretch and shear per force, over a length: along the arm, across it, normal to the sheet."""
+        found = Yielding.of(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
+        turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
+        for out, diagonal, mixed in (
+            (turn, (found.twist, found.lift, found.bend), found.coupled),
+            (stretch, (found.stretch, found.slide, found.rise), found.mixed),
+        ):
+            for k, part in enumerate(diagonal):
+                out[..., k, k] = self.unit * part[0]
+            out[..., 0, 1] = out[..., 1, 0] = self.unit * mixed[0]
+        return turn, stretch
+
+
 @dataclass(frozen=True, eq=False)
 class _Pieces:
     """What the arms are, piece by piece: ``hub`` and ``flat`` as in ``BentArms``, and how they answer to a wrench.
@@ -112,7 +138,7 @@ def bent(
     *,
     closed: Bool[np.ndarray, " joints"] | None = None,
     wrench: Float[np.ndarray, "arms 6"] | None = None,
-    poisson: float = POISSON,
+    material: Material | None = None,
     progress: Progress = SILENT,
 ) -> BentArms:
     """The arms of a design whose hubs stand in a pose.
@@ -120,9 +146,10 @@ def bent(
     closed : (m,) bool, the joints, in the order of the inner edges, whose tips meet; all if not given
     wrench : (A, 6) as in ``BentArms``, at the tips of the others, and where the search for those of the joints begins;
         none if not given
+    material : its Poisson's ratio and its grain count; else ``POISSON``
     """
     progress(0.0, BENDING)
-    return Bender.of(design, poisson).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
+    return Bender.of(design, material).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +166,13 @@ class Bender:
     size: float
 
     @classmethod
-    def of(cls, design: SpiralDesign, poisson: float = POISSON) -> Bender:
+    def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
         axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
         axes[arm] = rest_joints(mesh, design.flat.corners)[1]
-        return cls(_pieces(design, axes, poisson), arm, axes, float(np.median(design.scale)))
+        return cls(_pieces(design, axes, material), arm, axes, float(np.median(design.scale)))
 
     def bent(
         self,
@@ -189,7 +216,7 @@ def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, join
             break
 
 
-def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], poisson: float) -> _Pieces:
+def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _Pieces:
     """All arms in pieces that are equally long in t; axes (A, 3, 3) of their joints in the flat frames of their patches."""
     count = design.arms.radius.shape
     hub = hub_ends(design)
@@ -206,13 +233,16 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], poisson: 
     tangent = np.zeros_like(middle)
     tangent[..., :2] = -velocity / pace[..., None]  # outwards, from the hub to the tip
     width = width_at(design.arms, t[:, :, 1::2])[0]
+    known = None if material is None else material.orthotropy
+    grain = None if material is None or known is None else Grain(known, design.params.grain, material.youngs)
     answer = answers(
         (flat[:, :, -1:] - middle).reshape(-1, STATIONS, 3),
         tangent.reshape(-1, STATIONS, 3),
         length.reshape(-1, STATIONS),
         width.reshape(-1, STATIONS),
         design.params.thickness,
-        poisson,
+        POISSON if material is None else material.poisson,
+        grain,
     )
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
@@ -226,10 +256,11 @@ def answers(
     width: np.ndarray,
     height: float,
     poisson: float,
+    grain: Grain | None = None,
 ) -> Float[np.ndarray, "arms stations 6 6"]:
     """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
 
-    lever : (A, S, 3) metres, from the piece to the tip
+    lever : (A, S, 3) metres, from the piece to the tip; grain : of sheets that have one
     """
     normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
     aside = np.cross(normal, tangent)
@@ -240,11 +271,15 @@ def answers(
     bending = np.stack([twisting, width * height**3 / 12.0, height * width**3 / 12.0], axis=-1)
     sliding = np.stack([area, shear * area / SHEAR_FACTOR, shear * area / SHEAR_FACTOR], axis=-1)
     back = np.swapaxes(frame, -1, -2)
-    bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
+    if grain is None:
+        bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
+        slide = (frame * (length[..., None] / sliding)[..., None, :]) @ back
+    else:
+        bend, slide = (frame @ (length[..., None, None] * part) @ back for part in grain.yields(tangent, width, height))
     out = np.zeros((*length.shape, 6, 6))
     out[..., :3, :3] = bend @ skew(lever)
     out[..., :3, 3:] = bend
-    out[..., 3:, :3] = (frame * (length[..., None] / sliding)[..., None, :]) @ back
+    out[..., 3:, :3] = slide
     return out
 
 

@@ -29,6 +29,7 @@ from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant
 from .cut import CutArms
+from .grain import Yielding
 
 POINTS = 10  # of the Gauss quadrature: within 2e-8 of 20 points, on a dome, a saddle and a torus
 BATCH = 512  # joints at a time, so that they stay in the processor's cache
@@ -55,7 +56,8 @@ class Arms:
     begin : share of the radius where it begins to bend; slope, joint, share : of its blended end, as in ``CutArms``
     radial : (3, 3) columns along the radius outwards, to its left, normal; centre : (3,) m of the hub, seen from the
     middle between both hubs; all in the joint's axes, as is to_joint (m, 6, 6), from the strains between the centres to
-    those at the joint. thickness (m), youngs (Pa), poisson; side : 1, or -1 for clockwise arms
+    those at the joint. grain : radians from the radius to the grain, as in ``CutArms``
+    thickness (m), material; side : 1, or -1 for clockwise arms
     """
 
     radius: Float[np.ndarray, "joints 2"]
@@ -69,9 +71,9 @@ class Arms:
     radial: Float[np.ndarray, "joints 2 3 3"]
     centre: Float[np.ndarray, "joints 2 3"]
     to_joint: Float[np.ndarray, "joints 6 6"]
+    grain: Float[np.ndarray, "joints 2"]
     thickness: float
-    youngs: float
-    poisson: float
+    material: Material
     side: float
 
     @classmethod
@@ -87,7 +89,7 @@ class Arms:
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
         compliance = axes @ compliance @ np.swapaxes(axes, 2, 3)
         radial, centre = assembly.radial, middle[:, None] - lever
-        rest = (assembly.thickness, material.youngs, material.poisson, side)
+        rest = (assembly.to_grain, assembly.thickness, material, side)
         return cls(*shape, compliance, radial, centre, to_joint, *rest)
 
     def part(self, joints: slice) -> Arms:
@@ -103,6 +105,7 @@ class Arms:
             "radial",
             "centre",
             "to_joint",
+            "grain",
         )
         return replace(self, **{name: getattr(self, name)[joints] for name in names})
 
@@ -223,11 +226,19 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     step[:, :, 0] = place[:, :, 0]
     normal = np.broadcast_to(axes[..., 2], tangent.shape)
     aside = np.cross(normal, tangent)
-    height = arms.thickness
-    torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.poisson)
     bend = np.zeros((*tangent.shape, 3))
-    for inertia, axis in ((torsion, tangent), (width * height**3 / 12.0, aside), (height * width**3 / 12.0, normal)):
-        x, scaled = np.moveaxis(axis, -1, 0), length / (arms.youngs * inertia)
+    if arms.material.orthotropy is None:
+        turns = _isotropic(arms, width, length)
+    else:
+        angle = arms.side * (arms.grain[..., None] - np.angle(-ways[1]))
+        yields = Yielding.of(arms.material.orthotropy, angle, width, arms.thickness)
+        turns = tuple(length * part[0] for part in (yields.twist, yields.lift, yields.bend))
+        mixed = length * yields.coupled[0]
+        for i in range(3):
+            for j in range(i + 1):
+                bend[..., i, j] += mixed * (tangent[..., i] * aside[..., j] + aside[..., i] * tangent[..., j])
+    for scaled, axis in zip(turns, (tangent, aside, normal), strict=True):
+        x = np.moveaxis(axis, -1, 0)
         for i in range(3):
             part = scaled * x[i]
             for j in range(i + 1):
@@ -235,6 +246,14 @@ def _along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     for i, j in ((0, 1), (0, 2), (1, 2)):
         bend[..., i, j] = bend[..., j, i]
     return place, step, length, bend
+
+
+def _isotropic(arms: Arms, width: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Turns of the stations' pieces per moment along the arm, out of the sheet and in it, rad/(N m)."""
+    height, youngs = arms.thickness, arms.material.youngs
+    torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)
+    level, upright = width * height**3 / 12.0, height * width**3 / 12.0
+    return length / (youngs * torsion), length / (youngs * level), length / (youngs * upright)
 
 
 def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ The levers reach from every place to the tip, which stays where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ...spirals.blends import MATE_WIND, OWN_WIDTH, OWN_WIND, blends
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, torsion_constant
+from .grain import Yielding, line_compliance
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SCALE_RANGE, SHORTEST
 
 # What an arm's compliance follows, besides its geometry, in this order: its own width and twist, the mean width of both
@@ -71,6 +72,7 @@ class CutArms:
     radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in their spirals
     fillet : metres, by how much the fillets at its root are larger than those of the table's arm, and its derivative by the
     width, fillet_by; slope, joint, share : as in ``Blends``, in these axes
+    grain : radians from the radius to the grain, of sheets that have one
     slope_by, joint_by, share_by : (N, 4) by their own width and twist and by those of the arm beyond the joint
     """
 
@@ -86,25 +88,27 @@ class CutArms:
     slope_by: Complex[np.ndarray, "n 4"]
     joint_by: Float[np.ndarray, "n 4"]
     share_by: Float[np.ndarray, "n 4"]
+    grain: Float[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, assembly: Assembly, shape: Float[np.ndarray, "n 3"] | None = None) -> CutArms:
+    def of(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
         """Both arms of every joint, one joint after the other; of these shapes instead of their own (see ``shapes``)."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
         shape, cut = shapes(assembly) if shape is None else shape, assembly.cut
-        radius, leans = shape[:, 0], shape[:, 1:]
+        radius, leans = shape[:, 0], shape[:, 1:3]
+        grain = shape[:, 3] if shape.shape[1] > 3 else np.zeros(len(radius))
         known = (radius, width.ravel(), twist.ravel(), beside.ravel())
         if cut is None:
             n, none = len(radius), np.zeros((len(radius), 4))
             pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
-            return cls(*known, np.zeros(n), np.zeros(n), *pure)
+            return cls(*known, np.zeros(n), np.zeros(n), *pure, grain)
         widths, twists = (_with_mates(v) for v in (width, twist))
         end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
         slope_by, joint_by, share_by = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
-        return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by)
+        return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by, grain)
 
     def part(self, arms: slice) -> CutArms:
         """Some of them."""
@@ -118,12 +122,15 @@ class CutArms:
         return np.minimum(own, LAST_ROOT), np.minimum(moved / self.radius, LAST_ROOT)
 
 
-def shapes(assembly: Assembly) -> Float[np.ndarray, "n 3"]:
+def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
     """(2 m, 3) what the rest geometry gives to both arms of every joint: radius (metres), own lean and that of the arm beyond
-    the joint (radians, in the sense of the spirals, see ``spirals.blends``)."""
+    the joint (radians, in the sense of the spirals, see ``spirals.blends``); of sheets with a grain also the angle to it."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
-    return np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
+    found = np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
+    if material is None or material.orthotropy is None:
+        return found
+    return np.column_stack([found, assembly.to_grain.ravel()])
 
 
 def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:
@@ -133,10 +140,10 @@ def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2
 
 def by_shapes(
     assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
-) -> Float[np.ndarray, "n 3 6 6"]:
+) -> Float[np.ndarray, "n _ 6 6"]:
     """Central differences of what both arms of every joint are more compliant than the table's, by their ``shapes``."""
-    shape, parts = shapes(assembly), []
-    for k in range(3):
+    shape, parts = shapes(assembly, material), []
+    for k in range(shape.shape[1]):
         step = STEP * shape[:, 0] if k == 0 else np.full(len(shape), STEP)
         found = []
         for sign in (1.0, -1.0):
@@ -168,8 +175,12 @@ def more_compliant(
             lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
         found = np.zeros((len(_PLACES), NUMBERS + 1, len(some.radius)))
         for sign, rows, line in lines:
-            place, pace, width, weight = (numbers[kept] for numbers in line)
-            found[:, rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
+            place, pace, width, weight = (part[kept] for part in line)
+            if material.orthotropy is None:
+                found[:, rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
+            else:
+                grain, of = _dual(some.grain[None], {}, len(place) - 1), partial(Yielding.of, material.orthotropy)
+                found[:, rows[kept]] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
         fade, fade_by = _fade(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by

@@ -26,6 +26,7 @@ from ..vectors import skew, times
 from . import stiffness
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .cut import TWIST, WIDTH, CutArms, believable, by_shapes, more_compliant, shapes
+from .grain import GrainBeams
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
@@ -45,6 +46,7 @@ class ArmCompliances:
     """Compliance of both arms of m joints as they are cut: the table's and what the cut adds to it, in the arms' own axes, SI.
 
     values : (m, 2, 6, 6); table : without what the cut adds; table_by_scale : its derivative by twice the radius, per metre
+    table_by_grain : by the angle to the grain, of sheets that have one, else 0
     by : (m, 2, 5, 6, 6) derivatives of the values by the numbers of ``cut``, per metre and per radian
     """
 
@@ -52,11 +54,16 @@ class ArmCompliances:
     table: Float[np.ndarray, "joints 2 6 6"]
     table_by_scale: Float[np.ndarray, "joints 2 6 6"]
     by: Float[np.ndarray, "joints 2 numbers 6 6"]
+    table_by_grain: Float[np.ndarray, "joints 2 6 6"]
 
-    def varied(self, change: Float[np.ndarray, "n 3"], by_shapes: Float[np.ndarray, "n 3 6 6"]) -> ArmCompliances:
+    def varied(self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]) -> ArmCompliances:
         """To first order where the shapes of the arms change, of which ``by_shapes`` is what the cut adds; see ``cut``."""
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
+        if change.shape[1] > 3:
+            # the grain has no sense: half a turn is none
+            change[:, 3] = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+            table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
@@ -103,13 +110,13 @@ class ArmModel:
 
         The strains' second order stays as it is at the joints.
         """
-        change = shapes(assembly) - shapes(self.assembly)
+        change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
         compliance = self.compliance.varied(change, self._by_shapes) if change.any() else self.compliance
         found = self._with(assembly, compliance, _bends(self.assembly), self.material, False)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
     @cached_property
-    def _by_shapes(self) -> Float[np.ndarray, "n 3 6 6"]:
+    def _by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         return by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material)
 
     @cached_property
@@ -301,7 +308,9 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
 
     Raises FlexMapsError with the spirals whose width or twist is no number.
     """
-    spiral = assembly.pairs.ravel()
+    spiral, known = assembly.pairs.ravel(), material.orthotropy
+    shape = shapes(assembly, material)
+    beam = None if known is None else GrainBeams(known, shape[:, 3], material.youngs, material.poisson)
     try:
         found = tip_compliance(
             2.0 * assembly.radius.ravel(),
@@ -310,15 +319,19 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
             thickness=assembly.thickness,
             youngs=material.youngs,
             poisson=material.poisson,
+            beam=beam,
         )
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
-    arms = CutArms.of(assembly)
+    arms = CutArms.of(assembly, shape)
     added, by = more_compliant(arms, assembly.thickness, material)
     share = believable(arms, found.values, added)[:, None, None]
     added, by = added * share, by * share[..., None]
     by[:, WIDTH] += found.by_width
     by[:, TWIST] += found.by_twist
-    shape = assembly.pairs.shape
-    values, table, by_scale = (v.reshape(*shape, 6, 6) for v in (found.values + added, found.values, found.by_scale))
-    return ArmCompliances(values, table, by_scale, by.reshape(*shape, *by.shape[1:]))
+    both = assembly.pairs.shape
+    by_grain = np.zeros_like(added) if found.by_grain is None else found.by_grain
+    values, table, by_scale, by_grain = (
+        v.reshape(*both, 6, 6) for v in (found.values + added, found.values, found.by_scale, by_grain)
+    )
+    return ArmCompliances(values, table, by_scale, by.reshape(*both, *by.shape[1:]), by_grain)

@@ -26,6 +26,12 @@ class PeakStrain:
     def values(self) -> Float[np.ndarray, " arms"]:
         return self.parts.sum(axis=1)
 
+    def times(self, share: Float[np.ndarray, " arms"], by_twist: Float[np.ndarray, " arms"]) -> PeakStrain:
+        """These times a number of every arm that changes with its twist."""
+        share, by_twist = share[:, None], by_twist[:, None]
+        turned = self.by_twist * share + self.parts * by_twist
+        return PeakStrain(self.parts * share, self.by_wrench * share, self.by_width * share, turned)
+
 
 def peak_strain(
     wrench: np.ndarray,

@@ -23,6 +23,7 @@ from ..assembly import Assembly
 from ..vectors import skew, times
 from .curving import curved, weighted
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
+from .grain import strength_share
 from .joint_motion import JointMotion, SpatialMotion, first_order
 from .peak_strain import PeakStrain, peak_strain
 
@@ -154,12 +155,13 @@ def arm_wrenches(assembly: Assembly, wrench: Float[np.ndarray, "joints 6"]) -> F
 def arm_strains(
     assembly: Assembly, wrench: np.ndarray, material: Material, signs: Float[np.ndarray, "joints 2 6"] | None = None
 ) -> PeakStrain:
-    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint.
+    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint; of sheets with
+    a grain, those that are as near to the strain limit as their arms are to their strength.
 
     signs : as in ``peak_strain``
     """
     width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
-    return peak_strain(
+    found = peak_strain(
         arm_wrenches(assembly, wrench).reshape(-1, 6),
         2.0 * assembly.radius.ravel(),
         width,
@@ -169,6 +171,11 @@ def arm_strains(
         poisson=material.poisson,
         signs=None if signs is None else signs.reshape(-1, 6),
     )
+    if material.orthotropy is None or material.orthotropy.strength is None:
+        return found
+    # the stress that the arms carry hardly depends on their moduli; what they bear of it depends on the grain
+    stress = material.youngs * material.strain_limit
+    return found.times(*strength_share(material.orthotropy.strength, stress, twist, assembly.to_grain.ravel()))
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -50,12 +51,14 @@ class ArmCompliance:
     values : (n, 6, 6) SI: motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; axes: along the
         radius from the hub to the tip, to the left of it in the sheet, normal to the sheet; shifts first, turns last
     by_scale, by_width, by_twist : (n, 6, 6) derivatives, per metre, per metre, per radian
+    by_grain : (n, 6, 6) per radian that the grain turns, of sheets with one
     """
 
     values: Float[np.ndarray, "... 6 6"]
     by_scale: Float[np.ndarray, "... 6 6"]
     by_width: Float[np.ndarray, "... 6 6"]
     by_twist: Float[np.ndarray, "... 6 6"]
+    by_grain: Float[np.ndarray, "... 6 6"] | None = None
 
 
 def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
@@ -259,10 +262,22 @@ def relative_factor(
     return np.array(out)
 
 
+# beams with the numbers s/w, h/w and twist (n,); those of sheets with a grain have a fourth derivative, by its direction
+Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]
+
+
 def blocks(
-    ratio: np.ndarray, flatness: np.ndarray, twist: Float[np.ndarray, " arms"], table: Table, poisson: float
+    ratio: np.ndarray,
+    flatness: np.ndarray,
+    twist: Float[np.ndarray, " arms"],
+    table: Table,
+    poisson: float,
+    beam: Beams | None = None,
 ) -> beams.Blocks:
-    """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,)."""
+    """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,).
+
+    beam : what the table is taken relative to; the isotropic one if not given
+    """
     at = locate(ratio, flatness, twist)
     log, dlog = interpolate(table, at, slice(0, 12))
     log, dlog = log * at.share, dlog * at.share
@@ -274,11 +289,15 @@ def blocks(
         dfactor[:, k] *= factor[k]
     # the beam is known up to here; no spiral can be cut that is wound any further
     wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
-    base = beams.tip_compliance(ratio, 1.0 / flatness, wound, poisson)
+    if beam is None:
+        base = beams.tip_compliance(ratio, 1.0 / flatness, wound, poisson)
+    else:
+        base = beam(ratio, 1.0 / flatness, wound)
+        dfactor = np.concatenate([dfactor, np.zeros((len(base.slopes) - 3, *dfactor.shape[1:]))])
     base.slopes[2] *= wound == twist
-    beam, dbeam = _cholesky(base.values.swapaxes(0, 1), base.slopes.swapaxes(1, 2))
-    whole = _lower_product(beam, factor)
-    dwhole = _lower_product(dbeam, factor[None]) + _lower_product(beam[None], dfactor)
+    root, droot = _cholesky(base.values.swapaxes(0, 1), base.slopes.swapaxes(1, 2))
+    whole = _lower_product(root, factor)
+    dwhole = _lower_product(droot, factor[None]) + _lower_product(root[None], dfactor)
     first = _gram(dwhole, whole[None])
     second = _gram(whole[None], dwhole)
     return beams.Blocks(_gram(whole, whole).swapaxes(0, 1), (first + second).swapaxes(1, 2))
@@ -292,18 +311,20 @@ def tip_compliance(
     thickness: float,
     youngs: float,
     poisson: float,
+    beam: Beams | None = None,
 ) -> ArmCompliance:
     """Compliance of the tips of n arms with exact derivatives, for every arm there is: see ``beyond``.
 
     scale : (n,) m, diameter of the circumscribed circle: twice the distance from the centre to the tip; width : (n,) m;
-    twist : (n,) rad; thickness in m, Young's modulus in Pa. Arms shorter than the table's shortest, s/w = 5, are hardly
+    twist : (n,) rad; thickness in m, Young's modulus in Pa; beam : as in ``blocks``, per Young's modulus. Arms shorter than the table's shortest, s/w = 5, are hardly
     longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Raises FlexMapsError where
     something is no length or angle; ``faces`` of the error are positions in the given arrays.
     """
     refuse_material(thickness, youngs)
     scale, width, twist = lengths_and_twists(scale, width, twist)
     ratio, least = scale / width, SCALE_RANGE[0]
-    found = blocks(np.maximum(ratio, least), width / thickness, twist, load_table(float(poisson)), float(poisson))
+    table = load_table(float(poisson))
+    found = blocks(np.maximum(ratio, least), width / thickness, twist, table, float(poisson), beam)
     # a wrench (F, M) is (E w^2, E w^3) and a motion (u, turn) is (w, 1) of the dimensionless one
     power = np.zeros((2, 6), dtype=int)
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
@@ -314,11 +335,11 @@ def tip_compliance(
     short = np.minimum(np.maximum(ratio, SHORTEST) / least, 1.0)
     unit = width**power * short ** (4 + power) / youngs
     values = found.values * unit
-    by_ratio, by_flatness, by_twist = found.slopes * unit
+    by_ratio, by_flatness, by_twist, *others = found.slopes * unit
     by_ratio = np.where(ratio < least, np.where(ratio > SHORTEST, (4 + power) * values, 0.0), by_ratio)
     by_scale = by_ratio / scale
     by_width = (by_flatness - by_ratio + power * values) / width
-    return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist)))
+    return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist, *others)))
 
 
 def lengths_and_twists(

@@ -1,0 +1,333 @@
+"""Arms of sheets with a grain: what their sections yield, and the curved beam of which the stiffness table is taken.
+
+A section whose way lies at an angle to the grain is monoclinic: its plane is no plane of symmetry, the sheet's is. By
+Saint-Venant's principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, chapters 2 and 6), with the compliances S of
+the sheet turned to the section's axes, 1 along the arm, 2 across it in the sheet, 3 normal to it, and I = w h^3 / 12,
+
+    stretch S11 / A, shear 6/5 S66 / A, both coupled by S16 / A; bending in the sheet S11 / (h w^3 / 12)
+    bending out of it S11 / I, torsion 1 / D + S16^2 / (4 S11 I), both coupled by -S16 / (2 I)
+
+where D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: that of an isotropic section made wider
+by the root of their ratio. All of it is exact for forces and moments that are the same along the arm, but for the shear factors.
+
+A hub keeps the sections near it from warping, which counts the more, the larger S16 is (``Yielding.of_held``), and it yields more,
+the softer the sheet is in shear (``Yielding.of_hub``). What isotropic hubs do is in the stiffness table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ...arrays import Float
+from ...materials import Orthotropy
+from .beams import SHEAR_FACTOR, Blocks, torsion_constant
+from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
+
+# Gauss points along an arm: compliances of 300 random arms with moduli of 16 to 1 are within 1e-6 of those of 96 points up to
+# 150 degrees of twist, 3e-5 up to 300, 2e-4 up to 500
+POINTS = 48
+# What a hub yields to bending in the sheet and out of it beyond what isotropic ones do: lengths of arm, in widths, per ratio of
+# Young's to the shear modulus more than there; and the distance from the centre, in widths, at which it no longer holds sections:
+# 1.4 and 2 hold about as well. All three fit 240 solids of random spirals and materials; tools/bench_grain.py draws others
+HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
+HUB_TALL = 0.31  # where the second turns from tall arms to wide ones, in solids of straight arms
+HUB_AT = 0.5  # widths from the centre to where a hub yields: where the arm leaves it
+_DIRECTIONS = 24  # places along an arm where its strength is looked at
+_HIGH = 12  # the power that stands for the largest: 0.8 of it where a tenth of the places reaches it
+BATCH = 500  # arms at a time, so that they stay in the processor's cache
+_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # the numbers by which the beam has derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class Yielding:
+    """What a piece of an arm yields, per length, and the derivatives by its width and by the angle from the arm to the grain.
+
+    Each (3, ...): value, by width, by angle. stretch, slide, mixed : stretch per force along, shear per force across in the sheet,
+    and either per the other force; rise : shear per force normal to the sheet
+    bend, lift, twist : turn per moment about the normal, about the direction across, along; coupled : twist per the moment across
+    """
+
+    stretch: np.ndarray
+    slide: np.ndarray
+    mixed: np.ndarray
+    rise: np.ndarray
+    bend: np.ndarray
+    lift: np.ndarray
+    twist: np.ndarray
+    coupled: np.ndarray
+
+    @classmethod
+    def of(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+        """angle : radians from the arm's way, to its left, to the grain; width, height : metres. All broadcast."""
+        s11, s16, s66, s55 = _turned(known, angle)
+        area, inertia = 1.0 / (width * height), 12.0 / (width * height**3)
+
+        def of(value: np.ndarray, factor: np.ndarray, power: int) -> np.ndarray:
+            return np.stack([value[0] * factor, -power * value[0] * factor / width, value[1] * factor])
+
+        stretch, mixed = of(s11, area, 1), of(s16, area, 1)
+        slide, rise = of(SHEAR_FACTOR * s66, area, 1), of(SHEAR_FACTOR * s55, area, 1)
+        bend, lift = of(s11, 12.0 / (height * width**3), 3), of(s11, inertia, 1)
+        # S16^2 / S11, and what is left of S66
+        shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
+        shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
+        left = s66 - shared
+        twist = _torsion(left, s55, width, height) + of(0.25 * shared, inertia, 1)
+        return cls(stretch, slide, mixed, rise, bend, lift, twist, of(-0.5 * s16, inertia, 1))
+
+    @classmethod
+    def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+        """What a section yields less where it is kept from warping, beyond what isotropic ones do; as ``of``.
+
+        It stays plane: the stiffness Q is the inverse of S11, S16 and S66, in the sheet Q11 h w^3 / 12, out of it and in torsion
+        [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)].
+        """
+        free = cls.of(known, angle, width, height)
+        s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _turned(known, angle))
+        level = np.stack([width * height**3 / 12.0, height**3 / 12.0 + 0.0 * width, 0.0 * width])
+        upright = np.stack([height * width**3 / 12.0, height * width**2 / 4.0, 0.0 * width])
+        over = _inverse(_times(s11, s66) - _times(s16, s16))
+        bent, mixed = _times(level, _times(s66, over)), _times(level, _times(s16, over))
+        twisted = _times(level, _times(s11, over)) + _times(upright, _inverse(s55))
+        both = _inverse(_times(bent, twisted) - _times(mixed, mixed))
+        bend = _inverse(_times(upright, _times(s66, over))) - free.bend
+        constant, slope = torsion_constant(height / width)
+        torsion = np.stack([width**4 * constant, 4.0 * width**3 * constant - width**2 * height * slope, 0.0 * width])
+        alike = _times(torsion, _inverse(level + upright))
+        lift, coupled = _times(twisted, both) - free.lift, -_times(mixed, both) - free.coupled
+        twist = _times(bent, both) - _times(alike, free.twist)
+        none = np.zeros_like(bend)
+        return cls(none, none, none, none, bend, lift, twist, coupled)
+
+    @classmethod
+    def of_hub(
+        cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
+    ) -> Yielding:
+        """What the whole hub of an arm yields more than an isotropic one of this Poisson's ratio; as ``of``, but not per length."""
+        s11, _, s66, s55 = _turned(known, angle)
+        more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
+        flat = width / height
+        spread = HUB_TALL + flat**4
+        factor, by = 12.0 * HUB_LIFT / height**3, (HUB_TALL - flat**4) / spread**1.5 / height
+        part = flat / np.sqrt(spread)
+        level = 12.0 * HUB_BEND / (height * width**2)
+        bend = np.stack([more_level[0] * level, -2.0 * more_level[0] * level / width, more_level[1] * level])
+        lift = factor * np.stack([more_upright[0] * part, more_upright[0] * by, more_upright[1] * part])
+        none = np.zeros_like(bend)
+        return cls(none, none, none, none, bend, lift, none, none)
+
+
+def _turned(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value and derivative, 1/Pa (Jones, Mechanics of Composite
+    Materials, section 2.6)."""
+    s1, s2, s12, s6 = 1.0 / known.along, 1.0 / known.across, -known.poisson / known.along, 1.0 / known.shear
+    # by twice and four times the angle: mean, half the difference, and how far the sheet is from isotropic
+    mean, half = 0.125 * (3.0 * (s1 + s2) + 2.0 * s12 + s6), 0.5 * (s1 - s2)
+    quarter = 0.125 * (s1 + s2 - 2.0 * s12 - s6)
+    c2, n2, c4, n4 = np.cos(2.0 * angle), np.sin(2.0 * angle), np.cos(4.0 * angle), np.sin(4.0 * angle)
+    s11 = np.stack([mean + half * c2 + quarter * c4, -2.0 * half * n2 - 4.0 * quarter * n4])
+    s16 = np.stack([half * n2 + 2.0 * quarter * n4, 2.0 * half * c2 + 8.0 * quarter * c4])
+    s66 = np.stack([s6 + 4.0 * quarter * (1.0 - c4), 16.0 * quarter * n4])
+    flat, steep = 1.0 / known.shear_along, 1.0 / known.shear_across
+    s55 = np.stack([0.5 * (flat + steep) + 0.5 * (flat - steep) * c2, (steep - flat) * n2])
+    return s11, s16, s66, s55
+
+
+def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> np.ndarray:
+    """(3, ...): 1 / D of sections with these shear compliances (2, ...) in the sheet and normal to it; by width and angle."""
+    wider = np.sqrt(level[0] / upright[0])
+    wider_by = 0.5 * wider * (level[1] / level[0] - upright[1] / upright[0])
+    wide = width * wider
+    constant, slope = torsion_constant(height / wide)
+    value = level[0] * wider / (wide**4 * constant)
+    by_wide = -value * (4.0 - slope * height / (wide * constant)) / wide
+    by_angle = value * (level[1] / level[0] + wider_by / wider) + by_wide * width * wider_by
+    return np.stack([value, by_wide * wider, by_angle])
+
+
+# values with their derivatives: (1 + P, ...), as in ``cut``
+
+
+def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    out = a * b[:1] + a[:1] * b
+    out[0] = a[0] * b[0]
+    return out
+
+
+def _inverse(a: np.ndarray) -> np.ndarray:
+    out = -a / a[0] ** 2
+    out[0] = 1.0 / a[0]
+    return out
+
+
+def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
+    out = np.einsum("psn,sn->pn", a, b[0])
+    out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
+    return out
+
+
+def line_compliance(
+    place: np.ndarray,
+    pace: np.ndarray,
+    width: np.ndarray,
+    weight: np.ndarray,
+    grain: np.ndarray,
+    height: float | np.ndarray,
+    of: Callable[..., Yielding],
+) -> Float[np.ndarray, "12 numbers n"]:
+    """Compliance of the tip from the stations of a line, and its derivatives, in the order of ``ENTRIES`` of both blocks.
+
+    A line as in ``cut``; grain : (1 + P, 1 or S, N) angle from the arms' first axes to the grain; of : what the stations yield at
+    an angle, width and height
+    """
+    x, y = -place.real, -place.imag
+    speed = np.abs(pace[0])
+    along = pace * (np.conj(pace[0]) / speed)
+    unit = 1j * along.imag * (pace[0] / speed**2)
+    unit[0] = pace[0] / speed
+    tx, ty = unit.real, unit.imag
+    turn = along.imag / speed
+    turn[0] = np.angle(unit[0])
+    angle = grain - turn
+    length = _times(weight, np.concatenate([speed[None], along.real[1:]]))
+    yields = of(angle[0], width[0], height)
+
+    def over(value: np.ndarray) -> np.ndarray:
+        out = value[1] * width + value[2] * angle
+        out[0] = value[0]
+        return _times(length, out)
+
+    one, none = np.zeros_like(tx), np.zeros_like(tx)
+    one[0] = 1.0
+    bend, stretch, slide, mixed = (over(v) for v in (yields.bend, yields.stretch, yields.slide, yields.mixed))
+    inside = _alone(bend, (-y, x, one))
+    forces = _pair(stretch, slide, mixed, (tx, ty, none), (-ty, tx, none))
+    twist, lift, coupled, rise = (over(v) for v in (yields.twist, yields.lift, yields.coupled, yields.rise))
+    lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
+    outside = _pair(twist, lift, coupled, (torque, tx, ty), (-lever, -ty, tx))
+    outside[0] += rise.sum(axis=1)
+    return np.concatenate([inside + forces, outside])
+
+
+def _alone(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
+    """The sums of value a a over the stations."""
+    scaled = [_times(value, row) for row in rows]
+    return np.stack([_total(scaled[i], rows[j]) for i, j in ENTRIES])
+
+
+def _pair(
+    first: np.ndarray, second: np.ndarray, mixed: np.ndarray, a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]
+) -> Float[np.ndarray, "6 numbers n"]:
+    """The sums of first a a + second b b + mixed (a b + b a) over the stations."""
+    rows = [
+        (_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)
+    ]
+    return np.stack([_total(rows[i][0], a[j]) + _total(rows[i][1], b[j]) for i, j in ENTRIES])
+
+
+@dataclass(frozen=True, eq=False)
+class GrainBeams:
+    """``beams.tip_compliance`` for n arms with a grain, to be given to ``stiffness.tip_compliance``.
+
+    grain : (n,) radians, from the radius to the tip, towards the side to which arms wind inwards, to the grain
+    unit, poisson : Pa, what counts as Young's modulus, and Poisson's ratio: those of the table
+    """
+
+    known: Orthotropy
+    grain: Float[np.ndarray, " n"]
+    unit: float
+    poisson: float
+
+    def __call__(self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray) -> Blocks:
+        """Slopes as in ``Blocks``, then by the angle to the grain."""
+        parts = [
+            self._lines(*(values[start : start + BATCH] for values in (scale, height, twist, self.grain)))
+            for start in range(0, len(scale), BATCH)
+        ]
+        found = self.unit * np.concatenate(parts, axis=2).reshape(2, 6, 5, -1)
+        value, by_radius, by_width, by_twist, by_grain = np.moveaxis(found, 2, 0)
+        by_scale = 0.5 * scale * by_radius
+        # a compliance goes with the (-1 - k)th power of all lengths together
+        kind = np.array([[0 if r < 3 else 1 for r in rows] for rows in (IN_PLANE, OUT_OF_PLANE)])
+        power = np.array([[-1 - kind[b, i] - kind[b, j] for i, j in ENTRIES] for b in (0, 1)])[..., None]
+        by_height = power * value - by_scale - by_width
+        return Blocks(value, np.stack([by_scale, -by_height, by_twist, by_grain]))
+
+    def _lines(
+        self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray, grain: np.ndarray
+    ) -> Float[np.ndarray, "12 5 n"]:
+        """Of some arms, by the numbers above; 1/Pa, lengths in arm widths."""
+        x, w = np.polynomial.legendre.leggauss(POINTS)
+        radius, n = 0.5 * scale, len(scale)
+        width, angle, weight = np.zeros((5, 1, n)), np.zeros((5, 1, n)), np.zeros((5, POINTS, 1))
+        width[0], width[1 + _WIDTH], weight[0] = 1.0, 1.0, 0.5 * w[:, None]
+        angle[0], angle[1 + _GRAIN] = grain, 1.0
+        t = np.zeros((5, POINTS, 1))
+        t[0] = 0.5 * (x[:, None] + 1.0)
+        # how far the hub holds the stations' sections, by their distance from the centre in widths
+        away = radius * (1.0 - t[0])
+        share = np.zeros((5, POINTS, n))
+        share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
+        share[1 + _WIDTH] = 2.0 * (away / HUB_HOLDS) ** 2 * share[0]
+        share[1 + _RADIUS] = -share[1 + _WIDTH] / radius
+        lines, free = _spiral(radius, twist, t), partial(Yielding.of, self.known)
+        along = line_compliance(*lines, width, weight, angle, height, free)
+        weight = weight * share[:1] + weight[:1] * share
+        weight[0] = 0.5 * w[:, None] * share[0]
+        along += line_compliance(*lines, width, weight, angle, height, partial(Yielding.of_held, self.known))
+        t = np.zeros((5, 1, n))
+        t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
+        places, paces = _spiral(radius, twist, t)
+        # one station of length 1, whatever the numbers
+        speed = np.abs(paces[0])
+        weight = -(paces * np.conj(paces[0])).real / speed**3
+        weight[0] *= -1.0
+        of = partial(Yielding.of_hub, self.known, poisson=self.poisson)
+        return along + line_compliance(places, paces, width, weight, angle, height, of)
+
+
+def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places, seen from the tips, and derivatives by t of pure spirals at t (5, S, 1 or n), with the derivatives by the numbers."""
+    whole, last = t, t[0]
+    turn = np.exp(1j * twist * last)
+    place, pace = (1.0 - last) * turn, (1j * twist * (1.0 - last) - 1.0) * turn
+    change = (-2j * twist - twist**2 * (1.0 - last)) * turn
+    places, paces = radius * pace * whole, radius * change * whole
+    places[0], paces[0] = radius * (place - 1.0), radius * pace
+    places[1 + _RADIUS] += place - 1.0
+    paces[1 + _RADIUS] += pace
+    places[1 + _TWIST] += radius * (1j * last * place)
+    paces[1 + _TWIST] += radius * (1j * last * pace + 1j * (1.0 - last) * turn)
+    return places, paces
+
+
+def strength_share(
+    strength: tuple[float, float, float],
+    stress: float,
+    twist: Float[np.ndarray, " arms"],
+    grain: Float[np.ndarray, " arms"],
+) -> tuple[Float[np.ndarray, " arms"], Float[np.ndarray, " arms"]]:
+    """A stress (Pa) over what n arms bear, in the direction in which they bear least, and the derivative by their twist.
+
+    In one direction by Norris (Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962);
+    of all directions along an arm the mean of a high power, which has derivatives. strength : as in ``Orthotropy``
+    """
+    first, second, sheared = (stress / one for one in strength)
+    t = (np.arange(_DIRECTIONS)[:, None] + 0.5) / _DIRECTIONS
+    wind = twist * (1.0 - t)
+    # the way of a spiral against its radius, and how that changes with the twist
+    way = twist * t - np.arctan(wind)
+    angle, by_twist = grain - way, -(t - (1.0 - t) / (1.0 + wind**2))
+    c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
+    both = sheared**2 - first * second
+    square = c * c * first**2 + s * s * second**2 + c * s * both
+    slope = np.sin(2.0 * angle) * (s * second**2 - c * first**2 + 0.5 * (c - s) * both)
+    power = 0.5 * _HIGH
+    mean = (square**power).mean(axis=0)
+    out = mean ** (1.0 / _HIGH)
+    change = (power * square ** (power - 1.0) * 2.0 * slope * by_twist).mean(axis=0)
+    return out, out / mean * change / _HIGH

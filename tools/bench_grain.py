@@ -1,0 +1,188 @@
+"""Sheets with a grain: the arm model against orthotropic solids, its derivatives against differences, and what it costs.
+
+python3 tools/dev.py bench grain [--spirals N] [--json FILE]
+
+Single spirals are random in size, width, twist, direction of the grain and plywood: five plies, three plies, and anything between
+with other shear moduli. Whole pieces are those whose name begins with ``grain`` in ``database/validation``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from flexmaps.database import linear, table, validation
+from flexmaps.database.elastic import orthotropic
+from flexmaps.database.geometry import Spiral
+from flexmaps.database.statics import Model
+from flexmaps.database.validation_grain import FIVE_PLIES, three_plies
+from flexmaps.engine.materials import Material, Orthotropy
+from flexmaps.engine.mechanics.arms.grain import GrainBeams
+from flexmaps.engine.mechanics.arms.model import ArmModel
+from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_compliance, twist_limit
+from flexmaps.engine.mechanics.assembly import Assembly, of_design
+from flexmaps.engine.mechanics.elastic import summed
+from rows import Row, Table, at_most, row
+
+MEDIAN, MOST, APART = 3.0, 8.0, 0.5  # percent: of single spirals' energies, and RMS distance of pieces over their size
+STOUT = 8.0  # s/w below which arms are hardly longer than their hubs
+WRENCHES = 300  # random ones a spiral, moments as of forces at half an arm's length
+POISSON = 0.3  # of the table that the beams are put into
+
+
+def main(arguments: list[str]) -> int:
+    """Run all parts; 0 when they ran, whatever they measured."""
+    from threadpoolctl import threadpool_limits
+
+    parser = argparse.ArgumentParser(prog="tools/dev.py bench grain")
+    parser.add_argument("--spirals", type=int, default=90, help="random spirals whose solids are made; 0.5 s each")
+    parser.add_argument("--json", type=Path, default=None)
+    options = parser.parse_args(arguments)
+    rows = Table(width=52)
+    with threadpool_limits(1):
+        for part in (derivatives(), pieces(), speed(), spirals(options.spirals)):
+            rows.add(*part)
+    rows.finish(options.json)
+    return 0
+
+
+def plywoods(number: int, rng: np.random.Generator) -> Orthotropy:
+    """One of three kinds in turn; shear moduli between those of birch plywood in the sources and 0.9 GPa."""
+    five, three = FIVE_PLIES.orthotropy, three_plies().orthotropy
+    assert five is not None and three is not None
+    flat, steep = rng.uniform(0.4e9, 0.9e9, 2)
+    if number % 3 < 2:
+        return replace((five, three)[number % 3], shear_along=flat, shear_across=steep)
+    ratio = math.exp(rng.uniform(0.0, math.log(16.0)))
+    return Orthotropy(10e9, 10e9 / ratio, rng.uniform(0.02, 0.1), rng.uniform(0.6e9, 0.9e9), flat, steep)
+
+
+def spirals(count: int) -> list[Row]:
+    """Energies of single spirals under random wrenches at a tip against those of solids."""
+    rng, errors, ratios = np.random.default_rng(2026), [], []
+    for number in range(count):
+        ratio, flat = (math.exp(rng.uniform(*np.log(span))) for span in ((6.0, 35.0), (0.4, 2.8)))
+        twist = rng.uniform(0.0, 0.95) * float(twist_limit(ratio))
+        angle, known = rng.uniform(-0.5, 0.5) * math.pi, plywoods(number, rng)
+        true = solid(Spiral(ratio, 1.0 / flat, twist), known, angle)
+        given = (np.array([v]) for v in (ratio, 1.0, twist))
+        beam = GrainBeams(known, np.array([angle]), known.along, POISSON)
+        model = tip_compliance(*given, thickness=1.0 / flat, youngs=1.0, poisson=POISSON, beam=beam).values[0]
+        wrenches = rng.normal(size=(WRENCHES, 6)) * np.repeat([1.0, 0.25 * ratio], 3)
+        stored = [np.einsum("wi,ij,wj->w", wrenches, one, wrenches) for one in (model, true)]
+        errors.append(100.0 * (stored[0] / stored[1] - 1.0))
+        ratios.append(ratio)
+    found, stout, out = np.array(errors), np.array(ratios) < STOUT, []
+    for name, chosen, limits in (
+        (f"s/w {STOUT:g} to 35", ~stout, (MEDIAN, MOST)),
+        (f"s/w 6 to {STOUT:g}", stout, (None, None)),
+    ):
+        size = np.abs(found[chosen])
+        if size.size:
+            out.append(at_most("spirals", f"{name}: energies, median %", limits[0], float(np.median(size))))
+            out.append(at_most("spirals", f"{name}: energies, 95 %, %", limits[1], float(np.percentile(size, 95))))
+            out.append(row("spirals", f"{name}: model softer by, median %", "", float(np.median(found[chosen])), None))
+    return out
+
+
+def solid(spiral: Spiral, known: Orthotropy, angle: float) -> np.ndarray:
+    """(6, 6) compliance of the solid's tip, per Young's modulus along the grain; angle from the radius to the grain."""
+    # the tip that ``linear`` loads lies on the y axis
+    stiffness = orthotropic(known, known.along, angle + 0.5 * math.pi)
+    model = Model(spiral, POISSON, table.fineness_of(spiral), stiffness=stiffness)
+    return linear.tip_compliance(model, linear.unit_motions(model))
+
+
+def pieces() -> list[Row]:
+    """Shapes and energies of whole pieces under supports, loads and their own seams."""
+    out = []
+    for one in validation.compare(("arm",), only="grain"):
+        name = one["case"].removeprefix("grain-")
+        out.append(at_most(name, f"{one['state']}: RMS, % of the size", APART, one["rms_percent"]))
+        strain = {"strain": f"{one['strain_percent']:.2f} %"}
+        out.append(row(name, f"{one['state']}: energy, %", "", 100.0 * (one["energy_ratio"] - 1.0), None, strain))
+    return out
+
+
+def derivatives() -> list[Row]:
+    """Exact derivatives against central differences, relative to the arms' own compliance and to the forces."""
+    rng, n = np.random.default_rng(1), 400
+    known = FIVE_PLIES.orthotropy
+    assert known is not None
+    width = rng.uniform(0.001, 0.002, n)
+    at = {"scale": width * rng.uniform(4.0, 40.0, n), "width": width, "twist": rng.uniform(0.02, 8.0, n)}
+    at["grain"] = rng.uniform(-3.0, 3.0, n)
+
+    def values(given: dict[str, np.ndarray]) -> ArmCompliance:
+        beam = GrainBeams(known, given["grain"], FIVE_PLIES.youngs, POISSON)
+        return tip_compliance(
+            given["scale"], given["width"], given["twist"],
+            thickness=0.003, youngs=FIVE_PLIES.youngs, poisson=POISSON, beam=beam,
+        )  # fmt: skip
+
+    here, out = values(at), []
+    unit = np.sqrt(np.einsum("nii->ni", here.values))
+    for name in at:
+        step = 1e-6 * (at[name] if name in ("scale", "width") else np.ones(n))
+        ahead, behind = (values(at | {name: at[name] + sign * step}).values for sign in (1, -1))
+        slope, found = (ahead - behind) / (2.0 * step)[:, None, None], getattr(here, f"by_{name}")
+        apart = np.abs(found - slope) / (unit[:, :, None] * unit[:, None]) * (step * 1e6)[:, None, None]
+        out.append(at_most("derivatives", f"compliance by {name}", 1e-6, float(apart.max())))
+    return [*out, forces()]
+
+
+def forces() -> Row:
+    """The derivative of the forces of a piece by its widths and twists, along a random direction."""
+    case = next(one for one in validation.named("grain-patch"))
+    design = case.design
+    pose = validation.loads(case, case.loadings[0])[1]
+    rng = np.random.default_rng(3)
+    pose = pose.moved(rng.normal(size=(len(pose.centres), 6)) * np.repeat([1e-4, 0.05], 3))
+    known = of_design(design)
+    way_width, way_twist = 1e-3 * rng.normal(size=known.width.shape), rng.normal(size=known.twist.shape)
+
+    def gradient(step: float) -> np.ndarray:
+        moved = known.redesigned(known.width + step * way_width, known.twist + step * way_twist)
+        model = ArmModel.of(moved, case.material, curving=False)
+        return model.expand(model.start(pose)).gradient
+
+    model = ArmModel.of(known, case.material, curving=False)
+    blocks = model.gradient_by_design(model.start(pose))
+    way = np.column_stack([way_width, way_twist])
+    found = summed(np.einsum("miks,mks->mi", blocks, way[known.pairs]), known.pairs, known.size)
+    h = 2e-4
+    line = [gradient(k * h) for k in (-2, -1, 1, 2)]
+    slope = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * h)
+    return at_most(
+        "derivatives",
+        "forces of a piece by its spirals",
+        1e-6,
+        float(np.abs(found - slope).max() / np.abs(slope).max()),
+    )
+
+
+def speed() -> list[Row]:
+    """Processor seconds of the model of a piece, with a grain and without."""
+    design = next(one for one in validation.named("grain-dome")).design
+    known, out = of_design(design), []
+    for name, material in (("with a grain", FIVE_PLIES), ("without", replace(FIVE_PLIES, orthotropy=None))):
+        out.append(
+            row(
+                "dome",
+                f"model of {known.size} spirals {name}, ms",
+                "",
+                1e3 * min(_cpu(known, material) for _ in range(5)),
+                None,
+            )
+        )
+    return out
+
+
+def _cpu(known: Assembly, material: Material) -> float:
+    begin = time.process_time()
+    ArmModel.of(known, material)
+    return time.process_time() - begin
