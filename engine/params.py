@@ -238,6 +238,15 @@ class SpiralParams(Params):
         high=100.0,
     )
     clockwise: bool = setting(False, "Clockwise", "Wind the spirals the other way round")
+    border: str = setting(
+        "stubs",
+        "Border",
+        "What becomes of the arms that end at an open border, where they have no other arm to meet",
+        choices=(
+            ("stubs", "Stubs", "They are cut as all others, and end in the air"),
+            ("left_out", "Left out", "They are not cut; their hubs have a round end in their place"),
+        ),
+    )
 
 
 @dataclass(frozen=True)

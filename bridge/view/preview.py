@@ -86,7 +86,8 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(len(arms.hub)), WIRE)
-    t = np.tile(np.linspace(0.0, 1.0, WIRE), len(arms.hub))
+    begin = np.where(design.absent, design.begin, 0.0).reshape(-1, 1)
+    t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE)).ravel()
     flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]
     return arms.at(arm, t, flat)[0].reshape(-1, WIRE, 3)
 

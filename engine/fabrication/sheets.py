@@ -119,7 +119,7 @@ def make_sheets(
         )
     progress(0.5, "labels")
     labels = (
-        make_labels(layout, arms, root, params, made.taken, progress.part(0.5, 0.6))
+        make_labels(layout, arms, root, params, np.where(design.absent, np.inf, made.taken), progress.part(0.5, 0.6))
         if params.labels
         else Labels(((),) * len(drawn), 0, 0)
     )
@@ -173,7 +173,7 @@ def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
-    tips = centre_line(arms, np.zeros((*border.shape, 1)))[0][:, :, 0]
+    tips = centre_line(arms, np.where(design.absent, design.begin, 0.0)[..., None])[0][:, :, 0]
     # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
