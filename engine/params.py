@@ -404,6 +404,34 @@ class SheetParams(Params):
 
 
 @dataclass(frozen=True)
+class BaseParams(Params):
+    """What a supported piece stands on."""
+
+    base: str = setting(
+        "none",
+        "Base",
+        "What the supported spirals stand on; choose it before the spirals are made",
+        choices=(
+            ("none", "None", "Nothing is made for the supports"),
+            ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
+            ("feet", "Feet", "A plate for every run of supported spirals side by side"),
+        ),
+    )
+    height: float = setting(
+        0.005, "Height", "Free height between the base and the lowest point of the piece", low=0.0, high=1.0, unit="m"
+    )
+    foot_width: float = setting(
+        0.008,
+        "Foot width",
+        "Width of a foot; its tongue is narrower by a fifth on either side",
+        low=0.001,
+        high=0.5,
+        unit="m",
+    )
+    margin: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
+
+
+@dataclass(frozen=True)
 class CostParams(Params):
     """What the sheets, the machine and the hands cost, in any money; 0 where that does not count."""
 
@@ -573,6 +601,7 @@ class Settings:
     connect: ConnectorParams = field(default_factory=ConnectorParams)
     cut: CutParams = field(default_factory=CutParams)
     sheet: SheetParams = field(default_factory=SheetParams)
+    base: BaseParams = field(default_factory=BaseParams)
     cost: CostParams = field(default_factory=CostParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)

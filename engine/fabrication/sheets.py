@@ -22,6 +22,7 @@ from .panels.kerf import cut_paths
 from .panels.labels import Labels, key_label, make_labels
 from .panels.panel import Panel
 from .panels.toolpath import WAY, Runs, plan
+from .standing.base import Base
 
 _HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
 CONNECTORS, CUT = ConnectorParams(), CutParams()
@@ -31,7 +32,7 @@ CONNECTORS, CUT = ConnectorParams(), CutParams()
 class CutSheets:
     """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
 
-    panels : one per patch, and after them the loose keys
+    panels : one per patch, and after them the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
     params : what was asked for
     warnings : sentences for the user
@@ -39,7 +40,7 @@ class CutSheets:
     slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
     thickness : metres
     cut : what the cutter takes away
-    connections : the connectors
+    connections : the connectors; base : what the piece stands on, if that was asked for
     """
 
     panels: tuple[Panel, ...]
@@ -53,6 +54,7 @@ class CutSheets:
     thickness: float
     cut: CutParams
     connections: Connections
+    base: Base | None = None
     _runs: dict[int, Runs] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -98,12 +100,14 @@ def make_sheets(
     progress: Progress = SILENT,
     connectors: ConnectorParams = CONNECTORS,
     cut: CutParams = CUT,
+    base: Base | None = None,
 ) -> CutSheets:
-    """Draw every panel of the design, with its connectors, and lay the panels on sheets.
+    """Draw every panel of the design, with its connectors, and lay the panels on sheets, with the plates of its base.
 
     Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
     where it is larger than the sheet.
     """
+    design = design if base is None else base.design
     layout, arms, root = design.flat.layout, design.arms, design.roots
     progress(0.0, "outlines")
     refuse_crossed({"sheet": params, "cut": cut}, ("cut",))
@@ -123,6 +127,9 @@ def make_sheets(
         if params.labels
         else Labels(((),) * len(drawn), 0, 0)
     )
+    if base is not None:
+        more = base.foot_labels(params)
+        labels = replace(labels, strokes=tuple((*s, *more.get(i, ())) for i, s in enumerate(labels.strokes)))
     panels = _panels(design, drawn, labels, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
@@ -140,11 +147,12 @@ def make_sheets(
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
-    shapes = [p.outline.sampled(2e-5) for p in traced]
+    panels += _plates(base)
+    shapes = [p.outline.sampled(2e-5) for p in (*traced, *panels[len(drawn) :])]
     packing = with_keys(nest(shapes, params, progress.part(0.72, 1.0)), made.keys, params)
     return CutSheets(
         panels + _keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
-        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
+        slot, min(bridge, made.bridge), design.params.thickness, cut, made, base,
     )  # fmt: skip
 
 
@@ -157,11 +165,28 @@ def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, p
     return tuple(panels)
 
 
+def _plates(base: Base | None) -> tuple[Panel, ...]:
+    """The plates of the base as panels."""
+    found = []
+    for plate in () if base is None else base.plates:
+        area = plate.outline.area + sum(h.area for h in plate.holes)
+        found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, kind="base"))
+    return tuple(found)
+
+
 def _keys(made: Connections, params: SheetParams) -> tuple[Panel, ...]:
     """The loose keys as panels."""
     keyed = [(c.name, c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
-        Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
+        Panel(
+            0,
+            -1,
+            k.outer,
+            (),
+            key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params),
+            k.outer.area,
+            kind="key",
+        )
         for k, (name, a) in zip(made.keys, keyed, strict=True)
     )
 
@@ -242,6 +267,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
         "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
         **_runs_report(sheets),
         **sheets.connections.report,
+        **({} if sheets.base is None else {"base": sheets.base.report}),
         "labels": sheets.labels_placed,
         "labels_left_out": sheets.labels_left_out,
         "warnings": list(sheets.warnings),

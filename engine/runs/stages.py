@@ -76,8 +76,8 @@ TABLE = (
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation", "limits"), may_use=("optimisation",),
           settings=PHYSICS, blocks=("equilibrium", "reach"), optional=True, done="simulated"),
-    Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
-          blocks=("sheets",)),
+    Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut", "base"),
+          blocks=("sheets",), may_use=("simulation",)),
     Stage("estimate", 0.0, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
           settings=("material", "cost"), blocks=("sheets", "assembly"), quick=True),
 )  # fmt: skip

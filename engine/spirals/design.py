@@ -182,14 +182,22 @@ def uniform(
 
 
 def from_curvature(
-    flat: FlatPatches, params: SpiralParams, curvature: Float[np.ndarray, " quads"], progress: Progress = SILENT
+    flat: FlatPatches,
+    params: SpiralParams,
+    curvature: Float[np.ndarray, " quads"],
+    progress: Progress = SILENT,
+    *,
+    straight: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    curvature : RMS curvature, 1/m; straight : quads whose spirals are as stiff as where
+    nothing is curved, and not wound at all. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
     width, twist = curvature_adjusted(params, curvature)
+    if straight is not None:
+        twist[straight], width[straight] = 0.0, params.width_max
     return fitted(flat, params, alike(width), twist, progress=progress)
 
 

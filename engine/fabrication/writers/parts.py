@@ -1,8 +1,9 @@
-"""The parts list: a row for every panel and loose key, for spreadsheets and for whoever orders or counts the parts."""
+"""The parts list: a row for every panel, plate and loose key, for spreadsheets and for whoever orders or counts the parts."""
 
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -49,16 +50,16 @@ def _rows(sheets: CutSheets, design: SpiralDesign, material: Material) -> list[l
     """The values of every part, in the order of the columns, but for the note."""
     layout, where = design.flat.layout, sheets.packing
     joints = layout.cut[layout.mesh.quad_edges].sum(axis=1)
-    found = []
+    found, of_kind = [], Counter[str]()
     for number, panel in enumerate(sheets.panels):
+        of_kind[panel.kind] += 1
         quads = layout.patches[panel.patch] if panel.patch >= 0 else np.zeros(0, dtype=np.int64)
         placed = panel.outline.moved(float(where.rotation[number]), where.shift[number])
         width, height = np.ptp(placed.sampled(1e-5), axis=0) * 1e3
         length = sum(curve.length for curve in (panel.outline, *panel.holes))
         mass = material.density * sheets.thickness * panel.area
         found.append([
-            panel_name(panel.patch) if panel.patch >= 0 else f"key {number - len(layout.patches) + 1}",
-            "panel" if panel.patch >= 0 else "key",
+            panel_name(panel.patch) if panel.patch >= 0 else f"{panel.kind} {of_kind[panel.kind]}", panel.kind,
             int(where.sheet[number]) + 1, len(quads), int(joints[quads].sum()),
             width, height, panel.area * 1e4, length * 1e3, mass * 1e3,
         ])  # fmt: skip
