@@ -417,7 +417,7 @@ class BaseParams(Params):
             ("feet", "Feet", "A plate for every run of supported spirals side by side"),
         ),
     )
-    height: float = setting(
+    base_height: float = setting(
         0.005, "Height", "Free height between the base and the lowest point of the piece", low=0.0, high=1.0, unit="m"
     )
     foot_width: float = setting(
@@ -428,7 +428,7 @@ class BaseParams(Params):
         high=0.5,
         unit="m",
     )
-    margin: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
+    base_edge: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
 
 
 @dataclass(frozen=True)

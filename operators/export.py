@@ -41,7 +41,9 @@ class Export(ContinuedStage, bpy.types.Operator):
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = _folder(settings.export.folder) / _file_name(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
-        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if settings.export.guide else None
+        # and a base stands under the simulated shape
+        asked = settings.export.guide or settings.base.base != "none"
+        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
         once = replace(settings, simulate=replace(settings.simulate, restarts=0))
         names = ("sheets",) if rest is None else ("simulate", "sheets")
 
@@ -62,9 +64,9 @@ class Export(ContinuedStage, bpy.types.Operator):
                 )
             blocks = report.blocks(made, ("sheets", "assembly"))
             blocks["sheets"] |= {"files": [file.name for file in written]}
-            drawing = (
-                flat_panels.PanelDrawing.connected(made.design, made.sheets.connections, settings) if stale else None
-            )
+            cut = made.design if made.sheets.base is None else made.sheets.base.design
+            again = stale or made.sheets.base is not None
+            drawing = flat_panels.PanelDrawing.connected(cut, made.sheets.connections, settings) if again else None
             return blocks, base.parent, drawing, made.assembly.warnings
 
         return go_on

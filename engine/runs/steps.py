@@ -17,6 +17,7 @@ from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.standing.base import Base, make_base
 from ..fabrication.standing.feet import footed
+from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
 from ..params import Settings
 from ..patches.layout import PatchLayout
@@ -26,6 +27,7 @@ from ..patches.tracing import trace
 from ..progress import Progress
 from ..simulation import simulate
 from ..spirals import design
+from ..spirals.design import SpiralDesign
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
@@ -145,16 +147,20 @@ def _base(result: Result, settings: Settings) -> Base:
         raise FlexMapsError(
             "A base is made for the simulated shape, and there is none; press Simulate first, or choose no base"
         )
+    return standing(result.design, simulation.equilibrium.pose, result.supports, settings)
+
+
+def standing(design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings) -> Base:
+    """What a design stands on whose hubs are in a pose, as the settings ask for it. Raises as ``make_base`` does."""
     if not settings.simulate.clamped:
         raise FlexMapsError(
             "A base clamps the feet that stand in it, but the supports are simulated as hinges; clamp the supports, or "
             "choose no base"
         )
-    lowest = float(simulation.vertices[np.unique(result.mesh.quads), 2].min())
-    pose, clearance = simulation.equilibrium.pose, settings.connect.clearance
-    return make_base(
-        result.design, pose, result.supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance
-    )
+    mesh = design.flat.layout.mesh
+    lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())
+    clearance = settings.connect.clearance
+    return make_base(design, pose, supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance)
 
 
 def _estimate(result: Result, settings: Settings, progress: Progress) -> Result:

@@ -72,7 +72,7 @@ class Base:
         """The number of every foot, engraved along it, by patch."""
         found: dict[int, list[Curve]] = {}
         for foot in self.feet if params.labels else ():
-            text, height = name(foot), _height(foot, params)
+            text, height = foot_name(foot), _height(foot, params)
             left = foot.aside * np.array([-foot.way[1], foot.way[0]])
             tip = self.design.arms.centre[foot.quad] + left + (foot.shoulder - 0.6 * length(text) * height) * foot.way
             strokes = [Curve(s, np.zeros(len(s)), closed=False) for s in straight(text, height, tip, foot.way)]
@@ -80,13 +80,13 @@ class Base:
         return found
 
 
-def name(foot: Foot) -> str:
+def foot_name(foot: Foot) -> str:
     """What is engraved on a foot and beside its slot: no panel and no seam is called so."""
     return f"-{foot.number}-"
 
 
 def _height(foot: Foot, params: SheetParams) -> float:
-    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(name(foot)))
+    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot)))
 
 
 def make_base(
@@ -109,11 +109,11 @@ def make_base(
             "A base holds what is supported, and nothing is; name supports, such as the lowest spirals, or choose no base"
         )
     feet = make_feet(design, pose, supports, lowest, params)
-    thickness, ground = design.params.thickness, lowest - params.height
+    thickness, ground = design.params.thickness, lowest - params.base_height
     slots = np.array([foot.slot(thickness, clearance) for foot in feet])
     _refuse_touching(feet, slots, thickness)
-    groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.margin)
-    plates = [_plate(feet, slots, rows, params.margin, sheet, thickness) for rows in groups]
+    groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.base_edge)
+    plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
     footed = replace(design, feet=tuple(foot.cap for foot in feet))
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
 
@@ -194,7 +194,7 @@ def _numbers(feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: She
     shapely.prepare(plate)
     found: list[Curve] = []
     for foot, corners in zip(feet, slots, strict=True):
-        text = name(foot)
+        text = foot_name(foot)
         height, middle, along = _height(foot, sheet), corners.mean(axis=0), foot.across[:2]
         for side in (1.0, -1.0):
             beside = np.abs((corners - middle) @ along).max() + BESIDE + 0.5 * height * length(text)

@@ -95,7 +95,7 @@ def make_feet(
             "base is chosen, which leaves them straight",
             faces=wound,
         )
-    rotations, height = pose.rotations[supports], pose.centres[supports, 2] - (lowest - params.height)
+    rotations, height = pose.rotations[supports], pose.centres[supports, 2] - (lowest - params.base_height)
     level = np.abs(rotations[:, 2, 2])
     slope = np.sqrt(1.0 - level**2)
     shoulder = (height - 0.5 * design.params.thickness * level) / slope
@@ -171,7 +171,7 @@ def _cap(
         )
     # through the base, whose lower side a leaning tongue reaches with its other face
     thickness, level = design.params.thickness, np.sqrt(max(1.0 - slope**2, 0.0))
-    end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + [0.0, 1.0]) / (1.0 + out[0])
+    end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + np.array([0.0, 1.0])) / (1.0 + out[0])
     aside = knee[1]
     lines = []
     for sign in (-1.0, 1.0):
