@@ -191,14 +191,17 @@ def from_curvature(
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m; straight : quads whose spirals are as stiff as where
-    nothing is curved, and not wound at all. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    curvature : RMS curvature, 1/m; straight : quads whose spirals are not wound all
+    the same, and whose arms at the border, from which feet begin, are as wide as may be. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
     width, twist = curvature_adjusted(params, curvature)
+    arms = alike(width)
     if straight is not None:
-        twist[straight], width[straight] = 0.0, params.width_max
-    return fitted(flat, params, alike(width), twist, progress=progress)
+        twist[straight] = 0.0
+        mesh = flat.layout.mesh
+        arms[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, arms[straight])
+    return fitted(flat, params, arms, twist, progress=progress)
 
 
 def curvature_adjusted(
