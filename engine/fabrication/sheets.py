@@ -170,7 +170,9 @@ def _plates(base: Base | None) -> tuple[Panel, ...]:
     found = []
     for plate in () if base is None else base.plates:
         area = plate.outline.area + sum(h.area for h in plate.holes)
-        found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, kind="base"))
+        # at the ends of its straight sides
+        holds = np.column_stack([plate.outline.points, np.ones(len(plate.outline.points))])
+        found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, holds, "base"))
     return tuple(found)
 
 
