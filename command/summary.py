@@ -50,6 +50,8 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     if "sheets" in described:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
+        if "base" in sheets:
+            print(f"  a base of {sheets['base']['plates']} plates with slots for {sheets['base']['feet']} feet")
         for warning in sheets["warnings"]:
             print(f"  warning: {warning}")
     out = getattr(args, "out", None)

@@ -247,6 +247,15 @@ class SpiralParams(Params):
         high=0.5 * math.pi,
         unit="rad",
     )
+    border: str = setting(
+        "stubs",
+        "Border",
+        "What becomes of the arms that end at an open border, where they have no other arm to meet",
+        choices=(
+            ("stubs", "Stubs", "They are cut as all others, and end in the air"),
+            ("left_out", "Left out", "They are not cut; their hubs have a round end in their place"),
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -406,6 +415,34 @@ class SheetParams(Params):
                 f"The sheet of {self.sheet_width * 1e3:g} x {self.sheet_height * 1e3:g} mm is nothing but margin; make it"
                 f" larger or the margin of {self.margin * 1e3:g} mm smaller"
             )
+
+
+@dataclass(frozen=True)
+class BaseParams(Params):
+    """What a supported piece stands on."""
+
+    base: str = setting(
+        "none",
+        "Base",
+        "What the supported spirals stand on; choose it before the spirals are made",
+        choices=(
+            ("none", "None", "Nothing is made for the supports"),
+            ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
+            ("feet", "Feet", "A plate for every run of supported spirals side by side"),
+        ),
+    )
+    base_height: float = setting(
+        0.005, "Height", "Free height between the base and the lowest point of the piece", low=0.0, high=1.0, unit="m"
+    )
+    foot_width: float = setting(
+        0.008,
+        "Foot width",
+        "Width of a foot; its tongue is narrower by a fifth on either side",
+        low=0.001,
+        high=0.5,
+        unit="m",
+    )
+    base_edge: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
 
 
 @dataclass(frozen=True)
@@ -633,6 +670,7 @@ class Settings:
     connect: ConnectorParams = field(default_factory=ConnectorParams)
     cut: CutParams = field(default_factory=CutParams)
     sheet: SheetParams = field(default_factory=SheetParams)
+    base: BaseParams = field(default_factory=BaseParams)
     cost: CostParams = field(default_factory=CostParams)
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)

@@ -58,7 +58,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
         colour, scene = settings.preview.colour, context.scene
         rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
         place = preview.shift(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
-        collection.clear(obj, (preview.KIND,))
+        collection.clear(obj, (preview.KIND, preview.BASE))
         _, last = animation.show(
             obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
         )

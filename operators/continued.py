@@ -43,7 +43,9 @@ class ContinuedStage(StageOperator):
         from ..bridge.store.objects import find
 
         obj, needs = find(surface.uid), self.needs
-        snapshot = snapshots.take(obj, surface, settings, loaded=self.loaded)
+        # feet change the spirals of what is supported
+        loaded = self.loaded or settings.base.base != "none"
+        snapshot = snapshots.take(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
 
         def work(progress: Progress) -> Any:

@@ -43,7 +43,9 @@ class Export(ContinuedStage, bpy.types.Operator):
         base = folder_of(settings.export.folder) / _file_name(snapshot.name)
         letters.learn(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
-        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if settings.export.guide else None
+        # and a base stands under the simulated shape
+        asked = settings.export.guide or settings.base.base != "none"
+        rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
         once = replace(settings, simulate=replace(settings.simulate, restarts=0))
         names = ("sheets",) if rest is None else ("simulate", "sheets")
 
@@ -64,9 +66,9 @@ class Export(ContinuedStage, bpy.types.Operator):
                 )
             blocks = report.blocks(made, ("sheets", "assembly"))
             blocks["sheets"] |= {"files": [file.name for file in written]}
-            drawing = (
-                flat_panels.PanelDrawing.connected(made.design, made.sheets.connections, settings) if stale else None
-            )
+            cut = made.design if made.sheets.base is None else made.sheets.base.design
+            again = stale or made.sheets.base is not None
+            drawing = flat_panels.PanelDrawing.connected(cut, made.sheets.connections, settings) if again else None
             return blocks, base.parent, drawing, made.assembly.warnings
 
         return go_on

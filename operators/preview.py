@@ -40,7 +40,8 @@ class Preview(ContinuedStage, bpy.types.Operator):
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)
             stand = target_pose(result.mesh, design.flat.corners) if stored is None else stored
-            built = preview.build(design, stand, settings.preview.detail, tips, bending)
+            base = preview.base_of(design, stand, result.supports, settings)
+            built = preview.build(design, stand, settings.preview.detail, tips, bending, base)
             return built, settings.preview, stored is not None
 
         return go_on

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.settings import unsaved
-from ..engine.params import ConnectorParams, CostParams, CutParams, ExportParams, PageParams, SheetParams
+from ..engine.params import BaseParams, ConnectorParams, CostParams, CutParams, ExportParams, PageParams, SheetParams
 from .rows import decimals, duration, fold, more, number, numbers, percent, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
@@ -42,6 +42,10 @@ class ExportPanel(StagePanel, bpy.types.Panel):
             body.operator("flexmaps.add_remnant", icon="ADD")
             settings_rows(body, settings.export, ExportParams, ("copies",))
         more(layout, "flexmaps_sheet", settings.sheet, SheetParams, (*SHEET, "remnants"))
+        body = fold(layout, "flexmaps_base", "Base")
+        if body is not None:
+            names = tuple(BaseParams.__dataclass_fields__)
+            settings_rows(body, settings.base, BaseParams, names if settings.base.base != "none" else names[:1])
         body = fold(layout, "flexmaps_connect", "Connectors and kerf")
         if body is not None:
             settings_rows(body, settings.connect, ConnectorParams, CONNECT)
@@ -88,6 +92,9 @@ def _sheets(layout: Any, block: dict[str, Any]) -> None:
         number(grid, "Assembly, about", duration(block.get("assembly_minutes", 0)))
     if "cost" in block:
         number(grid, "Cost, about", f"{block['cost']['total']:.2f}")
+    if "base" in block:
+        number(grid, "Feet", str(block["base"]["feet"]))
+        number(grid, "Plates", str(block["base"]["plates"]))
     if block.get("glued"):
         number(grid, "For glue", str(len(block["glued"])))
     if block.get("unsolved"):

@@ -38,6 +38,7 @@ ROOMS = (
     "engine/fabrication/panels",
     "engine/fabrication/connectors",
     "engine/fabrication/nesting",
+    "engine/fabrication/standing",
     "engine/fabrication",
     "engine/fabrication/writers",
     "engine/calibrating",

@@ -15,13 +15,15 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
-from ..store import attributes, equilibrium, mesh, pose, settings, snapshot
+from ..store import attributes, equilibrium, mesh, pose, settings, snapshot, supports
 from . import animation, collection, colouring, curves, materials, meshes, preview
 from .legend import Legend
 from .studio import Studio, points_of, studio
 
 if TYPE_CHECKING:
     from ...engine.fabrication.connectors.tips import Tip
+    from ...engine.fabrication.standing.base import Base
+    from ...engine.mechanics.assembly import Pose
     from ...engine.spirals.design import SpiralDesign
 
 SIZE = (1280, 720)  # pixels of the main job's pictures
@@ -154,13 +156,14 @@ def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
 
 @dataclass(frozen=True)
 class Group:
-    """Objects of a studio that belong together; the first one is as large as all of them."""
+    """Objects of a studio that belong together; lines round them do not count for their size."""
 
     objects: tuple[bpy.types.Object, ...]
 
     def seen(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Lowest and highest place to the right, backwards and up, as a camera sees them."""
-        there = points_of(self.objects[0]) @ _axes(azimuth).T
+        bodies = [points_of(obj) for obj in self.objects if obj.type == "MESH"]
+        there = np.concatenate(bodies) @ _axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
     def move(self, shift: Float[np.ndarray, " 3"], azimuth: float) -> None:
@@ -236,17 +239,32 @@ def _assembled(
     place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
 ) -> Group:
     """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
-    from ...engine.mechanics.assembly import target_pose
-
     rgb = _colours(obj, finish)
-    stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
-    if stand is None:
-        stand = target_pose(design.flat.layout.mesh, design.flat.corners)
-    built = preview.build(design, stand, _detail(design), tips)
+    built = preview.build(design, _stand(obj, design), _detail(design), tips, base=_base(obj, design))
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
     _finished(data, finish)
-    return Group((place.put(data),))
+    piece = place.put(data)
+    if built.base is None:
+        return Group((piece,))
+    return Group((piece, place.put(preview.plates_mesh("FlexMaps base", built.base))))
+
+
+def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
+    """Where the hubs are in the last simulation, or on the target where there was none."""
+    from ...engine.mechanics.assembly import target_pose
+
+    stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
+    return target_pose(design.flat.layout.mesh, design.flat.corners) if stand is None else stand
+
+
+def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
+    """What the piece stands on, if it is to have a base and can."""
+    given = settings.read(obj.flexmaps, ObjectSettings)
+    if given.base.base == "none":
+        return None
+    held = supports.supported(obj, mesh.read_surface(obj, bpy.context.scene), given.loads)
+    return preview.base_of(design, _stand(obj, design), held, given)
 
 
 def _panels(
@@ -261,7 +279,8 @@ def _panels(
     """The panels, flat beside each other, as wide as asked for and turned towards a camera."""
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
 
-    rgb = _colours(obj, finish)
+    rgb, base = _colours(obj, finish), _base(obj, design)
+    design = design if base is None else base.design
     made = panel_mesh(design, DETAILS[_detail(design)], tips)
     flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)

@@ -22,14 +22,18 @@ from ..store import attributes
 from . import collection, colouring, curves, materials, meshes
 
 if TYPE_CHECKING:
+    from ...engine.display.base_mesh import BaseMesh
     from ...engine.display.panel_mesh import PanelMesh
     from ...engine.fabrication.connectors.tips import Tip
+    from ...engine.fabrication.standing.base import Base
     from ...engine.mechanics.arms.bent import BentArms
     from ...engine.mechanics.assembly import Pose
     from ...engine.params import ObjectSettings, PreviewParams
     from ...engine.spirals.design import SpiralDesign
 
 KIND, NAME = "assembled", "Assembled"
+BASE, BASE_NAME = "base", "Base"
+GREY = 0.42  # of the plates, which belong to no patch
 NOTE = "flexmaps_preview"  # on the object, JSON: its figures
 WIRE = 9  # points along an arm that is drawn as a wire; by eye
 
@@ -40,7 +44,7 @@ class Built:
 
     design, pose, arms : what it is
     panels : its mesh, None where it is drawn as wires; vertices : (V, 3) metres, of the mesh, or (A, WIRE, 3) of the wires
-    seconds : spent on building it
+    seconds : spent on building it; base : what it stands on
     """
 
     design: SpiralDesign
@@ -49,6 +53,7 @@ class Built:
     panels: PanelMesh | None
     vertices: Float[np.ndarray, "*vertices 3"]
     seconds: float
+    base: BaseMesh | None = None
 
 
 def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
@@ -64,21 +69,46 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
     return connect(design, settings.connect, DRAWN, progress, settings.cut.mill).tips
 
 
+def base_of(
+    design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " supports"] | None, settings: ObjectSettings
+) -> Base | None:
+    """What a piece stands on that is to have a base; None where it is to have none, or can have none: the export tells why."""
+    if settings.base.base == "none":
+        return None
+    from ...engine.runs.steps import standing
+
+    try:
+        return standing(design, pose, supports, settings)
+    except FlexMapsError:
+        return None
+
+
 def build(
-    design: SpiralDesign, pose: Pose, detail: str, tips: Sequence[Tip] = (), progress: Progress = SILENT
+    design: SpiralDesign,
+    pose: Pose,
+    detail: str,
+    tips: Sequence[Tip] = (),
+    progress: Progress = SILENT,
+    base: Base | None = None,
 ) -> Built:
-    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors."""
+    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors.
+
+    With a ``base`` the piece has feet and stands on it.
+    """
+    from ...engine.display.base_mesh import base_mesh
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
     from ...engine.mechanics.arms.bent import bent
 
     began = time.perf_counter()
     arms = bent(design, pose, progress=progress.part(0.0, 0.4))
+    below = None if base is None else base_mesh(base)
     if detail == "LINES":
-        return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began)
+        return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began, below)
+    design = design if base is None else base.design
     panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
     vertices = panels.placed(arms, pose)
-    return Built(design, pose, arms, panels, vertices, time.perf_counter() - began)
+    return Built(design, pose, arms, panels, vertices, time.perf_counter() - began, below)
 
 
 def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
@@ -86,7 +116,8 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(len(arms.hub)), WIRE)
-    t = np.tile(np.linspace(0.0, 1.0, WIRE), len(arms.hub))
+    begin = np.where(design.absent, design.begin, 0.0).reshape(-1, 1)
+    t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE)).ravel()
     flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]
     return arms.at(arm, t, flat)[0].reshape(-1, WIRE, 3)
 
@@ -129,6 +160,10 @@ def show(
         materials.wear(data, rgb, np.arange(4 * len(rgb)) // 4 if built.panels is None else built.panels.quad_of)
     place = anchor + shift(obj, scene, low, high) * (params.place == "BESIDE")
     made = _put_object(obj, scene, data, place)
+    collection.clear(obj, (BASE,))
+    if built.base is not None:
+        stand = plates_mesh(f"{obj.name} {BASE_NAME}", built.base, -anchor)
+        collection.add(obj, scene, BASE, BASE_NAME, stand, place)
     triangles = 0 if built.panels is None else built.panels.triangles
     figures = {
         "spirals": len(built.design.width),
@@ -159,7 +194,7 @@ def _put_object(
     """The object with this data; one of an earlier time keeps what else it had."""
     made = existing(obj)
     if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
-        collection.clear(obj, (KIND,))
+        collection.clear(obj, (KIND, BASE))
         made = None
     if made is None:
         return collection.add(obj, scene, KIND, NAME, data, place)
@@ -209,6 +244,14 @@ def piece_mesh(
         mesh.attributes.active_color_name = "flexmaps_colour"
     meshes.smooth(mesh, panels.section)
     return mesh
+
+
+def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | float = 0.0) -> bpy.types.Mesh:
+    """The plates of a base, grey, moved by metres."""
+    vertices, faces = base.vertices + shift, base.triangles
+    data = meshes.polygons(name, vertices, faces.ravel(), np.full(len(faces), 3))
+    data.materials.append(materials.material("FlexMaps base", np.full(3, GREY)))
+    return data
 
 
 def _curve(name: str, built: Built) -> bpy.types.Curve:

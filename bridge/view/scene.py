@@ -131,8 +131,10 @@ def _put_flat(
         return
     mesh.write_design(obj, surface, result.design)
     progress(0.2, "solids of the panels")
-    shape = solids.solid(result.design, centres, () if result.sheets is None else result.sheets.connections.tips)
-    drawing = flat_panels.PanelDrawing(result.design, "", centres, shape, _outlines(result))
+    cut = result.sheets
+    design = result.design if cut is None or cut.base is None else cut.base.design
+    shape = solids.solid(design, centres, () if cut is None else cut.connections.tips)
+    drawing = flat_panels.PanelDrawing(design, "", centres, shape, _outlines(result))
     for _ in drawing.show(obj, scene):
         progress(0.6, "panels in the Blender file")
 

@@ -18,6 +18,7 @@ from ..mechanics.arms.bent import BentArms, hub_ends
 from ..mechanics.assembly import Pose
 from ..mechanics.vectors import times
 from ..progress import SILENT, Progress
+from ..spirals.caps import Cap
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, opposite_sides
 
@@ -106,7 +107,7 @@ class PanelMesh:
 
 
 def panel_mesh(
-    design: SpiralDesign, detail: Detail, tips: Sequence[Tip] = (), progress: Progress = SILENT
+    design: SpiralDesign, detail: Detail, tips: Sequence[Tip | Cap] = (), progress: Progress = SILENT
 ) -> PanelMesh:
     """The panels of a design; every patch becomes a closed body.
 
@@ -122,6 +123,7 @@ def panel_mesh(
     first = np.cumsum(rows) - rows
     arm = np.repeat(np.arange(4 * count), rows)
     begin, headed = np.zeros(4 * count), np.zeros(4 * count, dtype=bool)
+    tips = (*tips, *design.caps)
     ends = [tip.arm for tip in tips]
     begin[ends], headed[ends] = [tip.over for tip in tips], True
     t, line, sides = _sections(design, arm, np.arange(len(arm)) - first[arm], pieces, rows, begin)
@@ -252,7 +254,7 @@ class Heads:
     of: Int[np.ndarray, " triangles"]
 
     @classmethod
-    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip], progress: Progress = SILENT) -> Heads:
+    def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip | Cap], progress: Progress = SILENT) -> Heads:
         import shapely
 
         rings = [shapely.get_coordinates(tip.polygon)[:-1] for tip in tips]
@@ -296,7 +298,7 @@ class Heads:
 
 
 def _along(
-    design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip], count: np.ndarray
+    design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip | Cap], count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parameter (H,), centre line (H, 3) and way from there (H, 3) of points (H, 2) about the tips; beyond them all is rigid."""
     shape = design.arms.one_by_one(*np.divmod(arm, 4))

@@ -13,9 +13,8 @@ import numpy as np
 from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
-from ..spirals.contours import ends
+from ..spirals.caps import Cap
 from ..spirals.design import SpiralDesign
-from ..spirals.slots import slot_needed
 from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
@@ -43,7 +42,7 @@ class Solid:
     flat: bool = False
 
 
-def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), most: int = 100_000) -> Solid:
+def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] = (), most: int = 100_000) -> Solid:
     """Like ``solid``, but of many spirals only the upper side and in coarser steps, about ``most`` faces in all.
 
     So a window is not held up by them.
@@ -51,6 +50,7 @@ def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), m
     count, steps = len(design.width), _steps(design, DEGREES)
     if count * 16 * steps <= most:
         return solid(design, centres, tips)
+    tips = (*tips, *design.caps)
     steps = max(min(steps, most // (4 * count)), 5)
     flat = _edges(design, centres, steps, tips)
     index = np.arange(8 * count * steps).reshape(count, 4, 2, steps)
@@ -67,7 +67,7 @@ def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), m
 
 
 def solid(
-    design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip] = (), degrees_per_step: float = DEGREES
+    design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] = (), degrees_per_step: float = DEGREES
 ) -> Solid:
     """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
 
@@ -76,7 +76,7 @@ def solid(
     ``engine/fabrication/writers/solids.py`` follows the true outlines. ``tips`` are the ends of arms with connectors, in
     their true shape.
     """
-    layout = design.flat.layout
+    layout, tips = design.flat.layout, (*tips, *design.caps)
     steps = min(_steps(design, degrees_per_step), max(MOST // (16 * len(design.width)), 5))
     flat = _edges(design, centres, steps, tips)
     index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
@@ -128,7 +128,7 @@ class _Heads:
     wall_arm: np.ndarray
 
     @classmethod
-    def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip], index: np.ndarray) -> _Heads:
+    def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray) -> _Heads:
         import shapely
 
         points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
@@ -161,11 +161,11 @@ def _steps(design: SpiralDesign, degrees_per_step: float) -> int:
     return 5 + int(np.ceil(np.degrees(design.twist.max(initial=0.0)) / degrees_per_step))
 
 
-def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip]) -> np.ndarray:
+def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
     """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm, from the joint, or its tip, to the hub."""
     arms, root = design.arms, design.roots
     share = np.linspace(0.0, 1.0, steps)
-    begin = ends(design.flat.layout, arms, slot_needed(design.params))
+    begin = design.begin.copy()
     begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
     begin = begin[..., None]
     left = edge(arms, begin + (root.left[..., None] - begin) * share, LEFT)[0]

@@ -21,9 +21,9 @@ from ..spirals.design import SpiralDesign
 from .connectors.connect import Connections
 from .estimates import Estimates
 from .nesting.nest import nest
-from .panels.labels import make_labels, seam_name
+from .panels.labels import seam_name
 from .panels.panel import Panel
-from .sheets import CutSheets, loose_keys, with_keys
+from .sheets import CutSheets, along_grain, engraved, loose_keys, with_keys
 
 MOST = 2000  # panels on common sheets; as many take the quick packing a minute
 
@@ -80,10 +80,14 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
         made = _marked(parts[k], copy, mark, params)
-        panels += [p for p in made if p.patch >= 0]
-        keys += [p for p in made if p.patch < 0]
-    shapes: list[Float[np.ndarray, "_ 2"]] = [p.outline.sampled(2e-5) for p in panels]
-    packing = nest(shapes, params, progress.part(0.2, 1.0))
+        panels += [p for p in made if p.kind != "key"]
+        keys += [p for p in made if p.kind == "key"]
+    turns = np.array([along_grain(parts[of[p.piece]].design, params) for p in panels])
+    shapes: list[Float[np.ndarray, "_ 2"]] = [
+        p.outline.moved(turn, np.zeros(2)).sampled(2e-5) for p, turn in zip(panels, turns.tolist(), strict=True)
+    ]
+    laid = nest(shapes, params, progress.part(0.2, 1.0))
+    packing = replace(laid, rotation=laid.rotation + turns)
     packing = with_keys(packing, tuple(Outline(key.outline, ()) for key in keys), params)
     first = parts[0].sheets
     several = [one.sheets for k in of for one in (parts[k],)]
@@ -119,13 +123,13 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
 
 
 def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> list[Panel]:
-    """The panels and loose keys of one copy, engraved with its letter."""
-    made, design = part.sheets, part.design
-    known = [p for p in made.panels if p.patch >= 0]
-    if mark and params.labels:
-        taken = made.connections.taken
-        labels = make_labels(design.flat.layout, design.arms, design.roots, params, taken, mark=mark).strokes
-        known = [replace(p, labels=labels[p.patch]) for p in known]
+    """The panels, plates and loose keys of one copy, engraved with its letter."""
+    made = part.sheets
+    design = part.design if made.base is None else made.base.design
+    known = [p for p in made.panels if p.kind != "key"]
+    if mark:
+        labels = engraved(design, made.connections, params, made.base, mark).strokes
+        known = [replace(p, labels=labels[p.patch]) if p.patch >= 0 else p for p in known]
     keys = loose_keys(made.connections, params, mark)
     return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)]
 

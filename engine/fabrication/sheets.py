@@ -22,6 +22,7 @@ from .panels.kerf import cut_paths
 from .panels.labels import Labels, key_label, make_labels
 from .panels.panel import Panel
 from .panels.toolpath import WAY, Runs, plan
+from .standing.base import Base
 
 _HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
 CONNECTORS, CUT = ConnectorParams(), CutParams()
@@ -31,7 +32,7 @@ CONNECTORS, CUT = ConnectorParams(), CutParams()
 class CutSheets:
     """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
 
-    panels : one per patch, and after them the loose keys
+    panels : one per patch, and after them the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
     params : what was asked for
     warnings : sentences for the user
@@ -39,7 +40,7 @@ class CutSheets:
     slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
     thickness : metres
     cut : what the cutter takes away
-    connections : the connectors
+    connections : the connectors; base : what the piece stands on, if that was asked for
     """
 
     panels: tuple[Panel, ...]
@@ -53,6 +54,7 @@ class CutSheets:
     thickness: float
     cut: CutParams
     connections: Connections
+    base: Base | None = None
     _runs: dict[int, Runs] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -98,13 +100,15 @@ def make_sheets(
     progress: Progress = SILENT,
     connectors: ConnectorParams = CONNECTORS,
     cut: CutParams = CUT,
+    base: Base | None = None,
 ) -> CutSheets:
-    """Draw every panel of the design, with its connectors, and lay the panels on sheets.
+    """Draw every panel of the design, with its connectors, and lay the panels on sheets, with the plates of its base.
 
     Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
     where it is larger than the sheet.
     """
-    layout, arms, root = design.flat.layout, design.arms, design.roots
+    design = design if base is None else base.design
+    layout = design.flat.layout
     progress(0.0, "outlines")
     refuse_crossed({"sheet": params, "cut": cut}, ("cut",))
     check_mill(design, cut)
@@ -118,11 +122,7 @@ def make_sheets(
             faces=nearest_quads(design.flat, where),
         )
     progress(0.5, "labels")
-    labels = (
-        make_labels(layout, arms, root, params, made.taken, progress.part(0.5, 0.6))
-        if params.labels
-        else Labels(((),) * len(drawn), 0, 0)
-    )
+    labels = engraved(design, made, params, base, progress=progress.part(0.5, 0.6))
     panels = _panels(design, drawn, labels, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
@@ -131,8 +131,7 @@ def make_sheets(
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
     slot, bridge = design.measured(progress.part(0.65, 0.7))
-    # one direction of the grain for the physics and for the sheets
-    turn = -design.params.grain if params.rotation == "GRAIN" else 0.0
+    turn = along_grain(design, params)
     warnings = [
         *oversize(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
         *tight(design),
@@ -142,13 +141,37 @@ def make_sheets(
         whole = labels.placed + labels.left_out
         warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
     traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
-    shapes = [p.outline.moved(turn, np.zeros(2)).sampled(2e-5) if turn else p.outline.sampled(2e-5) for p in traced]
+    panels += _plates(base)
+    outlines = [p.outline for p in (*traced, *panels[len(drawn) :])]
+    shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
     laid = nest(shapes, params, progress.part(0.72, 1.0))
     packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
     return CutSheets(
         panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
-        slot, min(bridge, made.bridge), design.params.thickness, cut, made,
+        slot, min(bridge, made.bridge), design.params.thickness, cut, made, base,
     )  # fmt: skip
+
+
+def engraved(
+    design: SpiralDesign,
+    made: Connections,
+    params: SheetParams,
+    base: Base | None,
+    mark: str = "",
+    progress: Progress = SILENT,
+) -> Labels:
+    """What is engraved on the panels and on the feet that they stand on; ``mark`` is the letter of their piece."""
+    if not params.labels:
+        return Labels(((),) * len(made.outlines), 0, 0)
+    taken = np.where(design.absent, np.inf, made.taken)
+    labels = make_labels(design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark)
+    more = {} if base is None else base.foot_labels(params)
+    return replace(labels, strokes=tuple((*s, *more.get(i, ())) for i, s in enumerate(labels.strokes)))
+
+
+def along_grain(design: SpiralDesign, params: SheetParams) -> float:
+    """Radians by which panels are turned before they are laid, so that their grain, one for physics and sheets, is the sheet's."""
+    return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 
 def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, progress: Progress) -> tuple[Panel, ...]:
@@ -160,11 +183,30 @@ def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, p
     return tuple(panels)
 
 
+def _plates(base: Base | None) -> tuple[Panel, ...]:
+    """The plates of the base as panels."""
+    found = []
+    for plate in () if base is None else base.plates:
+        area = plate.outline.area + sum(h.area for h in plate.holes)
+        # at the ends of its straight sides
+        holds = np.column_stack([plate.outline.points, np.ones(len(plate.outline.points))])
+        found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, holds, "base"))
+    return tuple(found)
+
+
 def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
     """The loose keys as panels; ``mark`` is the letter of their piece."""
     keyed = [(f"{mark}-{c.name}" if mark else c.name, c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
-        Panel(0, -1, k.outer, (), key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params), k.outer.area)
+        Panel(
+            0,
+            -1,
+            k.outer,
+            (),
+            key_label(name, a.size.neck, 2.0 * (a.size.length + a.back), params),
+            k.outer.area,
+            kind="key",
+        )
         for k, (name, a) in zip(made.keys, keyed, strict=True)
     )
 
@@ -176,7 +218,7 @@ def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
-    tips = centre_line(arms, np.zeros((*border.shape, 1)))[0][:, :, 0]
+    tips = centre_line(arms, np.where(design.absent, design.begin, 0.0)[..., None])[0][:, :, 0]
     # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
@@ -247,6 +289,7 @@ def sheets_report(sheets: CutSheets) -> dict[str, Any]:
         "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
         **_runs_report(sheets),
         **sheets.connections.report,
+        **({} if sheets.base is None else {"base": sheets.base.report}),
         "labels": sheets.labels_placed,
         "labels_left_out": sheets.labels_left_out,
         "warnings": list(sheets.warnings),

@@ -26,6 +26,7 @@ from ..spirals.spiral import alike
 # widths at which the largest twist is computed; in between it is interpolated. Not measured: what is cut is checked
 # again
 KNOTS = 6
+STRAIGHT = 1e-3  # radians that spirals may be wound which are to be straight: 0 would leave nothing to divide by
 START = 1e-2  # a little twist even at the lower end of x1, where the slope would be infinite
 
 
@@ -47,8 +48,15 @@ class DesignSpace:
     groups: int
 
     @classmethod
-    def of(cls, design: SpiralDesign, assembly: Assembly, groups: int = 1, progress: Progress = SILENT) -> DesignSpace:
-        """The space of all designs in the same patches with the same settings."""
+    def of(
+        cls,
+        design: SpiralDesign,
+        assembly: Assembly,
+        groups: int = 1,
+        progress: Progress = SILENT,
+        straight: Int[np.ndarray, " some"] | None = None,
+    ) -> DesignSpace:
+        """The space of all designs in the same patches with the same settings; ``straight`` spirals are as good as not wound."""
         low, high = width_range(design.flat, design.params)
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
@@ -57,6 +65,8 @@ class DesignSpace:
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
         bound = np.minimum(bound, 0.999 * twist_limit(ratio))
+        if straight is not None:
+            bound[:, straight] = np.minimum(bound[:, straight], STRAIGHT)
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups)
 
     @property

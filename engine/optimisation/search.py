@@ -64,7 +64,8 @@ NEAR, FARTHER = 0.2, 1.1
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a search is given besides the design; ``work`` counts for all of its problems."""
+    """What a search is given besides the design; ``work`` counts for all of its problems, ``straight`` are quads whose spirals
+    are not wound."""
 
     target: QuadMesh
     material: Material
@@ -73,6 +74,7 @@ class Task:
     supports: np.ndarray | None
     force: np.ndarray | None
     work: Work
+    straight: np.ndarray | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes; by default with a space of its own."""
@@ -96,7 +98,8 @@ class Task:
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
         """The coordinates of designs in the same patches."""
         self.work.add(SPACE, len(design.width))
-        return DesignSpace.of(design, of_design(design), GROUPS[self.params.arms], progress).including(design)
+        groups = GROUPS[self.params.arms]
+        return DesignSpace.of(design, of_design(design), groups, progress, self.straight).including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """The whole elastic model."""

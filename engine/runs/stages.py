@@ -81,7 +81,7 @@ TABLE = (
           done="compared with its scan"),
     Stage("structure", 0.3, ("simulation",), makes=("structure",), settings=(*PHYSICS, "structure", "connect", "cut"),
           blocks=("structure",), asked=True, optional=True, done="examined under its loads"),
-    Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut"),
+    Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut", "base"),
           blocks=("sheets",)),
     Stage("estimate", 0.0, ("sheets",), makes=("estimates", "assembly"), may_use=("simulation",),
           settings=("material", "cost"), blocks=("sheets", "assembly"), quick=True),
@@ -143,6 +143,8 @@ def without(result: Result, members: Iterable[str]) -> Result:
     """The result without some of its members and all that was made from them, or that could not be."""
     gone = set(members)
     gone |= made_from(gone)
+    if "simulation" in gone and result.sheets is not None and result.sheets.base is not None:
+        gone |= {"sheets"} | made_from({"sheets"})  # a base stands under the simulated shape
     nothing: dict[str, Any] = dict.fromkeys(gone)
     undone = {name: why for name, why in result.undone.items() if not gone.intersection(STAGES[name].makes)}
     lost = {member: why for member, why in result.lost.items() if member not in gone}

@@ -16,6 +16,9 @@ from ..choosing.judge import Piece
 from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
+from ..fabrication.standing.base import Base, make_base
+from ..fabrication.standing.feet import footed
+from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
 from ..params import Settings
 from ..patches.layout import PatchLayout
@@ -27,6 +30,7 @@ from ..scanning import compare
 from ..simulation import simulate
 from ..spirals import design
 from ..structure import cases, structure
+from ..spirals.design import SpiralDesign
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
@@ -81,8 +85,16 @@ def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
 def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     progress(0.0, "Measuring curvature")
-    made = design.from_curvature(result.flat, settings.spiral, curvature.rms_curvature(result.mesh), progress)
+    bends = curvature.rms_curvature(result.mesh)
+    made = design.from_curvature(result.flat, settings.spiral, bends, progress, straight=_straight(result, settings))
     return replace(result, design=made)
+
+
+def _straight(result: Result, settings: Settings) -> np.ndarray | None:
+    """The spirals that are not to be wound, for they get feet; none without a base."""
+    if settings.base.base == "none" or result.supports is None:
+        return None
+    return footed(result.mesh, result.supports)
 
 
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -95,6 +107,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         settings.simulate,
         supports=result.supports,
         force=result.force,
+        straight=_straight(result, settings),
         progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
@@ -163,8 +176,33 @@ def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress
 def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
     split.check_size(result.design.flat, settings.layout, settings.sheet)
-    made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut)
+    base = None if settings.base.base == "none" else _base(result, settings)
+    made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut, base)
     return replace(result, sheets=made)
+
+
+def _base(result: Result, settings: Settings) -> Base:
+    """What the simulated piece stands on."""
+    assert result.design is not None
+    simulation = result.simulation
+    if simulation is None or not simulation.equilibrium.converged:
+        raise FlexMapsError(
+            "A base is made for the simulated shape, and there is none; press Simulate first, or choose no base"
+        )
+    return standing(result.design, simulation.equilibrium.pose, result.supports, settings)
+
+
+def standing(design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings) -> Base:
+    """What a design stands on whose hubs are in a pose, as the settings ask for it. Raises as ``make_base`` does."""
+    if not settings.simulate.clamped:
+        raise FlexMapsError(
+            "A base clamps the feet that stand in it, but the supports are simulated as hinges; clamp the supports, or "
+            "choose no base"
+        )
+    mesh = design.flat.layout.mesh
+    lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())
+    clearance = settings.connect.clearance
+    return make_base(design, pose, supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance)
 
 
 def _estimate(result: Result, settings: Settings, progress: Progress) -> Result:

@@ -8,6 +8,7 @@ the links of closed chains: one round every inner flat vertex, and one round the
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -224,7 +225,7 @@ def edges(
     layout: PatchLayout,
     arms: Arms,
     root: Hubs,
-    slot: float,
+    plain: Float[np.ndarray, "quads 4"],
     tolerance: float,
     tips: Tips | None = None,
     progress: Progress = SILENT,
@@ -232,7 +233,7 @@ def edges(
 ) -> Fitted:
     """Both edges of every arm as arcs within ``tolerance`` metres: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards.
 
-    ``known`` are those of arms that end plainly: only arms with a tip are drawn anew. Raises ``FlexMapsError`` with the faces
+    Arms without a tip begin at the t ``plain``. ``known`` are those of arms that end plainly: only arms with a tip are drawn anew. Raises ``FlexMapsError`` with the faces
     where a spiral has no room in its quad.
     """
     tight = np.flatnonzero(root.missed.any(axis=1))
@@ -241,7 +242,7 @@ def edges(
             f"{len(tight)} of {len(arms.centre)} spirals do not fit their quads; make the quads larger, the arms thinner or the twist smaller",
             faces=tight,
         )
-    begin = ends(layout, arms, slot) if tips is None else tips.begin
+    begin = plain if tips is None else tips.begin
     count = arms.radius.size
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
     right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
@@ -266,20 +267,21 @@ def outlines(
     layout: PatchLayout,
     arms: Arms,
     root: Hubs,
-    slot: float,
+    plain: Float[np.ndarray, "quads 4"],
     fitted: Fitted,
     tips: Tips | None = None,
     progress: Progress = SILENT,
+    caps: Mapping[int, Curve] = {},
 ) -> list[Outline]:
-    """One outline per patch from the ``edges`` of all arms; ``tips`` at the cuts, or plain ends.
+    """One outline per patch from the ``edges`` of all arms; ``tips`` at the cuts, or plain ends at the t ``plain``.
 
-    ``slot`` is the smallest slot in metres, kept also between the two sides of a cut inside a patch. Raises
-    ``FlexMapsError`` with the faces of a patch that overlaps itself.
+    ``caps`` are curves, as in ``Tips.across``, at other arms that have no plain end. Raises ``FlexMapsError`` with the faces
+    of a patch that overlaps itself.
     """
     mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
-    begin = ends(layout, arms, slot) if tips is None else tips.begin
+    begin = plain if tips is None else tips.begin
     chains = _chains(mesh, joined)
-    across = {} if tips is None else tips.across
+    across = {**caps, **({} if tips is None else tips.across)}
     pieces = _pieces(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}

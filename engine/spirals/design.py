@@ -9,18 +9,20 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
-from .contours import Hubs, Outline, Tips, edges, hubs, outlines, touching
+from .caps import Cap, caps, left_out, stumps
+from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines, touching
 from .room import Room
 from .slots import (
     CLEAR,
     PARALLEL,
     THINNEST,
+    beside,
     narrowest,
     slot_needed,
     slot_widths,
@@ -51,12 +53,14 @@ class SpiralDesign:
     params : fabricable range, sheet thickness, chirality
     width : metres, of every arm; column k is the arm that ends at side k
     twist : radians, winding angle from the tip to the centre
+    feet : what some arms at the border are cut to instead, so that the piece can stand
     """
 
     flat: FlatPatches
     params: SpiralParams
     width: Float[np.ndarray, "quads 4"]
     twist: Float[np.ndarray, " quads"]
+    feet: tuple[Cap, ...] = ()
     drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
     @cached_property
@@ -69,15 +73,36 @@ class SpiralDesign:
         """Where the slots of every spiral end."""
         return hubs(self.arms, self.params.fillet)
 
+    @cached_property
+    def absent(self) -> Bool[np.ndarray, "quads 4"]:
+        """Arms that are not cut as such: left out at the border, or with a foot in their place."""
+        found = left_out(self.flat.layout.mesh, self.params)
+        found.ravel()[[foot.arm for foot in self.feet]] = True
+        return found
+
+    @cached_property
+    def begin(self) -> Float[np.ndarray, "quads 4"]:
+        """The t where every arm begins if it has no connector."""
+        plain = ends(self.flat.layout, self.arms, slot_needed(self.params))
+        return np.where(self.absent, stumps(self.roots), plain)
+
+    @cached_property
+    def caps(self) -> tuple[Cap, ...]:
+        """What the arms end in that are not cut as such."""
+        bare = self.absent.copy()
+        bare.ravel()[[foot.arm for foot in self.feet]] = False
+        return (*caps(self.arms, self.begin, bare, self.flat.layout.patch_of), *self.feet)
+
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
         plain = self.drawn.plain
         if tips is None and tolerance in plain:
             return plain[tolerance][1]
         known = plain[tolerance][0] if tolerance in plain else None
-        given = self.flat.layout, self.arms, self.roots, slot_needed(self.params)
+        given = self.flat.layout, self.arms, self.roots, self.begin
         fitted = edges(*given, tolerance, tips, progress.part(0.0, 0.7), known)
-        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0))
+        capped = {cap.arm: cap.across for cap in self.caps}
+        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0), capped)
         if tips is None:
             plain[tolerance] = fitted, drawn
         return drawn
@@ -89,14 +114,16 @@ class SpiralDesign:
 
     @cached_property
     def area(self) -> Float[np.ndarray, " quads"]:
-        """Square metres of material, by its outline from edge to edge; the fillets are left out."""
+        """Square metres of material, by its outline from edge to edge; the fillets and the feet are left out."""
         share = np.linspace(0.0, 1.0, 33)
-        outwards = np.roll(self.roots.right, 1, axis=1)[..., None] * share[::-1]
-        right = edge(self.arms, outwards, RIGHT)[0]
-        left = edge(self.arms, self.roots.left[..., None] * share, LEFT)[0]
+        begin = np.where(self.absent, self.begin, 0.0)[..., None]
+        inner = np.roll(self.roots.right, 1, axis=1)[..., None]
+        right = edge(self.arms, begin + (inner - begin) * share[::-1], RIGHT)[0]
+        left = edge(self.arms, begin + (self.roots.left[..., None] - begin) * share, LEFT)[0]
         round_about = np.concatenate([right, left], axis=2).reshape(len(self.width), -1, 2) - self.arms.centre[:, None]
         following = np.roll(round_about, -1, axis=1)
-        return 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
+        area = 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
+        return area + (self.absent * 0.125 * np.pi * self.width**2).sum(axis=1)
 
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:
@@ -116,9 +143,9 @@ class SpiralDesign:
             for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
                 some = every[part]
                 left, right = roots.left[some], roots.right[some]
-                found = narrowest(self.arms.of(some), left, right, self.params.fillet)
+                found = narrowest(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
                 slot, bridge = min(slot, found[0]), min(bridge, found[1])
-            other = Room.gaps(self.flat, self.params, self.width, self.twist, slot)[1]
+            other = self._gaps(slot)[1]
             slot = min(slot, float(other.min(initial=np.inf)))
             self.drawn.narrowest = slot, bridge
         return self.drawn.narrowest
@@ -128,10 +155,16 @@ class SpiralDesign:
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
         apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
-        least = np.where(lean > PARALLEL, apart, CLEAR).min(axis=(1, 2))
-        quads, gap = Room.gaps(self.flat, self.params, self.width, self.twist, width)
+        least = np.where((lean > PARALLEL) & ~beside(self.absent)[..., None], apart, CLEAR).min(axis=(1, 2))
+        quads, gap = self._gaps(width)
         np.minimum.at(least, quads, gap[:, None])
         return np.flatnonzero(least < 0.999 * width)
+
+    def _gaps(self, below: float) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
+        """Both quads, and metres, of the gaps less than ``below`` metres between arms that are cut, of different quads."""
+        arms, gap = Room.gaps(self.flat, self.params, self.width, self.twist, below)
+        cut = ~self.absent.ravel()[arms].any(axis=1)
+        return arms[cut] // 4, gap[cut]
 
 
 def uniform(
@@ -149,15 +182,26 @@ def uniform(
 
 
 def from_curvature(
-    flat: FlatPatches, params: SpiralParams, curvature: Float[np.ndarray, " quads"], progress: Progress = SILENT
+    flat: FlatPatches,
+    params: SpiralParams,
+    curvature: Float[np.ndarray, " quads"],
+    progress: Progress = SILENT,
+    *,
+    straight: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    curvature : RMS curvature, 1/m; straight : quads whose spirals are not wound all
+    the same, and whose arms at the border, from which feet begin, are as wide as may be. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
     width, twist = curvature_adjusted(params, curvature)
-    return fitted(flat, params, alike(width), twist, progress=progress)
+    arms = alike(width)
+    if straight is not None:
+        twist[straight] = 0.0
+        mesh = flat.layout.mesh
+        arms[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, arms[straight])
+    return fitted(flat, params, arms, twist, progress=progress)
 
 
 def curvature_adjusted(

@@ -214,7 +214,7 @@ class Room:
         twist: Float[np.ndarray, " quads"],
         below: float,
     ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """The gaps less than ``below`` metres between arms of different quads of a panel: both quads, and metres.
+        """The gaps less than ``below`` metres between arms of different quads of a panel: both arms, and metres.
 
         Negative where arms run through each other.
         """
@@ -222,7 +222,7 @@ class Room:
         pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), np.zeros(len(shapes.mate)))
         found = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
-        return np.stack([pairs.one[found.pair], pairs.two[found.pair]], axis=1) // 4, found.gap
+        return np.stack([pairs.one[found.pair], pairs.two[found.pair]], axis=1), found.gap
 
     def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
         """The pairs, what they need, and the arms in which some of the quads have a part."""

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Float
+from ..arrays import Bool, Float
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
@@ -164,21 +164,32 @@ def _rolled(arms: Arms, step: int) -> Arms:
     return replace(arms, **rolled)
 
 
+def beside(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
+    """Of arms that are not cut, the slots k between arm k and arm k + 1 that are no slots without them."""
+    return absent | np.roll(absent, -1, axis=1)
+
+
 def narrowest(
-    arms: Arms, left: Float[np.ndarray, "quads 4"], right: Float[np.ndarray, "quads 4"], fillet: float
+    arms: Arms,
+    left: Float[np.ndarray, "quads 4"],
+    right: Float[np.ndarray, "quads 4"],
+    fillet: float,
+    absent: Bool[np.ndarray, "quads 4"] | None = None,
 ) -> tuple[float, float]:
     """Narrowest slot and narrowest piece of material in metres, measured between the true edges of the arms.
 
     left, right : t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
-    At its root a slot is as wide as its fillet's diameter.
+    At its root a slot is as wide as its fillet's diameter. ``absent`` arms are not cut.
     """
+    absent = np.zeros(left.shape, dtype=bool) if absent is None else absent
     # the arm itself, up to its hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
-    bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0].min()
+    bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
+    bridge = np.where(absent[..., None], CLEAR, bridge).min()
     # a slot without fillet ends in a point: its width is that of its outer half
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
     # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
-    slot = float(np.where(lean > PARALLEL, apart, CLEAR).min())
+    slot = float(np.where((lean > PARALLEL) & ~beside(absent)[..., None], apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 

@@ -13,7 +13,7 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import ConnectorParams
 from ...progress import SILENT, Progress
-from ...spirals.contours import Outline, ends
+from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 from ..panels.labels import seam_labels
 from .free_space import SCALES, FreeSpace
@@ -160,7 +160,7 @@ def connect(
                 full[tip.row] = tip.wide.full[0]
         taken.ravel()[half.arm] = np.maximum(half.along(full), 0.0)
     progress(0.8, "outlines with connectors")
-    gathered = space.gathered(tips, ends(design.flat.layout, design.arms, space.slot), tolerance)
+    gathered = space.gathered(tips, design.begin, tolerance)
     drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 

@@ -202,8 +202,10 @@ class FreeSpace:
         arms, roots, count = self.design.arms.of(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
-        left = complexes(edge(arms, even * t_left[..., None], LEFT)[0]).reshape(4 * count, -1)
-        right = complexes(edge(arms, even * t_right[..., None], RIGHT)[0]).reshape(4 * count, -1)
+        begin = np.where(self.design.absent, self.design.begin, 0.0)[quads][..., None]
+        ends = ((LEFT, t_left), (RIGHT, t_right))
+        drawn = [edge(arms, begin + even * (t[..., None] - begin), way)[0] for way, t in ends]
+        left, right = (complexes(d).reshape(4 * count, -1) for d in drawn)
         pieces = [
             np.concatenate([left[:, k : k + 11], right[:, k : k + 11][:, ::-1]], axis=1)
             for k in range(0, 10 * _PIECES, 10)

@@ -14,8 +14,9 @@ from ...spirals.arcs import Curve
 class Panel:
     """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
 
-    number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for the loose key of a joint
+    number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for other parts
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
+    kind : panel, key for the loose key of a joint, base for a plate that the piece stands on
     holds : where a holding tab may be: x and y in metres, and how little it is liked there
     piece, mark : of several pieces on common sheets the one that it belongs to, and that one's letter
     """
@@ -27,6 +28,7 @@ class Panel:
     labels: tuple[Curve, ...]
     area: float
     holds: Float[np.ndarray, "places 3"] = field(default_factory=lambda: np.empty((0, 3)))
+    kind: str = "panel"
     piece: int = 0
     mark: str = ""
 

@@ -1,4 +1,4 @@
-"""The parts list: a row for every panel and loose key, for spreadsheets and for whoever orders or counts the parts."""
+"""The parts list: a row for every panel, plate and loose key, for spreadsheets and for whoever orders or counts the parts."""
 
 from __future__ import annotations
 
@@ -49,20 +49,20 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
 
 def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
     """The values of every part, in the order of the columns, but for the note."""
-    where, found, keys = sheets.packing, [], Counter[int]()
+    where, found, of_kind = sheets.packing, [], Counter[tuple[int, str]]()
     for number, panel in enumerate(sheets.panels):
         layout = designs[panel.piece].flat.layout
         quads = layout.patches[panel.patch] if panel.patch >= 0 else np.zeros(0, dtype=np.int64)
         joints = layout.cut[layout.mesh.quad_edges[quads]].sum()
-        keys[panel.piece] += panel.patch < 0
+        of_kind[panel.piece, panel.kind] += 1
+        count = of_kind[panel.piece, panel.kind]
         placed = panel.outline.moved(float(where.rotation[number]), where.shift[number])
         width, height = np.ptp(placed.sampled(1e-5), axis=0) * 1e3
         length = sum(curve.length for curve in (panel.outline, *panel.holes))
         mass = material.density * sheets.thickness * panel.area
         found.append([
-            panel_name(panel.patch, panel.mark) if panel.patch >= 0 else f"{panel.mark} key {keys[panel.piece]}".strip(),
-            "panel" if panel.patch >= 0 else "key",
-            int(where.sheet[number]) + 1, len(quads), int(joints),
+            panel_name(panel.patch, panel.mark) if panel.patch >= 0 else f"{panel.mark} {panel.kind} {count}".strip(),
+            panel.kind, int(where.sheet[number]) + 1, len(quads), int(joints),
             width, height, panel.area * 1e4, length * 1e3, mass * 1e3,
         ])  # fmt: skip
     return found

@@ -65,7 +65,7 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> So
     vertices = np.zeros((2 * count, 3))
     vertices[:count, :2] = vertices[count:, :2] = flat
     vertices[count:, 2] = thickness
-    return Solid(f"panel {panel.number}", vertices, faces)
+    return Solid(f"{panel.kind} {panel.number}" if panel.number else panel.kind, vertices, faces)
 
 
 def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import clockwise, slot_widths
+from ...spirals.slots import beside, clockwise, slot_widths
 from ...spirals.spiral import Arms, centre_line, width_at
 from .bent import BentArms
 
@@ -47,7 +47,7 @@ class SpaceSlots:
 
     arms : (n, 2) int, arm 4 f + k is arm k of quad f. First come the 4 F slots within the spirals, slot 4 f + k between the
         arms k and k + 1; then those between arms of different spirals that lie near each other
-    width : (n,) metres, of the narrowest place; negative where arms run through each other
+    width : (n,) metres, of the narrowest place; negative where arms run through each other, infinite beside arms that are not cut
     """
 
     arms: Int[np.ndarray, "slots 2"]
@@ -86,6 +86,7 @@ def slots_in_space(design: SpiralDesign, bent: BentArms, progress: Progress = SI
     progress(0.0, MEASURING)
     one, two, t, s = _within(design)
     width = _narrowest(design, bent, one, two, t, s, progress.part(0.1, 0.6))
+    width[beside(design.absent).ravel()] = np.inf
     progress(0.6, MEASURING)
     near, far, u, v = _between(design, bent)
     others = _narrowest(design, bent, near, far, u, v, progress.part(0.7, 1.0))
@@ -119,6 +120,7 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
     joint = (4 * mesh.edge_quads + mesh.edge_sides)[~mesh.border]
     mate[joint] = joint[:, ::-1]
     keep = (arm[:, 0] // 4 != arm[:, 1] // 4) & (mate[arm[:, 0]] != arm[:, 1])
+    keep &= ~design.absent.ravel()[arm].any(axis=1)
     pair, arm = pair[keep], arm[keep]
     apart = np.linalg.norm(np.diff(bent.place.reshape(-1, 3)[pair], axis=1)[:, 0], axis=1)
     order = np.lexsort((apart, arm[:, 1], arm[:, 0]))

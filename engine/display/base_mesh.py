@@ -1,0 +1,33 @@
+"""The plates that a piece stands on, as one body in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Float, Int
+from ..fabrication.panels.panel import Panel
+from ..fabrication.standing.base import Base
+from ..fabrication.writers.solids import extruded
+
+DRAWN = 5e-5  # metres: how far round corners may stray from the true ones
+
+
+@dataclass(frozen=True, eq=False)
+class BaseMesh:
+    """Closed triangle meshes, outward; vertices in metres."""
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+
+
+def base_mesh(base: Base) -> BaseMesh:
+    """All plates of a base, their upper sides on the ground."""
+    vertices, triangles, count = [], [], 0
+    for plate in base.plates:
+        solid = extruded(Panel(0, -1, plate.outline, plate.holes, (), 0.0, kind="base"), base.thickness, DRAWN)
+        vertices.append(solid.vertices + np.array([0.0, 0.0, base.ground - base.thickness]))
+        triangles.append(solid.triangles + count)
+        count += len(solid.vertices)
+    return BaseMesh(np.concatenate(vertices), np.concatenate(triangles))

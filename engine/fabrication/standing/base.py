@@ -1,0 +1,206 @@
+"""The base: plates on the ground with a slot for the tongue of every foot, where the simulated piece stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.assembly import Pose
+from ...params import BaseParams, SheetParams
+from ...spirals.arcs import Curve
+from ...spirals.design import SpiralDesign
+from ..nesting.packing import turn_that_fits
+from ..panels.lettering import length, straight
+from .corners import hull
+from .feet import Foot, make_feet
+
+FILL = 0.62  # height of a foot's number as a share of its foot's width, as along arms
+BESIDE = 0.001  # metres between a slot and its number
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """One plate, seen from above where it lies in space, metres.
+
+    feet : whose tongues enter it; slots : their corners, counter-clockwise
+    """
+
+    outline: Curve
+    feet: tuple[Foot, ...]
+    slots: Float[np.ndarray, "slots 4 2"]
+    labels: tuple[Curve, ...]
+
+    @property
+    def holes(self) -> tuple[Curve, ...]:
+        """The slots as holes, clockwise."""
+        return tuple(Curve(corners[::-1], np.zeros(4)) for corners in self.slots)
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """What a piece stands on.
+
+    design : the design with its feet; feet : all of them
+    ground : metres, height of the upper side of the plates; thickness : metres, theirs and the sheet's
+    """
+
+    design: SpiralDesign
+    feet: tuple[Foot, ...]
+    plates: tuple[Plate, ...]
+    ground: float
+    thickness: float
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The figures of report.json."""
+        lean = np.degrees([foot.lean for foot in self.feet])
+        reach = [1e3 * foot.shoulder for foot in self.feet]
+        return {
+            "plates": len(self.plates),
+            "feet": len(self.feet),
+            "ground_mm": round(1e3 * self.ground, 3),
+            "lean_deg": [round(float(x), 2) for x in (lean.min(), lean.max())],
+            "foot_mm": [round(x, 2) for x in (min(reach), max(reach))],
+        }
+
+    def foot_labels(self, params: SheetParams) -> dict[int, list[Curve]]:
+        """The number of every foot, engraved along it, by patch."""
+        found: dict[int, list[Curve]] = {}
+        for foot in self.feet if params.labels else ():
+            text, height = foot_name(foot), _height(foot, params)
+            left = foot.aside * np.array([-foot.way[1], foot.way[0]])
+            tip = self.design.arms.centre[foot.quad] + left + (foot.shoulder - 0.6 * length(text) * height) * foot.way
+            strokes = [Curve(s, np.zeros(len(s)), closed=False) for s in straight(text, height, tip, foot.way)]
+            found.setdefault(foot.cap.patch, []).extend(strokes)
+        return found
+
+
+def foot_name(foot: Foot) -> str:
+    """What is engraved on a foot and beside its slot: no panel and no seam is called so."""
+    return f"-{foot.number}-"
+
+
+def _height(foot: Foot, params: SheetParams) -> float:
+    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot)))
+
+
+def make_base(
+    design: SpiralDesign,
+    pose: Pose,
+    supports: Int[np.ndarray, " held"] | None,
+    params: BaseParams,
+    sheet: SheetParams,
+    *,
+    lowest: float,
+    clearance: float,
+) -> Base:
+    """Feet for all supports of a design whose hubs stand in a pose, and the plates under them.
+
+    lowest : metres, height of the piece's lowest point; clearance : metres all round a tongue in its slot. Raises
+    ``FlexMapsError`` where nothing is supported, a foot cannot be, or slots would run into each other.
+    """
+    if supports is None or not len(supports):
+        raise FlexMapsError(
+            "A base holds what is supported, and nothing is; name supports, such as the lowest spirals, or choose no base"
+        )
+    feet = make_feet(design, pose, supports, lowest, params)
+    thickness, ground = design.params.thickness, lowest - params.base_height
+    slots = np.array([foot.slot(thickness, clearance) for foot in feet])
+    _refuse_touching(feet, slots, thickness)
+    groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.base_edge)
+    plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
+    footed = replace(design, feet=tuple(foot.cap for foot in feet))
+    return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
+
+
+def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> None:
+    """Raise where less than ``wall`` metres would be left between two slots."""
+    import shapely
+
+    shapes = shapely.polygons(slots)
+    one, two = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=wall)
+    near = np.unique(one[one != two])
+    if len(near):
+        raise FlexMapsError(
+            f"The base would cut its own slots: {len(near)} of them leave less than {1e3 * wall:g} mm between each other; "
+            "make the feet narrower, or support fewer spirals",
+            faces=[feet[k].quad for k in near.tolist()],
+        )
+
+
+def _together(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, margin: float) -> list[np.ndarray]:
+    """Rows of the feet whose plates are one: neighbours in the mesh, and those whose plates would overlap."""
+    import shapely
+
+    corners = [set(design.flat.layout.mesh.quads[foot.quad].tolist()) for foot in feet]
+    groups = [({k}, own) for k, own in enumerate(corners)]
+    changed = True
+    while changed:
+        changed = False
+        for i in range(len(groups)):
+            for j in range(len(groups) - 1, i, -1):
+                shapes = [
+                    shapely.convex_hull(shapely.multipoints(slots[sorted(groups[g][0])].reshape(-1, 2))) for g in (i, j)
+                ]
+                if groups[i][1] & groups[j][1] or shapely.dwithin(*shapes, 2.0 * margin):
+                    groups[i] = groups[i][0] | groups[j][0], groups[i][1] | groups[j][1]
+                    del groups[j]
+                    changed = True
+    return [np.array(sorted(rows)) for rows, _ in groups]
+
+
+def _plate(
+    feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
+) -> list[Plate]:
+    """One plate round some slots, or several where it would be larger than the sheet."""
+    import shapely
+
+    outline = hull(slots[rows].reshape(-1, 2), margin)
+    size = sheet.sheet_width, sheet.sheet_height
+    if turn_that_fits(outline.sampled(1e-4), size, sheet.margin, sheet.rotation) is not None:
+        some = tuple(feet[k] for k in rows.tolist())
+        return [Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))]
+    middles = slots[rows].mean(axis=1)
+    along = np.linalg.svd(middles - middles.mean(axis=0))[2][0]
+    order = np.argsort(middles @ along)
+    halves = [rows[part] for part in np.array_split(order, 2)]
+    if len(rows) < 2:
+        raise FlexMapsError(
+            "The sheet is too small for a foot's plate; take a larger sheet", faces=[feet[rows[0]].quad]
+        )
+    apart = shapely.distance(*(shapely.convex_hull(shapely.multipoints(slots[h].reshape(-1, 2))) for h in halves))
+    margin = min(margin, 0.48 * float(apart))
+    if margin < thickness:
+        raise FlexMapsError(
+            "The base is larger than the sheet and cannot be parted between its slots; take a larger sheet, or choose feet",
+            faces=[feet[k].quad for k in rows.tolist()],
+        )
+    return [plate for half in halves for plate in _plate(feet, slots, half, margin, sheet, thickness)]
+
+
+def _numbers(feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams) -> tuple[Curve, ...]:
+    """The numbers of the feet beside their slots, on whichever side of them there is room."""
+    import shapely
+
+    if not sheet.labels:
+        return ()
+    holes = shapely.polygons(slots)
+    plate = shapely.Polygon(outline.sampled(1e-4)).buffer(-BESIDE)
+    shapely.prepare(plate)
+    found: list[Curve] = []
+    for foot, corners in zip(feet, slots, strict=True):
+        text = foot_name(foot)
+        height, middle, along = _height(foot, sheet), corners.mean(axis=0), foot.across[:2]
+        for side in (1.0, -1.0):
+            beside = np.abs((corners - middle) @ along).max() + BESIDE + 0.5 * height * length(text)
+            strokes = straight(text, height, middle + side * beside * along, along)
+            lines = shapely.multilinestrings([[shapely.linestrings(s) for s in strokes]])[0]
+            if plate.contains(lines) and shapely.distance(lines, holes).min() > 0.5 * BESIDE:
+                found += [Curve(s, np.zeros(len(s)), closed=False) for s in strokes]
+                break
+    return tuple(found)

@@ -1,0 +1,228 @@
+"""Feet: at a supported spiral the sheet goes on from the hub, straight down the slope, with a tongue that enters a slot.
+
+A foot takes the place of the arm at the open border. It runs down the steepest way of its hub's plane, so that its cross line is
+level: shoulders at right angles to it stand on the ground with their whole edge, and the slot for its tongue is a rectangle.
+The wound arms of a spiral go round its hub and would cross any straight way out, so supported spirals are not wound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.assembly import Pose
+from ...params import BaseParams
+from ...spirals.arcs import Curve, biarcs
+from ...spirals.caps import Cap, caps, stumps
+from ...spirals.design import SpiralDesign
+from ...spirals.slots import slot_needed
+from ...spirals.spiral import LEFT, RIGHT, edge
+from ...surface.mesh import QuadMesh
+from .corners import rounded
+
+# Radians. Flatter sheets would lie on the base rather than stand, and their slots were wider than three sheets
+FLATTEST = np.radians(25.0)
+# Radians between a foot and the way to the middle of its side: at a corner of the border both sides have 45 degrees
+SIDEWAYS = np.radians(60.0)
+UNWOUND = 0.02  # radians; what a spiral may be wound to count as not wound
+TONGUE = 0.6  # width of the tongue as a share of its foot's: shoulders of a fifth on both sides; by eye
+FLARE = 0.8  # length over which a foot widens from its hub, as a share of how much it widens to one side; by eye
+BEYOND = 1.0  # how far the tongue reaches out of the slot, in sheets
+CORNER = 0.0006  # metres, rounding of the outer corners of shoulders and tongue
+
+
+@dataclass(frozen=True, eq=False)
+class Foot:
+    """One foot.
+
+    number : from 1 on, as it is engraved; quad, side : where the border's arm would be
+    cap : its outline in its panel
+    shoulder, aside : metres from the hub's centre to the shoulders, along the tongue, and to the left to its middle
+    width, tongue : metres, width of the foot and of its tongue
+    way : unit vector along the foot in its patch
+    down, across : unit vectors in space along the foot and along its shoulders, which are level
+    place : metres, where its middle line meets the ground
+    lean : radians between the sheet and the ground
+    """
+
+    number: int
+    quad: int
+    side: int
+    cap: Cap
+    shoulder: float
+    aside: float
+    width: float
+    tongue: float
+    way: Float[np.ndarray, " 2"]
+    down: Float[np.ndarray, " 3"]
+    across: Float[np.ndarray, " 3"]
+    place: Float[np.ndarray, " 3"]
+    lean: float
+
+    def slot(self, thickness: float, clearance: float) -> Float[np.ndarray, "4 2"]:
+        """Corners, counter-clockwise, of the upright slot in a base as thick as the sheet: what a leaning tongue sweeps there, metres."""
+        ahead = np.array([self.across[1], -self.across[0]])
+        ahead *= np.sign(ahead @ self.down[:2]) or 1.0
+        half = 0.5 * thickness / np.sin(self.lean)
+        ends = np.array([-half - clearance, half + thickness / np.tan(self.lean) + clearance])
+        side = (0.5 * self.tongue + clearance) * self.across[:2]
+        a, b = self.place[:2] + ends[:, None] * ahead
+        corners = np.array([a - side, b - side, b + side, a + side])
+        turned = (b - a)[0] * side[1] - (b - a)[1] * side[0] > 0.0
+        return corners if turned else corners[::-1]
+
+
+def footed(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np.ndarray, " feet"]:
+    """The supported quads that lie at an open border, where a foot can leave the piece."""
+    return supports[mesh.border[mesh.quad_edges[supports]].any(axis=1)]
+
+
+def make_feet(
+    design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"], lowest: float, params: BaseParams
+) -> tuple[Foot, ...]:
+    """A foot for every supported spiral of a design whose hubs stand in a pose.
+
+    lowest : metres, height of the piece's lowest point. Raises ``FlexMapsError`` with the faces where there can be none.
+    """
+    side, way = _sides(design, pose, supports)
+    wound = supports[design.twist[supports] > UNWOUND]
+    if len(wound):
+        raise FlexMapsError(
+            f"{len(wound)} supported spirals are wound, and their arms would cross their feet; press Spirals again while a "
+            "base is chosen, which leaves them straight",
+            faces=wound,
+        )
+    rotations, height = pose.rotations[supports], pose.centres[supports, 2] - (lowest - params.base_height)
+    level = np.abs(rotations[:, 2, 2])
+    slope = np.sqrt(1.0 - level**2)
+    shoulder = (height - 0.5 * design.params.thickness * level) / slope
+    made = []
+    for n, (f, k) in enumerate(zip(supports.tolist(), side.tolist(), strict=True)):
+        cap, aside = _cap(design, f, k, way[n], float(shoulder[n]), float(slope[n]), params.foot_width)
+        flat = np.array([way[n], [-way[n, 1], way[n, 0]]])
+        down, across = flat @ rotations[n, :, :2].T
+        place = pose.centres[f] + height[n] / slope[n] * down + aside * across
+        lean = float(np.arcsin(slope[n]))
+        width = params.foot_width
+        numbers = float(shoulder[n]), aside, width, TONGUE * width
+        made.append(Foot(n + 1, f, k, cap, *numbers, way[n], down, across, place, lean))
+    _refuse_crowded(design, made)
+    return tuple(made)
+
+
+def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
+    """The side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch: down the slope."""
+    mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
+    inside = np.setdiff1d(supports, footed(mesh, supports))
+    if len(inside):
+        raise FlexMapsError(
+            f"{len(inside)} supports do not lie at an open border, so that no foot can leave the piece there; take them out "
+            "of the supports, or choose no base",
+            faces=inside,
+        )
+    way = -rotations[:, 2, :2]  # minus z, seen in the plane of the hub
+    slope = np.linalg.norm(way, axis=1)
+    flat = supports[slope < np.sin(FLATTEST)]
+    if len(flat):
+        raise FlexMapsError(
+            f"{len(flat)} supported spirals lie too flat for their feet to reach the ground: they have to stand at "
+            f"{np.degrees(FLATTEST):.0f} degrees or more; support the piece elsewhere, turn it, or choose no base",
+            faces=flat,
+        )
+    way /= slope[:, None]
+    aside = design.arms.angle[supports] - np.arctan2(way[:, 1], way[:, 0])[:, None]
+    aside = np.abs((aside + np.pi) % (2.0 * np.pi) - np.pi)
+    aside[~mesh.border[mesh.quad_edges[supports]]] = np.inf
+    astray = supports[aside.min(axis=1) > SIDEWAYS]
+    if len(astray):
+        raise FlexMapsError(
+            f"The open border of {len(astray)} supported spirals does not lie below them, so that their feet cannot reach the "
+            "ground; support the piece where its border is lowest, or choose no base",
+            faces=astray,
+        )
+    return aside.argmin(axis=1), way
+
+
+def _cap(
+    design: SpiralDesign, quad: int, side: int, way: np.ndarray, shoulder: float, slope: float, width: float
+) -> tuple[Cap, float]:
+    """The outline of a foot from the right to the left edge of the arm in whose place it is, and how far to the left of its hub
+    its tongue is, metres: a foot leaves its quad by the middle of the side, and turns down the slope there."""
+    begin = stumps(design.roots)[quad, side]
+    arm = design.arms.one_by_one(np.array([quad]), np.array([side]))
+    (right, right_way), (left, left_way) = (
+        [x[0, 0, 0] for x in edge(arm, np.full((1, 1, 1), begin), s)] for s in (RIGHT, LEFT)
+    )
+    frame, half, narrow = np.array([way, [-way[1], way[0]]]), 0.5 * width, 0.5 * TONGUE * width
+    out = frame @ [np.cos(arm.angle[0, 0]), np.sin(arm.angle[0, 0])]
+    normal, knee = np.array([-out[1], out[0]]), out * arm.radius[0, 0]
+    starts = [frame @ (p - arm.centre[0]) for p in (right, left)]
+    wide = max(float(p @ out) for p in starts) + FLARE * (half - min(abs(float(p @ normal)) for p in starts))
+    turn = half * abs(out[1]) / (1.0 + out[0])  # what the inner side of the bend takes of both of its sides
+    short = max(knee[0] + turn + 2.0 * CORNER - shoulder, wide + turn - arm.radius[0, 0])
+    if short > 0.0:
+        raise FlexMapsError(
+            f"There is no room for a foot of {1e3 * width:g} mm at a supported spiral: {1e3 * short:.2g} mm are lacking; make the "
+            "feet narrower, or the height of the base's feet larger",
+            faces=[quad],
+        )
+    # through the base, whose lower side a leaning tongue reaches with its other face
+    thickness, level = design.params.thickness, np.sqrt(max(1.0 - slope**2, 0.0))
+    end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + np.array([0.0, 1.0])) / (1.0 + out[0])
+    aside = knee[1]
+    lines = []
+    for sign in (-1.0, 1.0):
+        corners = [wide * out + sign * half * normal, knee + sign * half * bend]
+        corners += [(shoulder, aside + sign * half), (shoulder, aside + sign * narrow), (end, aside + sign * narrow)]
+        lines.append(np.array(corners))
+    radii = np.array([0.0, half, CORNER, 0.0, CORNER])
+    line = np.concatenate([lines[0], lines[1][::-1]])
+    post = rounded(line @ frame + arm.centre[0], np.concatenate([radii, radii[::-1]]), closed=False)
+    away = out @ frame
+    parts = [
+        _flare(right, -right_way, post.points[0], away),
+        (post.points[:-1], post.bulge[:-1]),
+        _flare(post.points[-1], -away, left, left_way),
+        (left[None], np.zeros(1)),
+    ]
+    nodes, bulge = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    patch = int(design.flat.layout.patch_of[quad])
+    return Cap(4 * quad + side, patch, float(begin), Curve(nodes, bulge, closed=False)), float(aside)
+
+
+def _flare(start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and bulges of two arcs from a point and a direction to others, without the last point."""
+    nodes, bulge = biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
+    return nodes[0], bulge[0]
+
+
+def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
+    """Raise where a foot comes nearer to another one, or to an arm of its panel, than the smallest slot."""
+    import shapely
+
+    slot, layout = 0.999 * slot_needed(design.params), design.flat.layout
+    mask: Bool[np.ndarray, "quads 4"] = np.zeros(design.width.shape, dtype=bool)
+    mask.ravel()[[foot.cap.arm for foot in feet]] = True
+    bare = replace(design, feet=caps(design.arms, stumps(design.roots), mask, layout.patch_of))
+    drawn = bare.outlines()
+    bodies = np.array([shapely.Polygon(o.outer.sampled(1e-5), [h.sampled(1e-5) for h in o.holes]) for o in drawn])
+    patch = np.array([foot.cap.patch for foot in feet])
+    shapes = np.array([foot.cap.polygon for foot in feet])
+    # round its own hub a foot begins, and its neighbours lead away from it
+    quads = np.array([foot.quad for foot in feet])
+    root = np.linalg.norm(design.roots.centre[quads] - design.arms.centre[quads][:, None], axis=2).max(axis=1)
+    discs = shapely.buffer(shapely.points(design.arms.centre[quads]), root + 2.0 * design.width[quads].max(axis=1))
+    near = shapely.dwithin(shapely.difference(shapes, discs), shapely.difference(bodies[patch], discs), slot)
+    tree = shapely.STRtree(shapes)
+    one, two = tree.query(shapes, predicate="dwithin", distance=slot)
+    both = (one != two) & (patch[one] == patch[two])
+    near[one[both]] = True
+    if near.any():
+        raise FlexMapsError(
+            f"{int(near.sum())} feet come too near to other feet or to arms of their panels; make the feet narrower, or support "
+            "fewer spirals",
+            faces=quads[near],
+        )

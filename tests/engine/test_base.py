@@ -1,0 +1,146 @@
+"""Feet and the base that they stand in: read back from files, and against the simulated pose, by ezdxf, trimesh and shapely."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.fabrication.standing import corners
+from flexmaps.engine.fabrication.writers import parts
+from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.runs import job, report, stages
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+QUICK = {"sheet.nesting": "FAST", "base.base": "feet"}
+
+
+def _arch(columns=5, rows=8, sweep=np.pi, lean=0.0, edge=0.02):
+    """Half a tube that stands on both of its long borders; ``lean`` radians tip it over."""
+    radius = rows * edge / sweep
+    a = np.linspace(-0.5 * sweep, 0.5 * sweep, rows + 1)
+    x, a = np.meshgrid(edge * np.arange(columns + 1.0), a, indexing="ij")
+    points = np.stack([x, radius * np.sin(a), radius * np.cos(a)], axis=-1).reshape(-1, 3)
+    turn = np.array([[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]])
+    corner = np.arange(len(points)).reshape(columns + 1, rows + 1)
+    quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
+    return PolygonMesh.of(QuadMesh(points @ turn.T, quads))
+
+
+def _made(polygons, more=(), **options):
+    settings = changed(Settings(), QUICK | dict(more))
+    return job.run(polygons, settings, **({"supports": "lowest"} | options))
+
+
+@pytest.fixture(scope="module")
+def bench():
+    import sys
+    from pathlib import Path
+
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+    return __import__("bench_standing")
+
+
+@pytest.mark.parametrize("border", ["stubs", "left_out"])
+@pytest.mark.parametrize("sweep", [2.0, 3.1, 4.0])
+def test_feet_as_they_are_cut_stand_in_their_slots_as_simulated(bench, sweep, border):
+    made = _made(_arch(sweep=sweep), {"spiral.border": border})
+    assert made.sheets.base.report["feet"] == 10
+    assert len(made.sheets.base.plates) == 2  # one under each foot of the arch
+    fit = bench.read_back(made)
+    assert fit.outside < 0.01  # mm
+    assert fit.loose < 0.01
+    assert fit.high < 0.01
+    assert fit.turned < 0.01  # degrees
+    assert fit.leaning < 0.01
+    clearance = 1e3 * made.sheets.connections.clearance
+    assert clearance > 0.0
+    # and the judge sees a foot that stands elsewhere
+    base = made.sheets.base
+    pose = made.simulation.equilibrium.pose.moved(np.tile([3e-4, 0.0, 0.0, 0.0, 0.0, 0.0], (len(made.mesh.quads), 1)))
+    moved = replace(made.simulation, equilibrium=replace(made.simulation.equilibrium, pose=pose))
+    astray = bench.read_back(replace(made, simulation=moved))
+    assert max(astray.outside, astray.loose) > 0.15
+    assert base.report["lean_deg"][0] <= base.report["lean_deg"][1]
+
+
+def test_supported_spirals_are_straight_and_stay_so_when_the_rest_is_improved():
+    settings = changed(Settings(), QUICK | {"optimise.iterations": 3, "optimise.codesign": False})
+    polygons = _arch(rows=6)
+    made = job.run(polygons, settings, supports="lowest", optimised=True)
+    held = made.supports
+    assert (made.design.twist[held] < 0.002).all()
+    assert (made.design.twist > 0.1).any()
+    assert made.sheets.base.report["feet"] == len(held)
+    before = job.run(polygons, changed(settings, {"base.base": "none"}), supports="lowest", stop_after="spirals")
+    assert (before.design.twist[held] > 0.002).any()
+
+
+def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
+    made = _made(_arch(), {"base.base": "plate"})
+    sheets = made.sheets
+    plates = [p for p in sheets.panels if p.kind == "base"]
+    assert len(plates) == 1
+    (plate,) = plates
+    whole = shapely.Polygon(plate.outline.sampled(1e-6), [h.sampled(1e-6) for h in plate.holes])
+    assert whole.is_valid
+    assert plate.area == pytest.approx(whole.area, rel=1e-4)
+    slots = shapely.union_all([shapely.Polygon(h.points) for h in plate.holes])
+    assert slots.hausdorff_distance(whole.exterior) > 0
+    assert slots.distance(whole.exterior) == pytest.approx(0.012, abs=1e-6)  # the edge that was asked for
+    assert (
+        shapely.Polygon(whole.exterior).symmetric_difference(slots.convex_hull.buffer(0.012, quad_segs=200)).area < 1e-7
+    )
+    for panel in sheets.panels:
+        shape = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
+        assert shape.is_valid
+        assert all(shape.contains(shapely.LineString(stroke.points)) for stroke in panel.labels)
+    written = parts.write(sheets, made.design, Settings().material.chosen, tmp_path / "parts.csv").read_text()
+    assert "base 1,base,1,0,0" in written
+    assert report.blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
+    # what is simulated anew stands elsewhere: sheets with a base are made anew, others are not
+    assert stages.without(made, {"simulation"}).sheets is None
+    assert stages.without(_made(_arch(), {"base.base": "none"}), {"simulation"}).sheets is not None
+
+
+def test_a_base_larger_than_the_sheet_is_several():
+    made = _made(_arch(columns=12), {"base.base": "plate", "sheet.sheet_width": 200.0, "sheet.sheet_height": 200.0})
+    plates = [p for p in made.sheets.panels if p.kind == "base"]
+    assert len(plates) > 1
+    assert sum(len(p.holes) for p in plates) == made.sheets.base.report["feet"]
+    shapes_ = [shapely.Polygon(p.outline.sampled(1e-5)) for p in plates]
+    assert all(not a.intersects(b) for k, a in enumerate(shapes_) for b in shapes_[:k])
+
+
+@pytest.mark.parametrize(
+    ("polygons", "more", "options", "words"),
+    [
+        (_arch(), {}, {"supports": None}, "nothing is; name supports"),
+        (_arch(), {"base.foot_width": 60.0}, {}, "no room for a foot|too near"),
+        (_arch(), {"base.foot_width": 17.5, "base.base_height": 20.0, "spiral.thickness": 10.0}, {}, "cut its own slots|too near"),
+        (_arch(), {"simulate.clamped": False}, {}, "clamps the feet"),
+        (_arch(sweep=0.9), {}, {}, "too flat"),
+        (_arch(), {}, {"supports": [11]}, "do not lie at an open border"),
+        (_arch(), {}, {"supports": [0, 1]}, "does not lie below"),
+    ],
+)  # fmt: skip
+def test_what_cannot_stand_gets_one_clear_error(polygons, more, options, words):
+    with pytest.raises(FlexMapsError, match=words):
+        _made(polygons, more, **options)
+
+
+def test_a_wound_support_asks_for_spirals_anew():
+    settings = changed(Settings(), QUICK | {"base.base": "none"})
+    made = job.run(_arch(rows=6), settings, supports="lowest")
+    with pytest.raises(FlexMapsError, match="press Spirals again"):
+        job.go_on(made, changed(settings, {"base.base": "feet"}), ("sheets",))
+
+
+def test_rounded_corners_touch_their_sides():
+    square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
+    curve = corners.rounded(square, 0.5)
+    shape = shapely.Polygon(curve.sampled(1e-6))
+    assert shape.symmetric_difference(shapely.Polygon(square).buffer(-0.5).buffer(0.5, quad_segs=400)).area < 1e-4
+    notch = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0], [0.0, 2.0]])
+    inner = shapely.Polygon(corners.rounded(notch, np.array([0, 0, 0, 0, 0.5, 0])).sampled(1e-6))
+    assert inner.area == pytest.approx(12.0 + (1 - np.pi / 4) * 0.25, abs=1e-5)
