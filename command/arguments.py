@@ -148,6 +148,8 @@ def _comparing(made: argparse.ArgumentParser) -> None:
     made.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
     made.add_argument("--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer")
     made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
+
+
 def _cases(made: argparse.ArgumentParser) -> None:
     made.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
                       help=f"a load, such as 'snow: snow 500'; kinds: {', '.join(KINDS)}; N, N/m, N/m2, mm")  # fmt: skip

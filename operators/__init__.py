@@ -26,8 +26,8 @@ from . import (
     report,
     simulate,
     spirals,
-    together,
     structure,
+    together,
 )
 
 MODULES = (

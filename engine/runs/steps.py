@@ -29,8 +29,8 @@ from ..progress import Progress
 from ..scanning import compare
 from ..simulation import simulate
 from ..spirals import design
-from ..structure import cases, structure
 from ..spirals.design import SpiralDesign
+from ..structure import cases, structure
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise

@@ -1,0 +1,44 @@
+"""FlexMaps from Python: every stage as a function, on an object in Blender, on a mesh file, or on arrays.
+
+    from bl_ext.user_default.flexmaps import api     # in Blender, with the extension installed
+    from flexmaps import api                         # beside Blender as a Python module, from a checkout
+
+    piece = api.load("surface.obj", edge=20)         # quads of 20 mm
+    piece = api.layout(api.regularise(piece))
+    piece = api.optimise(api.spirals(piece), supports="lowest")
+    print(api.report(piece)["optimise"]["laplacian_rmse_mm"])
+    api.export(piece, "out/surface")
+
+A ``Piece`` never changes: every stage returns a new one, so that variants can be compared. A stage first runs those
+before it that are still missing. Sizes and settings are in the units of the sidebar, millimetres and degrees; the arrays
+inside a piece are the engine's, in metres and radians. What a user can get wrong raises ``FlexMapsError``;
+``progress(fraction, text)`` may be any function, and may raise ``Cancelled`` to stop.
+"""
+
+from __future__ import annotations
+
+from ..engine.calibrating.calibrate import Calibration
+from ..engine.errors import Cancelled, FlexMapsError
+from ..engine.params import ObjectSettings
+from ..engine.runs.piece import Piece
+from ..engine.surface.checking.check import Finding
+from .output import calibrated, calibration_sheet, export, report, run, share
+from .pieces import change, check, load, remesh, save, show
+from .steps import (
+    choose,
+    compare,
+    explore,
+    layout,
+    optimise,
+    regularise,
+    sheets,
+    simulate,
+    spirals,
+    structure,
+    take,
+    use,
+)
+
+__all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "calibrated", "calibration_sheet",
+           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "regularise", "remesh",
+           "report", "run", "save", "share", "sheets", "show", "simulate", "spirals", "structure", "take", "use"]  # fmt: skip

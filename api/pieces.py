@@ -1,0 +1,205 @@
+"""Pieces from Blender, files and arrays, and back; what all functions of the api share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..engine.errors import FlexMapsError
+from ..engine.mechanics.loads import standing
+from ..engine.params import ObjectSettings, changed
+from ..engine.progress import SILENT, Progress
+from ..engine.runs import job, stages
+from ..engine.runs.piece import Piece
+from ..engine.surface.checking import check as checking
+from ..engine.surface.checking.check import Finding
+from ..engine.surface.files import meshio
+from ..engine.surface.mesh import PolygonMesh, QuadMesh
+
+if TYPE_CHECKING:
+    import bpy
+
+Source = "bpy.types.Object | str | Path | QuadMesh | PolygonMesh"
+Supports = str | Sequence[int] | None
+Tell = Callable[[float, str], None] | Progress | None
+
+
+def load(
+    source: Any,
+    *,
+    edge: float | None = None,
+    height: float | None = None,
+    up: str | None = None,
+    quads: int | None = None,
+    remeshed: bool = False,
+    settings: ObjectSettings | Mapping[str, Any] | None = None,
+    supports: Supports = None,
+    progress: Tell = None,
+) -> Piece:
+    """A piece from an object in Blender, a file (.obj .off .ply .stl .blend), "shape:NAME", or a mesh of the engine.
+
+    edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
+    up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
+    quads : about so many new quads are made of it first, see ``remesh``; with ``remeshed`` as set, if not all faces are quads
+    settings : "section.name" -> value in shown units, instead of the object's settings or the defaults
+    supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
+
+    An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend file is opened in place of the
+    one that is open. Raises ``FlexMapsError`` where there is nothing to read.
+    """
+    from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
+    piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
+    if edge is not None or height is not None or piece.made is None:
+        piece = begun(piece, metres(edge), metres(height))
+    piece = change(piece, settings)
+    others = checking.not_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
+    if others or quads is not None:
+        piece = remesh(piece, quads=quads, progress=progress)
+    if others and piece.made is not None:
+        piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, checking.remeshed(others)]))
+    return change(piece, supports=supports)
+
+
+def change(
+    piece: Piece, settings: ObjectSettings | Mapping[str, Any] | None = None, *, supports: Supports = None
+) -> Piece:
+    """The piece with other settings or supports; what they make out of date is dropped, and made again when it is needed."""
+    wanted = settings if isinstance(settings, ObjectSettings) else changed(piece.settings, settings or {})
+    if isinstance(supports, str) and piece.uid is not None:
+        from ..bridge.store import supports as groups
+
+        if groups.is_group(piece.uid, supports):
+            wanted, supports = changed(wanted, {"loads.supports": supports}), None
+    made = piece.made
+    if made is not None:
+        made = stages.outdated(made, piece.settings, wanted)
+        if wanted.loads != piece.settings.loads:
+            if piece.uid is None:
+                raise FlexMapsError(
+                    "Only an object in Blender has vertex groups; name the supports by numbers, or 'lowest'"
+                )
+            from ..bridge.store import supports as groups
+
+            held, force = groups.loads_of(piece.uid, wanted.loads)
+            made = replace(made, supports=held, force=force)
+        if wanted.structure != piece.settings.structure and piece.uid is not None:
+            from ..bridge.store import supports as groups
+
+            made = replace(made, groups=groups.named_of(piece.uid, wanted.structure))
+        if supports is not None:
+            made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
+        made = job.completed(made, wanted)
+    return replace(piece, settings=wanted, made=made)
+
+
+def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
+    """Write the piece into the object that it was read from, or another one of the same quads; without one, into a new one.
+
+    The object gets seams, the UV map, attributes, the simulated shape as a shape key, its panels beside it, and the settings.
+    """
+    import bpy
+
+    from ..bridge.store import objects
+    from ..bridge.view import scene
+
+    if obj is None and piece.uid is not None:
+        obj = objects.find(piece.uid)
+    elif obj is None:
+        obj = scene.add_model(bpy.context.scene, piece.mesh, piece.name)
+    scene.put(piece.result, obj, bpy.context.scene, piece.settings)
+    return obj
+
+
+def save(piece: Piece, path: str | Path) -> Path:
+    """Save a .blend file with the piece: the file it came from with the object brought up to date, else one of its own.
+
+    Blender's open file stays as it is, but for an object that is brought up to date.
+    """
+    from ..bridge.view import scene
+    from ..engine import files
+
+    if piece.uid is not None:
+        show(piece)
+    with files.replacing(path) as new:
+        if piece.uid is None:
+            scene.save_alone(new, piece.result, piece.name, piece.settings)
+        else:
+            scene.save(new)
+    return Path(path)
+
+
+def check(piece: Piece) -> list[Finding]:
+    """Everything that is wrong with the mesh, errors first; with an error no other stage can run."""
+    return checking.findings(piece.source)
+
+
+def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
+    """Quads in the shape of any mesh, by Blender's own tools, in the size that was asked for; the object itself stays.
+
+    quads : about how many; else as the settings say. What had to be left out or joined is among the findings of ``check``.
+    Raises ``FlexMapsError`` where Blender finds none.
+    """
+    from ..bridge.hosts import remesh as remeshing
+
+    wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
+    found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted.remesh.smooth, progress_of(progress))
+    made = begun(Piece(piece.name, found.polygons, piece.settings), piece.edge, piece.height)
+    if made.made is None:
+        return made
+    return replace(made, made=replace(made.made, findings=[*made.made.findings, *found.findings]))
+
+
+def progress_of(tell: Tell) -> Progress:
+    return tell if isinstance(tell, Progress) else SILENT if tell is None else Progress(tell)
+
+
+def metres(millimetres: float | None) -> float | None:
+    if not isinstance(millimetres, Real | None) or isinstance(millimetres, bool):
+        raise FlexMapsError(f"'{millimetres}' is no length; give a number of millimetres")
+    return None if millimetres is None else float(millimetres) / 1e3
+
+
+def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
+    """A piece with nothing made yet, in the wanted size, metres; it is no object's any more."""
+    source = checking.scaled(piece.source, edge=edge, height=height)
+    try:
+        made = replace(job.begin(source), edge=edge, height=height)
+    except FlexMapsError:
+        made = None  # ``check`` says what is wrong, and so does every stage
+    uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
+    return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
+
+
+def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
+    return replace(piece, made=job.go_on(piece.result, piece.settings, names, progress_of(progress), lenient=lenient))
+
+
+def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
+    """The piece with the stages that are missing until a member of its result is there, and those asked for ``after``.
+
+    A mesh from elsewhere is regularised before it is cut, unless it has been; the vertices of an object move only when that
+    is asked for.
+    """
+    fresh = piece.uid is None and "regularise" not in piece.result.seconds
+    made = job.go_to(piece.result, piece.settings, member, after, progress_of(progress), fresh=fresh)
+    return replace(piece, made=made)
+
+
+def _from_blender(source: Any) -> Piece:
+    from ..bridge.store import snapshot
+    from ..bridge.view import scene
+
+    obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
+    found = snapshot.read(obj)
+    name = obj.name if obj is source else Path(source).name
+    return Piece(name, found.source, found.settings, made=found.result, uid=found.uid, seams=found.seams)
+
+
+def _from_elsewhere(source: Any, up: str | None) -> Piece:
+    if isinstance(source, QuadMesh | PolygonMesh):
+        polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
+        return Piece("mesh", polygons, ObjectSettings())
+    return Piece(*meshio.named(str(source), up), ObjectSettings())
