@@ -28,8 +28,7 @@ ITERATIONS = 60  # Newton steps; none of the stored states takes more than 12
 TOLERANCE = 1e-8  # work of the last step over the energy; positions end far closer than the mesh resolves
 HOLD = 100.0  # stiffness that is added against the motion of held hubs; the multipliers make them exact whatever it is
 SHARES = (0.0, 0.5, 0.8, 1.0)  # of the stress that is left out where the tangent is indefinite with it
-# spirals whose tangents are in memory at once: 20 MB; larger arrays cost more in page faults than they save
-TOGETHER = 2
+TOGETHER = 2  # spirals whose tangents are in memory at once: 20 MB; more of them cost more in page faults
 FIT = 1e-6  # ``UNIT``, by which the ends of both arms of a joint may differ
 
 
@@ -68,7 +67,7 @@ class DesignSolid:
 
     pairs, sides : the spirals of every joint and the arms that meet there; lever, axes : as those of an ``Assembly``
     held : the hubs whose mean motion is prescribed, at least one; ``joined`` False leaves all spirals by themselves
-    stiffness : (6, 6) of a sheet that is not isotropic, in the flat frames of the patches, as in ``Elements``
+    stiffness : (6, 6), as in ``Elements``, in the flat frames of the patches
     """
 
     def __init__(
