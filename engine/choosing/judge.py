@@ -125,8 +125,8 @@ def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SIL
     """
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
-        cut: np.ndarray | None = idea.cut & ~piece.mesh.border
-        cut = evenly(cut, piece.mesh, piece.symmetries) if idea.even else cut
+        inner = idea.cut & ~piece.mesh.border
+        cut = evenly(inner, piece.mesh, piece.symmetries) if idea.even else inner
         if cut is None:
             return None
         disks = make_disks(PatchLayout(piece.mesh, cut))

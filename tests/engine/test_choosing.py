@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.choosing import judge as judging
 from flexmaps.engine.choosing import lines
 from flexmaps.engine.choosing.choose import choose
 from flexmaps.engine.choosing.judge import Idea, Judged, Laid, Piece, judge, lay
@@ -192,6 +193,8 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choosing, "FEWEST", 6)
     monkeypatch.setattr(choosing, "MOST_PARTS", 3)
     monkeypatch.setattr(choosing, "STEEP", ())
+    monkeypatch.setattr(choosing, "ROUNDS", 1)
+    monkeypatch.setattr(judging, "LEAST", 1.0)  # what is judged here has little patience as it is
 
 
 # -- choosing ----------------------------------------------------------------------------------------------------------
@@ -204,7 +207,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     given = job.run(PolygonMesh.of(piece.mesh), Settings(), stop_after="split").flat
     assert given is not None
     seen: list[str] = []
-    small = replace(piece, settings=replace(piece.settings, optimise=replace(piece.settings.optimise, patience=0.6)))
+    small = replace(piece, settings=replace(piece.settings, optimise=replace(piece.settings.optimise, patience=0.3)))
     choice = choose(small, given, ChooseParams(match=0.02), Progress(lambda fraction, text: seen.append(text)))
     rows = [one.report() for one in choice.proposals]
     first = next(row for row in rows if row["origin"] == "as it was")
@@ -215,14 +218,15 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     assert choice.reached == (taken["rms_percent"] <= 0.02)
     assert ("Chosen for" in choice.note) == choice.reached and f"{taken['panels']} panel" in choice.note
     assert any("the best: " in text for text in seen)
-    # what it tells is what the layout does: judged again, it comes out the same
+    # what it tells is what the layout does: judged again from another start, it holds the goal too
     again = judge(small, choice.best.judged.laid, choice.best.judged.share)
-    assert again is not None and 50.0 * taken["rms_percent"] < 100.0 * again.rms * 100.0 < 200.0 * taken["rms_percent"]
+    assert again is not None and (100.0 * again.rms <= 0.02) == choice.reached
 
 
 @pytest.mark.usefixtures("few")
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
-    piece = Piece(grid(8, 6, height=0.03), Settings())
+    settings = Settings()
+    piece = Piece(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
     given = lay(piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves"))
     assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
