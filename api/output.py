@@ -15,7 +15,7 @@ from ..engine.params import ObjectSettings, changed
 from ..engine.progress import Progress
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
-from .pieces import Supports, Tell, go_on, load, progress_of
+from .pieces import Supports, Tell, go_on, go_to, load, progress_of
 from .steps import sheets, spirals
 
 if TYPE_CHECKING:

@@ -80,6 +80,15 @@ def parser() -> argparse.ArgumentParser:
     _exploring(
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
+    _writing(commands)
+    listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
+    listed.add_argument("--json", action="store_true", help="as JSON")
+    listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
+    return made
+
+
+def _writing(commands: Any) -> None:
+    """The commands that write what is cut, measured, read and sent."""
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
     sheets.add_argument(
@@ -98,10 +107,6 @@ def parser() -> argparse.ArgumentParser:
         commands, "share", _share, summary.whole, "simulate where needed; the piece in 3D as one page to send"
     )
     share.add_argument("--out", required=True, metavar="FILE.html", help="the page")
-    listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
-    listed.add_argument("--json", action="store_true", help="as JSON")
-    listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
-    return made
 
 
 def number(text: str) -> float:

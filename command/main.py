@@ -75,27 +75,6 @@ def main(argv: list[str]) -> int:
     return status
 
 
-def script() -> None:
-    """``flexmaps ...`` where the package was installed beside Blender as a Python module; ends the process."""
-    import os
-
-    try:
-        import bpy  # noqa: F401
-    except ImportError:
-        print(
-            "flexmaps: Blender as a Python module is not here; pip install bpy, of the release for your Python",
-            file=sys.stderr,
-        )
-        sys.exit(2)
-    from .. import register
-
-    register()  # so that a .blend carries the settings of the run
-    status = main(sys.argv[1:])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)  # Blender as a module complains for pages at the end of a process, and may wait for ever
-
-
 def _status(command: str, described: dict[str, Any]) -> int:
     """The exit status that goes with what a command has found."""
     if command == "check" and any(f["severity"] == "error" for f in described["checks"]):

@@ -117,7 +117,7 @@ class Share(ContinuedStage, bpy.types.Operator):
         from ..bridge.view import report as held
 
         found = held.read(obj, snapshot)
-        path = _folder(snapshot.settings.export.folder) / f"{_file_name(snapshot.name)}-share.html"
+        path = folder_of(snapshot.settings.export.folder) / f"{_file_name(snapshot.name)}-share.html"
 
         def go_on(result: Result, progress: Progress) -> Any:
             told = pages.of_object(result, found, progress.part(0.0, 0.2))

@@ -82,8 +82,8 @@ def sources(*folders: str) -> list[Path]:
 
 def package() -> list[Path]:
     """The Python files that Blender gets."""
-    tops = {room.split("/")[0] for room in ROOMS} - {"", "api"}
-    return [ROOT / "__init__.py", ROOT / "api.py", *sources(*sorted(tops))]
+    tops = {room.split("/")[0] for room in ROOMS} - {""}
+    return [ROOT / "__init__.py", *sources(*sorted(tops))]
 
 
 @cache
@@ -98,8 +98,8 @@ def dotted(path: Path) -> tuple[str, ...]:
 
 
 def room(path: Path) -> str:
-    """The folder of the package that a file is in; ``api.py`` is one of its own."""
-    return "api" if path == ROOT / "api.py" else path.parent.relative_to(ROOT).as_posix().removeprefix(".")
+    """The folder of the package that a file is in."""
+    return path.parent.relative_to(ROOT).as_posix().removeprefix(".")
 
 
 def imports(path: Path) -> Iterator[tuple[int, int, str]]:

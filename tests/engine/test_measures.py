@@ -33,7 +33,7 @@ def house(tmp_path: Path, measures: ModuleType, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(measures, "ROOT", tmp_path)
     for name, text in {
         "__init__.py": "",
-        "api.py": "from .engine import files\n",
+        "api/__init__.py": "from ..engine import files\n",
         "engine/__init__.py": "",
         "engine/files.py": "LARGEST = 3  # so many\n",
         "engine/surface/__init__.py": "",
