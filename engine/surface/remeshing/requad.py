@@ -40,8 +40,8 @@ TRIES = (
 CANDIDATES = 8
 FLAT = 180.0  # degrees: no fold is as sharp
 # degrees from which a fold is followed, how much the quads follow the curvature, and how much the surface is smoothed before:
-# what is tried before QuadriFlow, row by row until one gives quads; a row is gone along while its tries do. Over 25 meshes a
-# stronger pull never gave a map where a weaker one had folded over itself, and sharp folds were always worth keeping
+# what is tried before QuadriFlow, row by row until one gives quads; a row is gone along while its tries do. Over 24 meshes a
+# stronger pull never gave a map where a weaker one had folded over itself, and quads on sharp folds, if any, were the best
 OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0), (SHARP, 64.0, 10.0)),
     ((SHARP, 0.5, 10.0),),
@@ -50,8 +50,8 @@ OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((FLAT, 0.5, 30.0),),
 )
 MAPS = 10  # of these are tried of a body at most: of one that is remeshed from voxels, all the sizes of them together
-# triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on so many, and QuadriFlow
-# takes time in proportion to them: 18 s for 69,000, where the quads of 20,000 are as good
+# triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on about so many, and
+# QuadriFlow takes time in proportion to them: 4 s of the processor for a scan of 69,000
 DENSE = 20.0
 BESIDE = 1  # candidates of QuadriFlow that are tried where one of these gives useful quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
