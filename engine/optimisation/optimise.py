@@ -140,7 +140,7 @@ def optimise(
     Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
     is nearest to the target. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
-    enough, and takes two thirds of the time of a short search. When it is stopped it returns the best design so far, or raises
+    enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
     if len(target.quads) != len(design.width):
