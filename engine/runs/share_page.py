@@ -18,7 +18,7 @@ from ..fabrication.estimates import duration
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
 # three.js, made by tools/page_library.py, and what is written for the page, in this order: the last one begins
-SCRIPTS = ("three.min.js", "packed.js", "skin.js", "scene.js", "view.js")
+SCRIPTS = ("three.min.js", "packed.js", "turns.js", "skin.js", "scene.js", "view.js")
 # the plots that stand for the view where a browser draws none, the best first
 INSTEAD = ("shape", "surface", "patches")
 
