@@ -23,7 +23,7 @@ MEDIAN = 15  # points whose median tells where a spiral is: scatters a third as 
 SPARSE = 0.15  # share of the usual number of points over a spiral: fewer are outliers where the scan shows nothing
 LEAST = 3  # points over a spiral that tell where it is; fewer may all be outliers
 COVERED = 0.3  # share of the spirals that a scan of the same piece covers at least
-# share of the size: 26 pieces bent by up to 4 % end at 0.9 % RMS at most, scans of 7 other objects at 3.1 % at least
+# share of the size: 17 pieces bent by up to 4 % end at 0.85 % RMS at most, scans of 7 other objects at 3.1 % at least
 ALIEN = 0.025
 CLUTTER = 0.5  # weight of a table's points below which they tell nothing of the piece
 ALIKE = 10.0  # times the scan may be larger or smaller than the piece where its unit is guessed: metres for millimetres is 1000
