@@ -150,7 +150,7 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
         ("Sheets", f"{sheets.count}, {sheets.thickness * 1e3:g} mm thick"),
         ("Mass", f"{figures.mass * 1e3:.0f} g"),
         ("Joints", str(figures.joints)),
-        ("Cut length", f"{sheets.cut_length:.1f} m"),
+        ("Cut length", f"{figures.cut_length:.1f} m"),
     ]
     if figures.cut_seconds is not None:
         found.append(("Laser", f"about {duration(figures.cut_seconds / 60.0)}"))

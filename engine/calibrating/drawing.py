@@ -144,7 +144,8 @@ def _recess(rung: Size, kind: str) -> Curve:
 def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[Piece]:
     """The pieces that go into one recess, above it: a stem with its value, and a loose key where there is one."""
     wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
-    high = 4.0 * LETTERS
+    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters stand above the socket
+    high = foot + 4.0 * LETTERS
     if kind == "dovetail":
         front = _down(head(rung))
     elif kind == "key":
@@ -161,7 +162,9 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
         [-wide, front.points[0, 1]],
     ]
     bulge = [*front.bulge[:-1].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
-    stem = Piece((Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, 1.5 * LETTERS, middle=True))
+    stem = Piece(
+        (Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, foot + 1.5 * LETTERS, middle=True)
+    )
     if kind != "key":
         return [stem.moved(np.array([x, y]))]
     loose = key(rung).moved(0.5 * math.pi, np.zeros(2))

@@ -55,7 +55,7 @@ class Estimates:
     cut_seconds : on a laser of 60 W; ``None`` for materials that are not cut by laser
     cut_speed : m/s, or ``None``; joints : arms that meet across a cut; assembly_seconds : of one person
     waste : share of the sheets that becomes no part
-    costs : of "sheets", "machine" and "assembly", in whatever money the prices are; only what has a price
+    cut_length : metres of all cuts; costs : of "sheets", "machine" and "assembly", in whatever money the prices are; only what has a price
     """
 
     material: Material
@@ -66,6 +66,7 @@ class Estimates:
     joints: int
     assembly_seconds: float
     waste: float
+    cut_length: float
     costs: dict[str, float]
 
 
@@ -93,6 +94,7 @@ def estimate(
         joints=joints,
         assembly_seconds=assembly_seconds(joints),
         waste=1.0 - used / area,
+        cut_length=sheets.cut_length,
         costs={name: cost for name, cost in costs.items() if cost},
     )
 

@@ -208,10 +208,14 @@ class _Search:
         return self.known[members]
 
     def _alone(self, i: int) -> _Set:
-        angle = float(np.radians(self.turns[i][0]))
-        cos, sin = np.cos(angle), np.sin(angle)
-        low = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
-        return _Set({i: (angle, self.params.margin - low)}, float(self.area[i]))
+        """A panel by itself, turned so that it takes the least of its sheet's width."""
+
+        def at(degrees: float) -> np.ndarray:
+            cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+            return self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])
+
+        best = min(self.turns[i], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
+        return _Set({i: (float(np.radians(best)), self.params.margin - at(best).min(axis=0))}, float(self.area[i]))
 
     def emptied(self, packing: Packing) -> Packing:
         """Panels of the emptiest sheet moved to the others one by one, as far as they have room: sheet after sheet."""
@@ -275,27 +279,14 @@ class _Search:
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
         if not members or members & set(self.large):
             return packing
-        if len(members) == 1:
-            return self._turned(packing, next(iter(members)))
-        found = self._strip(members, 0.0, max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds)))
+        seconds = max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds))
+        found = self._alone(next(iter(members))) if len(members) == 1 else self._strip(members, 0.0, seconds)
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
         for i, (turn, move) in found.places.items():
             rotation[i], shift[i] = turn, move
         return Packing(packing.sheet, rotation, shift, packing.sizes)
-
-    def _turned(self, packing: Packing, alone: int) -> Packing:
-        """The same with a panel that lies alone turned so that it takes the least of its sheet's width."""
-
-        def at(degrees: float) -> np.ndarray:
-            cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-            return self.shapes[alone] @ np.array([[cos, sin], [-sin, cos]])
-
-        best = min(self.turns[alone], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
-        rotation, shift = packing.rotation.copy(), packing.shift.copy()
-        rotation[alone], shift[alone] = np.radians(best), self.params.margin - at(best).min(axis=0)
-        return replace(packing, rotation=rotation, shift=shift)
 
     # -- one call of spyrrow -------------------------------------------------------------------------------------------
 
