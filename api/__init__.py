@@ -22,6 +22,7 @@ from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking.check import Finding
+from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from .output import calibrated, calibration_sheet, export, report, run, share
 from .pieces import change, check, load, remesh, save, show
 from .steps import (
@@ -39,6 +40,6 @@ from .steps import (
     use,
 )
 
-__all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "calibrated", "calibration_sheet",
+__all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "PolygonMesh", "QuadMesh", "calibrated", "calibration_sheet",
            "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "regularise", "remesh",
            "report", "run", "save", "share", "sheets", "show", "simulate", "spirals", "structure", "take", "use"]  # fmt: skip

@@ -245,7 +245,7 @@ class StageOperator:
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
     """Where a result belongs: the scene that the work began in, also where another one is seen by now."""
-    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), context.scene)
+    scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
     if scene == context.scene:
         return nullcontext()
     return context.temp_override(scene=scene, view_layer=scene.view_layers[0])

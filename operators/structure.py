@@ -90,7 +90,10 @@ class AddLoad(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return unusable(context.object) is None
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))
+        return problem is None
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)
@@ -132,7 +135,10 @@ class RemoveLoad(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return unusable(context.object) is None
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))
+        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..engine.structure import cases

@@ -115,10 +115,6 @@ class MeshPanel(StagePanel, bpy.types.Panel):
     bl_label = "Mesh"
     stage = "checks"
 
-    def failed(self, context: bpy.types.Context) -> bool:
-        checks = notes.read(context.object.data).get("checks") or ()
-        return any(finding["severity"] == "error" for finding in checks)
-
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.object.flexmaps
         button(layout, context, "flexmaps.check", icon="VIEWZOOM")

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background
-from ..bridge.store import next_button, states
+from ..bridge.store import next_button, notes, states
 from ..bridge.store.objects import unusable
 from .rows import wrapped
 
@@ -61,12 +61,15 @@ class StagePanel(Sidebar):
 
     def draw_header(self, context: bpy.types.Context) -> None:
         if self.stage:
-            kind = look(context).states[self.stage].kind
-            self.layout.label(text="", icon=FAILED if kind == states.DONE and self.failed(context) else ICONS[kind])
+            self.layout.label(text="", icon=sign(context, self.stage))
 
-    def failed(self, context: bpy.types.Context) -> bool:
-        """Whether the stage is done, and what it found stops the next ones."""
-        return False
+
+def sign(context: bpy.types.Context, stage: str) -> str:
+    """The icon that tells how far a stage is; a check that is done and found errors has no tick."""
+    kind = look(context).states[stage].kind
+    found = notes.read(context.object.data).get("checks") or () if stage == "checks" else ()
+    wrong = any(finding["severity"] == "error" for finding in found)
+    return FAILED if kind == states.DONE and wrong else ICONS[kind]
 
 
 def button(layout: Any, context: bpy.types.Context, idname: str, **options: Any) -> Any:

@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 
 from ...engine import files
-from ...engine.calibrating.calibrate import preset
 from ...engine.errors import FlexMapsError
 
 SUBFOLDER = "flexmaps"  # of Blender's folder of presets
@@ -20,6 +19,8 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
 
     An earlier one of the name is replaced. Raises ``FlexMapsError`` for a name of nothing but signs.
     """
+    from ...engine.calibrating.calibrate import preset  # scipy comes with it
+
     stem = bpy.path.clean_name(name.strip()).strip("_")
     if not stem:
         raise FlexMapsError(f"'{name}' is no name for a preset; use letters or numbers")

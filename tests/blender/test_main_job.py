@@ -48,7 +48,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path, monkeypatch: pytest.M
     assert report["layout"]["energy_max"] <= 0.035
     assert report["layout"]["flips"] == 0 and report["layout"]["overlaps"] == 0
     assert report["spirals"]["count"] == report["input"]["quads"]
-    named = set(report["sheets"]["files"]) | {"report.json", "model.blend"}
+    named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "share.html"}
     named |= {"layout.png", "panels.png", "shape.png", "together.png"}
     assert named | {"report.html", "plots"} == {p.name for p in out.iterdir()}
     assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf", ".csv"}

@@ -63,7 +63,6 @@ class Drawn:
 def draw(panel: Any) -> list[str]:
     drawn = Drawn()
     shown = SimpleNamespace(layout=drawn, stage=getattr(panel, "stage", ""))
-    shown.failed = lambda context: panel.failed(shown, context)
     if hasattr(panel, "draw_header"):
         panel.draw_header(shown, bpy.context)
     panel.draw(shown, bpy.context)

@@ -95,7 +95,7 @@ def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
         shape = shapely.Polygon(panel.outline.sampled(1e-6), [h.sampled(1e-6) for h in panel.holes])
         assert shape.is_valid
         assert all(shape.contains(shapely.LineString(stroke.points)) for stroke in panel.labels)
-    written = parts.write(sheets, made.design, Settings().material.chosen, tmp_path / "parts.csv").read_text()
+    written = parts.write(sheets, [made.design], Settings().material.chosen, tmp_path / "parts.csv").read_text()
     assert "base 1,base,1,0,0" in written
     assert report.blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
     # what is simulated anew stands elsewhere: sheets with a base are made anew, others are not

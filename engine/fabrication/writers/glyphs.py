@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class Outlines:
 known: dict[str, Outlines] = {}  # by run; filled on the main thread before a job begins, only read afterwards
 
 
+@cache  # asked of every letter of every page
 def plain(text: str) -> bool:
     """Whether Helvetica has all letters of a text."""
     try:
