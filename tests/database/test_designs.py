@@ -232,7 +232,7 @@ def test_shapes_of_the_cases():
 def test_cases_go_on_where_they_stopped(tmp_path, monkeypatch):
     loading = Loading("up", (Held(0),), ((1, (0.0, 0.0, 1.0)),))
     case = Case("tiny", lambda: sheet(2, 1, 2.0, 30.0), (loading,))
-    monkeypatch.setattr(validation, "cases", lambda: [case])
+    monkeypatch.setattr(validation, "every_case", lambda: [case])
     assert validation.run(tmp_path) == ["tiny"]
     assert validation.run(tmp_path) == []
     rows = validation.compare(("arm",), tmp_path)
