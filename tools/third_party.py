@@ -91,6 +91,7 @@ PACKAGES = {
 # it. Nothing of that is ever loaded; what is kept is its core with the descriptions of the wheel
 LIGHTER = {"libigl": re.compile(r"igl/(__init__\.py|pyigl_core\..*)|libigl-[^/]*\.dist-info/.*")}
 LOCAL = "flexmaps"  # the local version label (PEP 440) of a wheel that was changed
+PAGE = Path(__file__).resolve().parent.parent / "engine" / "runs" / "page"
 NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib)$")
 
 
@@ -171,6 +172,8 @@ def page(wheels: Iterable[Path]) -> str:
         for begin, licence in package.libraries.items():
             if any(one.startswith(begin) for one in beside):
                 libraries.append(f"| {begin} | {name} | {licence} |")
+    version = re.search(r"three\.js ([\d.]+)", (PAGE / "three.min.js").read_text(encoding="utf-8")[:200])
+    assert version is not None
     return "\n".join([
         "# Third party software",
         "",
@@ -183,6 +186,9 @@ def page(wheels: Iterable[Path]) -> str:
         "",
         *(["Compiled libraries that lie inside some of these wheels:", "", "| library | in | licence |", "|---|---|---|", *libraries, ""]
           if libraries else []),
+        f"The report's page holds a part of three.js {version.group(1)} (MIT, <https://github.com/mrdoob/three.js>); its licence",
+        "lies beside it, in `engine/runs/page/three.LICENSE.txt`.",
+        "",
         f"Versions that end in `+{LOCAL}` are the wheels of that version without optional parts that FlexMaps never loads.",
         "",
     ])  # fmt: skip
