@@ -103,7 +103,7 @@ def _done(layout: Any, context: bpy.types.Context) -> None:
     if look(context).states["sheets"].kind != DONE:
         return
     block = notes.read(context.object.data)["sheets"]
-    text = iface_("Done: {} sheets, {} files").format(block.get("sheets"), len(block.get("files", ())))
+    text = iface_("All is done. Sheets: {}, files: {}").format(block.get("sheets"), len(block.get("files", ())))
     box = layout.box().column(align=True)
     wrapped(box, context, text, icon="CHECKMARK")
     folder = bpy.path.abspath(context.object.flexmaps.export.folder)
