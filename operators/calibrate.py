@@ -9,27 +9,15 @@ import bpy
 
 from ..bridge.store import presets, settings
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings, changed
 from .export import folder_of
-from .stage import redraw
+from .stage import OnObject, redraw
 
 SUBFOLDER = "calibration"  # of the folder for the sheets
 
 
-class _OnObject:
-    """Operators that take the settings of the active object."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-        return problem is None
-
-
-class CalibrationSheet(_OnObject, bpy.types.Operator):
+class CalibrationSheet(OnObject, bpy.types.Operator):
     """Write a small sheet to cut and to measure: a kerf comb, ladders of clearances, a strip to bend, two spirals to hang a weight on"""
 
     bl_idname = "flexmaps.calibration_sheet"
@@ -61,7 +49,7 @@ def _reading(name: str, description: str) -> Any:
     return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
 
 
-class Calibrated(_OnObject, bpy.types.Operator):
+class Calibrated(OnObject, bpy.types.Operator):
     """Make kerf, clearance and stiffness out of what was measured on the calibration sheet, use them here, and keep them as a preset"""
 
     bl_idname = "flexmaps.calibrated"

@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.hosts import background, preload
 from ..bridge.store.i18n import button_name, translate
-from ..bridge.store.objects import unusable
+from .stage import OnObject
 
 STAGES = {
     "WIDTH": "Spirals",
@@ -18,7 +18,7 @@ STAGES = {
 }  # what to press first
 
 
-class Overlay(bpy.types.Operator):
+class Overlay(OnObject, bpy.types.Operator):
     """Colour the quads by a number; press again to take the colours away. Trace and Merge show their patches, unless the colours were taken away"""
 
     bl_idname = "flexmaps.overlay"
@@ -53,13 +53,6 @@ class Overlay(bpy.types.Operator):
         ],
         default="ENERGY",
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         if self.kind == context.window_manager.flexmaps_overlay:  # the button that is pressed in

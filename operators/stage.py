@@ -51,6 +51,19 @@ class Pace:
         return True
 
 
+class OnObject:
+    """Base of small operators on the active object, which is at least one that FlexMaps can work on."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        from ..bridge.store.objects import unusable
+
+        problem = unusable(context.object)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
+        return problem is None
+
+
 class StageOperator:
     """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
 

@@ -9,10 +9,10 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .stage import OnObject
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -57,7 +57,7 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         return ". ".join(told) or translate("{} loads are borne", len(block["outcomes"]))
 
 
-class AddLoad(bpy.types.Operator):
+class AddLoad(OnObject, bpy.types.Operator):
     """Add a load to the load cases; loads of one name act together"""
 
     bl_idname = "flexmaps.add_load"
@@ -88,13 +88,6 @@ class AddLoad(bpy.types.Operator):
     factor: bpy.props.FloatProperty(name="Factor", default=1.0)  # type: ignore[valid-type]
     lasting: bpy.props.BoolProperty(name="Lasts for years", description="It counts after a year too")  # type: ignore[valid-type]
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
-
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)
 
@@ -124,7 +117,7 @@ class AddLoad(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class RemoveLoad(bpy.types.Operator):
+class RemoveLoad(OnObject, bpy.types.Operator):
     """Take this load out"""
 
     bl_idname = "flexmaps.remove_load"
@@ -132,13 +125,6 @@ class RemoveLoad(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..engine.structure import cases

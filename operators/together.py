@@ -14,7 +14,7 @@ from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .export import _file_name, folder_of
-from .stage import StageOperator, Work, still_running
+from .stage import OnObject, StageOperator, Work, still_running
 
 ENDING = "together"  # of the files' name, which begins with the active object's
 
@@ -87,7 +87,7 @@ def _chosen(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [active, *sorted(others, key=lambda obj: obj.name)]
 
 
-class AddRemnant(bpy.types.Operator):
+class AddRemnant(OnObject, bpy.types.Operator):
     """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
 
     bl_idname = "flexmaps.add_remnant"
@@ -96,13 +96,6 @@ class AddRemnant(bpy.types.Operator):
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)

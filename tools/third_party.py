@@ -172,8 +172,8 @@ def page(wheels: Iterable[Path]) -> str:
         for begin, licence in package.libraries.items():
             if any(one.startswith(begin) for one in beside):
                 libraries.append(f"| {begin} | {name} | {licence} |")
-    version = re.search(r"three\.js ([\d.]+)", (PAGE / "three.min.js").read_text(encoding="utf-8")[:200])
-    assert version is not None
+    three = re.search(r"three\.js ([\d.]+)", (PAGE / "three.min.js").read_text(encoding="utf-8")[:200])
+    assert three is not None
     return "\n".join([
         "# Third party software",
         "",
@@ -186,7 +186,7 @@ def page(wheels: Iterable[Path]) -> str:
         "",
         *(["Compiled libraries that lie inside some of these wheels:", "", "| library | in | licence |", "|---|---|---|", *libraries, ""]
           if libraries else []),
-        f"The report's page holds a part of three.js {version.group(1)} (MIT, <https://github.com/mrdoob/three.js>); its licence",
+        f"The report's page holds a part of three.js {three.group(1)} (MIT, <https://github.com/mrdoob/three.js>); its licence",
         "lies beside it, in `engine/runs/page/three.LICENSE.txt`.",
         "",
         f"Versions that end in `+{LOCAL}` are the wheels of that version without optional parts that FlexMaps never loads.",
