@@ -7,31 +7,23 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import background, preload
+from ..bridge.hosts import preload
 from ..bridge.store import notes, settings
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import find, unusable
+from ..bridge.store.objects import find
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import StageOperator, Work, redraw, still_running
+from .stage import AnyMesh, StageOperator, Work, redraw
 
 
-class QuadRemesh(StageOperator, bpy.types.Operator):
+class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"
     bl_label = "Quad remesh"
 
     _source = 0  # Blender's id of the object that is remeshed
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        running = background.current()
-        problem = unusable(context.object) if running is None else still_running(running)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def _read(self, context: bpy.types.Context) -> Work:
         """Read the mesh with its modifiers applied: the quads become a new object."""

@@ -64,6 +64,20 @@ class OnObject:
         return problem is None
 
 
+class AnyMesh:
+    """Base of stages that take a mesh with modifiers too, while no other job runs; before ``StageOperator``."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        from ..bridge.store.objects import unusable
+
+        running = background.current()
+        problem = unusable(context.object) if running is None else still_running(running)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
+        return problem is None
+
+
 class StageOperator:
     """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
 

@@ -8,31 +8,23 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import background, preload
+from ..bridge.hosts import preload
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .export import _file_name, folder_of
-from .stage import OnObject, StageOperator, Work, still_running
+from .stage import AnyMesh, OnObject, StageOperator, Work
 
 ENDING = "together"  # of the files' name, which begins with the active object's
 
 
-class ExportTogether(StageOperator, bpy.types.Operator):
+class ExportTogether(AnyMesh, StageOperator, bpy.types.Operator):
     """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
 
     bl_idname = "flexmaps.export_together"
     bl_label = "Export selected together"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        running = background.current()
-        problem = unusable(context.object) if running is None else still_running(running)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def _read(self, context: bpy.types.Context) -> Work:
         preload.wait()
