@@ -42,11 +42,13 @@ class ChooseStage(LayoutStage):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import choices as stored
+        from ..bridge.store import mesh
         from ..bridge.view import choices
 
         flat, choice, strip = result
         said = super().finish(context, obj, surface, flat)
         stored.write(obj, surface, [one.flat.layout.cut for one in choice.proposals])
+        mesh.write_start(obj, surface, *choice.best.judged.spirals)
         choices.keep(obj, strip)
         notes.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"

@@ -183,10 +183,22 @@ def design_of(
     surface: Surface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
 ) -> SpiralDesign | None:
     """The spirals as they were last written; ``None`` where there are none. ``LAST_NAMES``: those of earlier patches."""
+    found = _spirals(surface, names)
+    return None if found is None else SpiralDesign(flat, params, *found)
+
+
+def last_spirals(surface: Surface) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
+    """Widths in metres and twists in radians that are a start for those of new patches; None where there are none."""
+    return _spirals(surface, LAST_NAMES)
+
+
+def _spirals(
+    surface: Surface, names: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
     if any(name not in surface.values for name in names):
         return None
     width, twist = (surface.values[name].astype(float) for name in names)
-    return SpiralDesign(flat, params, attributes.on_faces(width[surface.loops]) * 1e-3, np.radians(twist))
+    return attributes.on_faces(width[surface.loops]) * 1e-3, np.radians(twist)
 
 
 def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
@@ -248,10 +260,26 @@ def write_flat(
 def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) -> None:
     """The attributes of the spirals; a simulation of others is dropped."""
     forget(obj, LAST_NAMES)
-    width = np.empty(len(surface.loops))
-    width[surface.loops] = design.width.ravel() * 1e3
-    attributes.put(obj, "flexmaps_width", "CORNER", "FLOAT", width)
-    attributes.put(obj, "flexmaps_twist", "FACE", "FLOAT", np.maximum(np.degrees(design.twist), 0.0))
+    _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
+
+
+def write_start(
+    obj: bpy.types.Object,
+    surface: Surface,
+    width: Float[np.ndarray, "quads 4"],
+    twist: Float[np.ndarray, " quads"],
+) -> None:
+    """Keep widths in metres and twists in radians as a start for the spirals of new patches."""
+    _put_spirals(obj, surface, LAST_NAMES, width, twist)
+
+
+def _put_spirals(
+    obj: bpy.types.Object, surface: Surface, names: tuple[str, ...], width: np.ndarray, twist: np.ndarray
+) -> None:
+    corners = np.empty(len(surface.loops))
+    corners[surface.loops] = width.ravel() * 1e3
+    for name, values in zip(names, (corners, np.maximum(np.degrees(twist), 0.0)), strict=True):
+        attributes.put(obj, attributes.PREFIX + name, *attributes.OURS[name][:2], values)
 
 
 def shelve_design(obj: bpy.types.Object) -> None:

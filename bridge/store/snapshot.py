@@ -24,6 +24,7 @@ class Snapshot:
     """What the stages need of an object, read on Blender's main thread: plain arrays and texts, safe in another thread.
 
     name : of the object; note : of the stage that made its spirals, if there is one
+    chosen : whether its layout was chosen, and the spirals of ``mesh.LAST_NAMES`` are those found with it
     held : quads that are held; force : newtons on the quads; None without
     groups : quads by the names of the vertex groups that load cases speak of
     """
@@ -34,6 +35,7 @@ class Snapshot:
     held: Int[np.ndarray, " supports"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
     note: dict[str, Any] | None = None
+    chosen: bool = False
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
 
     def result(self) -> Result:
@@ -49,7 +51,8 @@ class Snapshot:
         design = None if flat is None else mesh.design_of(self.surface, flat, self.settings.spiral)
         spoilt = self.surface.spoilt
         lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
-        return replace(made, flat=flat, design=design, lost=lost)
+        start = mesh.last_spirals(self.surface) if self.chosen and flat is not None else None
+        return replace(made, flat=flat, start=start, design=design, lost=lost)
 
     @property
     def has_flat(self) -> bool:
@@ -88,7 +91,8 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loade
 
     Raises ``FlexMapsError`` where those are no groups of the object, or hold no quad.
     """
-    snapshot = Snapshot(obj.name, surface, used, note=notes.read(obj.data).get("spirals"))
+    blocks = notes.read(obj.data)
+    snapshot = Snapshot(obj.name, surface, used, note=blocks.get("spirals"), chosen="choose" in blocks)
     if not loaded:
         return snapshot
     held, force = supports.loads(obj, surface, used.loads)

@@ -34,7 +34,7 @@ class Proposal:
 
     @property
     def flat(self) -> FlatPatches:
-        return self.judged.laid.flat
+        return self.judged.flat
 
     @property
     def panels(self) -> int:

@@ -100,7 +100,7 @@ class Judged:
     advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
     share : of the patience that it was given
     cut_length : metres of cuts, without connectors; contours : how many closed curves they are
-    spirals : widths and twists, as in ``Piece``
+    spirals : widths and twists, as in ``Piece``; flat : the panels as the search has left them, which may move their flat shapes
     """
 
     laid: Laid
@@ -115,6 +115,7 @@ class Judged:
     cut_length: float
     contours: int
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]
+    flat: FlatPatches
 
 
 def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
@@ -202,4 +203,5 @@ def _judged(laid: Laid, found: Optimisation, share: float, thorough: bool) -> Ju
         sum(curve.length for curve in curves),
         len(curves),
         (after.design.width, after.design.twist),
+        after.design.flat,
     )

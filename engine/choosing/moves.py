@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from ..optimisation.reach import NAMES
 from ..patches.layout import PatchLayout, straight_on
 from ..patches.tracing.trace import middle_line
 from ..simulation.shortfall import curvature_within
-from ..surface.symmetry import keeping
+from ..surface.symmetry import Symmetry, keeping
 from .judge import Idea, Judged, Piece
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
@@ -32,27 +32,31 @@ def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[
 
     def changed(edges: np.ndarray, value: bool, origin: str) -> Idea:
         cut = layout.cut.copy()
-        for image in (edges, *(symmetry.edges[edges] for symmetry in kept)):
-            cut[image] = value
+        cut[with_images(edges, kept)] = value
         return Idea(cut & ~layout.mesh.border, origin)
 
     if more:
-        for edges, origin in _cuts(layout, _blame(judged)):
+        for edges, origin in cuts(layout, blamed(judged)):
             yield changed(edges, True, origin)
     if fewer:
-        for edges in _weakest(layout, _blame(judged)):
+        for edges in weakest(layout, blamed(judged))[:PLACES]:
             joined = changed(edges, False, "joined")
             if PatchLayout(layout.mesh, joined.cut).planar.all():
                 yield joined
 
 
-def _blame(judged: Judged) -> Float[np.ndarray, " quads"]:
+def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry]) -> Int[np.ndarray, " more"]:
+    """Edges and where the symmetries take them."""
+    return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
+
+
+def blamed(judged: Judged) -> Float[np.ndarray, " quads"]:
     """(F,) how much every quad is to blame, most where another cut would mend it."""
     mended = np.isin(judged.kind, MENDED)
     return judged.blame * np.where(mended, 1.0, OTHERWISE)
 
 
-def _cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
+def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
     """Edges to cut: through the middle of the patch to blame, and from its worst vertices to the outline."""
     worst = int(np.bincount(layout.patch_of, blame).argmax())
     middle = middle_line(layout, worst)
@@ -106,8 +110,8 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
                 break
 
 
-def _weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
-    """The seams beside which least is to blame and which let least curvature out, for how long they are."""
+def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
+    """The seams, those first beside which least is to blame and which let least curvature out, for how long they are."""
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
     curved = curvature_within(opened)
     weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)
@@ -115,4 +119,4 @@ def _weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _
     def loss(edges: np.ndarray) -> float:
         return float(weight[np.unique(mesh.edge_quads[edges])].sum()) / len(edges)
 
-    return sorted(layout.seam_edges, key=lambda edges: (round(loss(edges), 12), int(edges.min())))[:PLACES]
+    return sorted(layout.seam_edges, key=lambda edges: (round(loss(edges), 12), int(edges.min())))

@@ -86,8 +86,18 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     progress(0.0, "Measuring curvature")
     bends = curvature.rms_curvature(result.mesh)
-    made = design.from_curvature(result.flat, settings.spiral, bends, progress, straight=_straight(result, settings))
+    straight, chosen = _straight(result, settings), _chosen(result)
+    if chosen is None:
+        made = design.from_curvature(result.flat, settings.spiral, bends, progress, straight=straight)
+    else:
+        made = design.from_spirals(result.flat, settings.spiral, *chosen, progress, straight=straight)
     return replace(result, design=made)
+
+
+def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
+    """Widths and twists with which the chosen layout has shown what it can do; None where it was not chosen."""
+    best = None if result.choice is None else result.choice.best
+    return best.judged.spirals if best is not None and best.flat is result.flat else result.start
 
 
 def _straight(result: Result, settings: Settings) -> np.ndarray | None:

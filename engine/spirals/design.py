@@ -191,17 +191,34 @@ def from_curvature(
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m; straight : quads whose spirals are not wound all
-    the same, and whose arms at the border, from which feet begin, are as wide as may be. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
-    width.
+    curvature : RMS curvature, 1/m; straight : as in ``from_spirals``
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width, twist = curvature_adjusted(params, curvature)
-    arms = alike(width)
+    return from_spirals(flat, params, alike(width), twist, progress, straight=straight)
+
+
+def from_spirals(
+    flat: FlatPatches,
+    params: SpiralParams,
+    width: Float[np.ndarray, "quads 4"],
+    twist: Float[np.ndarray, " quads"],
+    progress: Progress = SILENT,
+    *,
+    straight: Int[np.ndarray, " some"] | None = None,
+) -> SpiralDesign:
+    """A start with these widths in metres and twists in radians, as far as they can be cut.
+
+    straight : quads whose spirals are not wound all the same, and whose arms at the border, from which feet begin, are as wide as
+        may be
+    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    """
     if straight is not None:
+        width, twist = width.copy(), twist.copy()
         twist[straight] = 0.0
         mesh = flat.layout.mesh
-        arms[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, arms[straight])
-    return fitted(flat, params, arms, twist, progress=progress)
+        width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
+    return fitted(flat, params, width, twist, progress=progress)
 
 
 def curvature_adjusted(

@@ -13,6 +13,7 @@ from flexmaps import api
 from flexmaps.bridge.store import mesh, states
 from flexmaps.bridge.view import choices
 from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.choosing import search
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.panels.choose import ChoosePanel
@@ -24,8 +25,8 @@ from test_sidebar import draw
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few layouts, which is quicker."""
-    monkeypatch.setattr(choosing, "MOST", 5)
-    monkeypatch.setattr(choosing, "FEWEST", 5)
+    monkeypatch.setattr(search, "MOST", 5)
+    monkeypatch.setattr(search, "FEWEST", 5)
     monkeypatch.setattr(choosing, "MOST_PARTS", 2)
     monkeypatch.setattr(choosing, "STEEP", ())
 
@@ -63,6 +64,19 @@ def test_a_layout_is_chosen_and_another_taken(chosen: Any) -> None:
     assert now["choose"].kind == now["layout"].kind == states.DONE
     press("take_choice", number=block["taken"])
     assert seams(chosen).sum() == rows[block["taken"]]["joints"]
+
+
+def test_the_spirals_are_those_with_which_the_layout_was_chosen(chosen: Any) -> None:
+    """Simulated without another search, the piece comes as near as its proposal says; pressed again, curvature decides."""
+    block = report(chosen)["choose"]
+    press("spirals")
+    press("simulate")
+    asked = block["proposals"][block["taken"]]["rms_percent"]
+    assert report(chosen)["equilibrium"]["rms_percent"] == pytest.approx(asked, rel=0.1, abs=0.005)
+    first = np.array([item.value for item in chosen.data.attributes["flexmaps_width"].data])
+    press("spirals")
+    again = np.array([item.value for item in chosen.data.attributes["flexmaps_width"].data])
+    assert np.abs(again - first).max() > 1e-3
 
 
 def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: Any) -> None:

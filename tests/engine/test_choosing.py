@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import judge as judging
-from flexmaps.engine.choosing import lines
+from flexmaps.engine.choosing import lines, search
+from flexmaps.engine.choosing.alike import ROWS, alike
 from flexmaps.engine.choosing.choose import choose
 from flexmaps.engine.choosing.judge import Idea, Judged, Laid, Piece, judge, lay
 from flexmaps.engine.choosing.moves import moves
@@ -18,6 +19,7 @@ from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.shortfall import curvature_within
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import keeping, symmetries
@@ -156,7 +158,10 @@ def test_what_cannot_be_laid_flat_is_no_layout() -> None:
 def judged_of(laid: Laid, blame: np.ndarray) -> Judged:
     kind = np.zeros(len(blame), dtype=np.int64)
     return Judged(
-        laid, 0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1, (np.zeros((len(blame), 4)), np.zeros(len(blame)))
+        laid,
+        *(0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1),
+        (np.zeros((len(blame), 4)), np.zeros(len(blame))),
+        laid.flat,
     )
 
 
@@ -186,11 +191,41 @@ def test_changes_keep_the_symmetry_of_a_layout() -> None:
         assert all((idea.cut[s.edges] == idea.cut).all() for s in piece.symmetries)
 
 
+def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
+    """A straight seam through the middle of 12 by 6 quads lies on the lines beside it afterwards, and nothing else changes."""
+    mesh = grid(12, 6)
+    x = mesh.vertices[mesh.edges][:, :, 0]
+    laid = lay(Piece(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
+    assert laid is not None
+    ideas = alike(Piece(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
+    moved = [idea.cut for idea in ideas if idea.origin == "a seam moved"]
+    lines_at = {round(float(x[cut].mean()) / 0.02) for cut in moved if np.ptp(x[cut]) < 1e-9 and cut.sum() == 6}
+    assert lines_at == {6 + side * rows for side in (-1, 1) for rows in ROWS}
+    assert len(moved) == 2 * len(ROWS)
+
+
+def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first() -> None:
+    mesh = grid(9, 6, height=0.04)
+    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    x = mesh.vertices[mesh.edges][:, :, 0]
+    thirds = (np.isclose(x, 0.06) | np.isclose(x, 0.12)).all(axis=1) & ~mesh.border
+    laid = lay(piece, Idea(thirds, "thirds"))
+    assert laid is not None and laid.panels == 3
+    ideas = alike(piece, judged_of(laid, np.random.default_rng(2).random(len(mesh.quads))))
+    exchanged = [idea for idea in ideas if "joined" in idea.origin]
+    assert exchanged and all(len(PatchLayout(mesh, idea.cut).patches) <= 3 for idea in exchanged)
+    assert all((idea.cut != laid.cut).any() for idea in ideas)
+    assert all((thirds & ~idea.cut).any() and (idea.cut & ~thirds).any() for idea in exchanged)
+    # by Gauss and Bonnet, what the panels have to take up is what no cut lets out: the fewer it lets out, the later it comes
+    within = [np.bincount(p.patch_of, curvature_within(p)) for p in (PatchLayout(mesh, idea.cut) for idea in ideas)]
+    assert (np.diff([float((one**2).sum()) for one in within]) >= -1e-6).all()
+
+
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer layouts than anybody would compare, which is quicker."""
-    monkeypatch.setattr(choosing, "MOST", 6)
-    monkeypatch.setattr(choosing, "FEWEST", 6)
+    monkeypatch.setattr(search, "MOST", 6)
+    monkeypatch.setattr(search, "FEWEST", 6)
     monkeypatch.setattr(choosing, "MOST_PARTS", 3)
     monkeypatch.setattr(choosing, "STEEP", ())
     monkeypatch.setattr(choosing, "ROUNDS", 1)
@@ -256,8 +291,11 @@ def test_a_stop_keeps_the_best_so_far() -> None:
 def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
-    made = job.run(PolygonMesh.of(grid(6, 6, height=0.03)), quick, stop_after="spirals", chosen=True)
+    made = job.run(PolygonMesh.of(grid(6, 6, height=0.03)), quick, stop_after="simulate", chosen=True)
     assert made.undone == {}
+    # the spirals are those with which the layout was chosen: simulated, it comes as near as its proposal says
+    assert made.simulation is not None and made.choice is not None
+    assert made.simulation.match["rms_percent"] == pytest.approx(100.0 * made.choice.best.rms, rel=0.05, abs=0.002)
     assert made.choice is not None and made.flat is made.choice.best.flat and made.design is not None
     other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
     changed = job.taken(made, other)

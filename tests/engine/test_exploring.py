@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.choosing import search
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.exploring import candidate as candidates
 from flexmaps.engine.exploring import folder as folders
@@ -262,8 +263,13 @@ def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
 
 def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     """With the goal of so many panels, every candidate's layout is chosen, and has no more than asked."""
-    for name, value in {"FEWEST": 3, "MOST": 3, "MOST_PARTS": 3, "STEEP": ()}.items():
-        monkeypatch.setattr(choosing, name, value)
+    for module, name, value in (
+        (search, "FEWEST", 3),
+        (search, "MOST", 3),
+        (choosing, "MOST_PARTS", 3),
+        (choosing, "STEEP", ()),
+    ):
+        monkeypatch.setattr(module, name, value)
     result = strip.result
     settings = changed(strip.settings, {"choose.goal": "panels", "optimise.patience": 0.1})
     base = Base({0: candidates.Start(result.mesh, result.flat.layout.cut)}, settings, effort=0.03)

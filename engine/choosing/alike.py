@@ -1,0 +1,113 @@
+"""Layouts of as many panels as another: its seams moved aside, and cuts where its shape asks for one against seams joined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ..arrays import Float, Int
+from ..patches.layout import PatchLayout
+from ..simulation.shortfall import curvature_within
+from ..surface.mesh import QuadMesh
+from ..surface.symmetry import Symmetry, keeping
+from .judge import Idea, Judged, Piece
+from .moves import blamed, cuts, weakest, with_images
+
+ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
+JOINED = 6  # seams that are tried against a cut; not measured, it bounds the time
+TRIED = 24  # ideas that are worth laying flat: 24 of 1,000 quads take some 10 s
+
+
+def alike(piece: Piece, judged: Judged) -> list[Idea]:
+    """Layouts of no more panels than a judged one, those whose panels have to take up the least curvature first.
+
+    Every change is tried with its images under the symmetries that the layout keeps, and by itself.
+    """
+    layout = judged.laid.flat.layout
+    kept = keeping(piece.symmetries, layout.cut)
+    found: dict[bytes, Idea] = {}
+    for symmetries in (kept, []) if kept else ([],):
+        for idea in (*_moved(layout, symmetries), *_exchanged(layout, symmetries, blamed(judged))):
+            found.setdefault(idea.cut.tobytes(), idea)
+    found.pop((layout.cut & ~layout.mesh.border).tobytes(), None)
+    worth = [(_curved(PatchLayout(layout.mesh, idea.cut)), k) for k, idea in enumerate(found.values())]
+    ideas = list(found.values())
+    return [ideas[k] for _, k in sorted(worth)[:TRIED]]
+
+
+def _curved(layout: PatchLayout) -> float:
+    """How much bending of the panels is not left to the seams: by how much a panel is distorted grows with the square of it."""
+    return round(float((np.bincount(layout.patch_of, curvature_within(layout)) ** 2).sum()), 9)
+
+
+def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea]:
+    """Every seam moved aside by some rows of quads, to both sides."""
+    for seam in layout.seams:
+        for quads, sides in _beside(layout.mesh, seam):
+            for rows in ROWS:
+                taken = _rows(layout, quads, sides, rows)
+                if taken is None:
+                    break
+                cut = layout.cut.copy()
+                cut[with_images(seam, symmetries)] = False
+                cut[with_images(np.setdiff1d(_outline(layout.mesh, taken), seam), symmetries)] = True
+                yield Idea(cut & ~layout.mesh.border, "a seam moved")
+
+
+def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The quads on either side of a seam, whose edges are in order, and which of their sides lie on it."""
+    ends = mesh.edges[seam]
+    start = ends[:, 0].copy()
+    if len(seam) > 1:
+        meets = np.isin(ends[0], ends[1])
+        start[0] = ends[0][~meets][0] if (~meets).any() else ends[0, 0]
+        for k in range(1, len(seam)):
+            start[k] = ends[k - 1].sum() - start[k - 1]
+    quads, sides = mesh.edge_quads[seam], mesh.edge_sides[seam]
+    along = mesh.quads[quads, sides] == start[:, None]  # the quad on whose side the seam runs the way its corners do
+    for way in (along, ~along):
+        which = way.argmax(axis=1)[:, None]
+        yield np.take_along_axis(quads, which, 1)[:, 0], np.take_along_axis(sides, which, 1)[:, 0]
+
+
+def _rows(
+    layout: PatchLayout, quads: Int[np.ndarray, " edges"], sides: Int[np.ndarray, " edges"], rows: int
+) -> Int[np.ndarray, " some"] | None:
+    """The quads of some rows beside a seam; None where another seam or the border lies within them."""
+    mesh, closed, taken = layout.mesh, layout.cut | layout.mesh.border, []
+    for _ in range(rows):
+        taken.append(quads)
+        across = (sides + 2) % 4
+        edges = mesh.quad_edges[quads, across]
+        if closed[edges].any():
+            return None
+        other = (mesh.edge_quads[edges, 0] == quads).astype(np.int64)
+        quads, sides = mesh.edge_quads[edges, other], mesh.edge_sides[edges, other]
+    return np.unique(np.concatenate(taken))
+
+
+def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray, " edges"]:
+    """The edges round some quads."""
+    edges, count = np.unique(mesh.quad_edges[quads], return_counts=True)
+    return edges[count == 1]
+
+
+def _exchanged(
+    layout: PatchLayout, symmetries: Sequence[Symmetry], blame: Float[np.ndarray, " quads"]
+) -> Iterator[Idea]:
+    """Cuts where the shape asks for them, each against every one of the seams that matter least."""
+    mesh, panels = layout.mesh, len(layout.patches)
+    for edges, name in cuts(layout, blame):
+        new = with_images(edges, symmetries)
+        cut = layout.cut.copy()
+        cut[new] = True
+        more = PatchLayout(mesh, cut & ~mesh.border)
+        for seam in weakest(more, blame)[: JOINED + 1]:
+            if np.isin(seam, new).any():
+                continue
+            joined = more.cut.copy()
+            joined[with_images(seam, symmetries)] = False
+            after = PatchLayout(mesh, joined)
+            if len(after.patches) <= panels and after.planar.all():
+                yield Idea(joined, f"{name}, another joined")

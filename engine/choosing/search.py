@@ -1,0 +1,127 @@
+"""What is known while layouts are sought: which were judged, in what order they stand, and how many more may be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..params import ChooseParams
+from ..progress import Progress
+from .judge import LONG, Judged, Laid, Piece, judge
+
+Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
+
+# Core seconds for all short searches together, and what one takes: some seconds, and so much a quad; with these 1,000 quads
+# take some 60 s of two cores
+BUDGET, ONE, QUAD = 75.0, 2.5, 2.2e-3
+SHORTER = 0.6  # share of it where long searches decide, which take the rest
+FEWEST, MOST = 8, 32  # layouts that are judged at least and at most
+NEARER = (
+    0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
+)
+# What a long search leaves of the distance that a short one ends with: 0.36 to 0.67 for layouts of 986 quads, less for those of 150
+EXPECTED = 0.67
+
+
+@dataclass(eq=False)
+class Search:
+    """What is known while layouts are sought."""
+
+    piece: Piece
+    params: ChooseParams
+    together: Together
+    reference: float = np.inf  # of the given layout after a long search
+    expected: float = EXPECTED
+    known: dict[bytes, Judged | None] = field(default_factory=dict)
+    proved: dict[bytes, Judged] = field(default_factory=dict)
+    waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
+
+    @property
+    def left(self) -> int:
+        """How many short searches there still may be."""
+        one, budget = ONE + QUAD * len(self.piece.mesh.quads), BUDGET
+        if self.params.goal == "panels":
+            budget *= SHORTER
+        return int(np.clip(budget / one, FEWEST, MOST)) - len(self.known)
+
+    def unknown(self, laid: Laid) -> bool:
+        """Whether a layout is not known yet."""
+        return key(laid) not in self.known
+
+    @property
+    def judged(self) -> list[Judged]:
+        """Everything that takes a shape, as it was judged last, the best first."""
+        found = {key: self.proved.get(key, one) for key, one in self.known.items()}
+        return sorted((one for one in found.values() if one is not None), key=self.key)
+
+    def distance(self, one: Judged) -> float:
+        """The RMS distance that a long search left, or may well leave; in the end, what was found."""
+        return one.rms if one.share >= LONG else self.expected * one.rms
+
+    @property
+    def said(self) -> str:
+        """What is told while layouts are judged: the best so far."""
+        best = next(iter(self.judged), None)
+        return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
+
+    def key(self, one: Judged) -> tuple[float, ...]:
+        """The smaller the better, by what is wanted."""
+        rms, laid = self.distance(one), one.laid
+        work = (float(laid.joints), float(laid.panels), rms)
+        if self.params.goal == "panels":
+            few = laid.panels <= self.params.panels
+            return (0.0, rms, *work) if few else (1.0, float(laid.panels), *work)
+        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + NEARER) * self.reference
+        return (0.0, *work) if rms <= limit else (1.0, rms, *work)
+
+    def holds(self, one: Judged) -> bool:
+        """Whether a layout holds the goal."""
+        return self.key(one)[0] == 0.0
+
+    def next(self, share: float) -> list[Laid]:
+        """The most promising layouts, as many as a share of what is left; one at least is symmetric, where any is."""
+        taken = self.waiting[: int(share * self.left)]
+        symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
+        if taken and symmetric is not None and not any(one.symmetric > 1 for one in taken):
+            taken[-1] = symmetric
+        return taken
+
+    def judge(self, laid: Iterable[Laid], progress: Progress) -> None:
+        """Judge layouts that are not known yet by a short search, as many as there still may be."""
+        fresh = list({key(one): one for one in laid if self.unknown(one)}.values())[: max(self.left, 0)]
+        found = self.together(partial(judge, self.piece), fresh, progress, self.said)
+        self.known.update(zip(map(key, fresh), found, strict=True))
+
+    def prove(
+        self, tries: Sequence[tuple[Piece, Laid]], progress: Progress, share: float = LONG
+    ) -> list[Judged | None]:
+        """Judge known layouts by a long search, from a piece's spirals; those that lose their shape by it are known as such."""
+        found = self.together(partial(_proved, share), tries, progress, self.said)
+        for (_, one), made in zip(tries, found, strict=True):
+            before = self.proved.get(key(one))
+            if made is not None and (before is None or made.rms < before.rms):
+                self.proved[key(one)] = made
+        for _, one in tries:
+            if key(one) not in self.proved:
+                self.known[key(one)] = None
+        return found
+
+
+def _proved(share: float, tried: tuple[Piece, Laid]) -> Judged | None:
+    piece, laid = tried
+    return judge(piece, laid, share)
+
+
+def key(laid: Laid) -> bytes:
+    """What tells one layout of a surface from another."""
+    return np.packbits(laid.cut).tobytes()
+
+
+def short(laid: Laid, rms: float) -> str:
+    """Panels and distance in a few words."""
+    panels = "1 panel" if laid.panels == 1 else f"{laid.panels} panels"
+    return f"{panels}, RMS distance {100.0 * rms:.2g} %"
