@@ -390,6 +390,7 @@ def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured
     slot = {"slot_min_mm": round(design.measured(progress)[0] * 1e3, 4)} if measured else {}
     return {
         "count": len(design.width),
+        **({"painted": True} if design.painted else {}),
         "width_mm": spread(design.width * 1e3),
         "unlike_percent": spread(100 * np.ptp(design.width, axis=1) / design.width.mean(axis=1)),
         "anisotropy_percent": spread(100 * anisotropy(design.width)),
