@@ -13,7 +13,7 @@ from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.store.states import DONE
 from ..bridge.view import flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
-from . import choose, explore, optimise, presets, simulate, structure
+from . import brush, choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
 from .rows import choice_row, decimals, fold, more, number, numbers, percent, settings_rows, span, wrapped
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
@@ -203,6 +203,7 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         block = notes.read(obj.data).get("spirals")
         if block is None:
             return
+        brush.draw(layout, context)
         layout = result(layout, context, "spirals")
         grid = numbers(layout)
         number(grid, "Spirals", str(block.get("count")))
@@ -210,10 +211,11 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         if block.get("unlike_percent", [0.0])[-1] > 0:
             number(grid, "Unlike arms", span(block, "unlike_percent", " %"))
         number(grid, "Twist", span(block, "twist_deg", "\N{DEGREE SIGN}"))
-        number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
+        if "slot_min_mm" in block:  # measured with the finished outlines, not after every stroke of a brush
+            number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
         if any(panels.get(flat_panels.LOOK) == flat_panels.PLAIN for panels in flat_panels.panels_of(obj)):
             wrapped(layout, context, UNDRAWN, icon="INFO")
-        kinds = (("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist"))
+        kinds = (("STIFFNESS", "Stiffness"), ("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist"))
         choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
-from . import attributes, mesh, objects
-from .surface import Surface
+from . import attributes, objects
+
+if TYPE_CHECKING:
+    from .surface import Surface
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear red, green and blue (ITU-R BT.709)
 PROTECT = attributes.PREFIX + "protect"
@@ -17,7 +21,9 @@ PROTECT = attributes.PREFIX + "protect"
 def names(obj: bpy.types.Object) -> list[str]:
     """What ``of`` can read: vertex groups, then colours, then other numbers on the mesh that are not ours or Blender's own."""
     groups = [group.name for group in obj.vertex_groups]
-    usable = [a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)]
+    usable = [
+        a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
+    ]
     return [*groups, *(name for name in usable if name not in groups)]
 
 
@@ -48,6 +54,8 @@ def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, 
 
 def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
     """The same of an object that was read earlier."""
+    from . import mesh
+
     obj = objects.find(uid)
     return of(obj, mesh.read_surface(obj, bpy.context.scene), name)
 
@@ -60,6 +68,17 @@ def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> No
     marks = np.zeros(len(obj.data.polygons), np.int32)
     marks[quads] = 1
     attributes.put(obj, PROTECT, *attributes.OURS["protect"][:2], marks)
+
+
+def protected(obj: bpy.types.Object) -> int:
+    """How many spirals are marked so; cheap enough for a panel. 0 in edit mode, where nothing is painted."""
+    found = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
+    return 0 if found is None else int(found.sum())
+
+
+def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) -> None:
+    """How stiff every spiral is, N mm/rad; any other design drops it."""
+    attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
 
 
 def _weights(data: bpy.types.Mesh, index: int) -> Float[np.ndarray, " vertices"]:
@@ -82,5 +101,11 @@ def _own(name: str) -> bool:
 
 
 # kinds of attributes that are read: the property of their data, and numbers an element
-_KINDS = {"FLOAT": ("value", 1), "INT": ("value", 1), "BOOLEAN": ("value", 1), "FLOAT_COLOR": ("color", 4), "BYTE_COLOR": ("color", 4)}
+_KINDS = {
+    "FLOAT": ("value", 1),
+    "INT": ("value", 1),
+    "BOOLEAN": ("value", 1),
+    "FLOAT_COLOR": ("color", 4),
+    "BYTE_COLOR": ("color", 4),
+}
 _DOMAINS = {"POINT", "FACE", "CORNER"}

@@ -61,7 +61,9 @@ class FlatRange:
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
-        np.minimum.at(nearest, flat.layout.flat_corners, (length if free is None else np.where(free, length, 0.0))[:, None])
+        np.minimum.at(
+            nearest, flat.layout.flat_corners, (length if free is None else np.where(free, length, 0.0))[:, None]
+        )
         return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:

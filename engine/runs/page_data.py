@@ -25,7 +25,6 @@ from ..assembling.stages import at_once, find_stages
 from ..display import arrange
 from ..display.run_plots import Measured
 from ..display.skin import Skin
-from ..errors import FlexMapsError
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
 from ..mechanics.arms.spiral_stiffness import stiffness

@@ -266,14 +266,11 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
 
 
 def proved(
-    design: SpiralDesign,
-    progress: Progress = SILENT,
-    rounds: int = 30,
-    free: Bool[np.ndarray, " quads"] | None = None,
+    design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30, free: Bool[np.ndarray, " quads"] | None = None
 ) -> SpiralDesign:
-    """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
+    """Draw the outlines and unwind spirals, those that are ``free`` or any, round every place where they still touch.
 
-    free : the spirals that may be changed, all of them if not given
+    Most designs have no such place.
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]

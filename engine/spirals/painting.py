@@ -20,7 +20,9 @@ from .design import SpiralDesign
 from .room import Room
 from .slots import DEPTH, slot_needed, twist_limit, width_range
 
-HALVINGS = 6  # of a spiral's way where its slots would close, before it stays where it is: 2 % of the way are lost at most
+HALVINGS = (
+    6  # of a spiral's way where its slots would close, before it stays where it is: 2 % of the way are lost at most
+)
 LONGEST = 40  # rounds in which spirals are found that have to go less far
 
 Spirals = tuple[np.ndarray, np.ndarray]  # widths (F, 4) in metres and twists (F,) in radians
@@ -103,7 +105,9 @@ def _softest(design: SpiralDesign, canvas: Canvas) -> Spirals:
     return width, _most_wound(design, canvas, width)
 
 
-def _most_wound(design: SpiralDesign, canvas: Canvas, width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
+def _most_wound(
+    design: SpiralDesign, canvas: Canvas, width: Float[np.ndarray, "quads 4"]
+) -> Float[np.ndarray, " quads"]:
     """Radians: as far as a regular spiral may be wound before its slots close; quads that are none close them sooner."""
     params = design.params
     limit = twist_limit(canvas.diameter, width.mean(axis=1), slot_needed(params), DEPTH)
@@ -208,15 +212,16 @@ def painted(
     room, touched = Room.of(design.flat, design.params), weight > 0.0
     # what gives room first, so that what takes it finds it
     opened = _gone(
-        room, (design.width, design.twist), (np.minimum(wanted[0], design.width), np.minimum(wanted[1], design.twist)), touched
+        room,
+        (design.width, design.twist),
+        (np.minimum(wanted[0], design.width), np.minimum(wanted[1], design.twist)),
+        touched,
     )
     found = _gone(room, opened, wanted, touched)
     return replace(design, width=found[0], twist=found[1], painted=True)
 
 
-def _gone(
-    room: Room, start: Spirals, wanted: Spirals, touched: Bool[np.ndarray, " quads"]
-) -> Spirals:
+def _gone(room: Room, start: Spirals, wanted: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
     """As much of the way from a start as keeps the slots open, spiral by spiral; the start where that is nothing."""
     share, quads = touched.astype(float), touched
     width, twist = wanted

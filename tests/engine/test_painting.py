@@ -105,7 +105,9 @@ def test_smoothing_lowers_the_variation_and_leaves_even_spirals_as_they_are() ->
     same = painted(even, "smooth", np.ones(len(even.twist)))
     np.testing.assert_allclose(same.width, even.width, rtol=1e-12)
     pairs = mesh.edge_quads[~mesh.border]
-    rough = replace(even, width=rng.uniform(1.1e-3, 1.7e-3, even.width.shape), twist=rng.uniform(0.5, 1.5, even.twist.shape))
+    rough = replace(
+        even, width=rng.uniform(1.1e-3, 1.7e-3, even.width.shape), twist=rng.uniform(0.5, 1.5, even.twist.shape)
+    )
     variation = []
     for _ in range(6):
         width = rough.width.mean(axis=1)
