@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -10,6 +11,11 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..bridge.store.objects import unusable
 
 TOOL = "flexmaps.brush"
+ICONS = (
+    "brush.generic",
+    "brush.paint_weight.draw",
+    "ops.generic.select_circle",
+)  # of newer and older versions of Blender
 SETTINGS = "window_manager.flexmaps_brush"  # where Blender's own F and Shift F find them
 PAINTS = (
     ("stiffer", "Stiffer", "Wider arms, less wound; with Ctrl softer"),
@@ -81,7 +87,7 @@ class BrushTool(bpy.types.WorkSpaceTool):
     bl_idname = TOOL
     bl_label = "Paint Spirals"
     bl_description = "Paint the spirals of a FlexMaps surface stiffer, softer, smoother, or protect them"
-    bl_icon = "brush.paint_weight.draw"
+    bl_icon = ""  # chosen when it is registered
     bl_cursor = "CROSSHAIR"
     bl_keymap = (
         _keys("flexmaps.paint_stroke"),
@@ -117,8 +123,13 @@ def register() -> None:
     from ..bridge.view import easel
 
     bpy.types.WindowManager.flexmaps_brush = PointerProperty(type=BrushSettings)
-    bpy.app.handlers.load_pre.append(easel.forget)
+    handlers = bpy.app.handlers
+    handlers.load_pre.append(easel.forget)
+    handlers.undo_post.append(easel.renew)
+    handlers.redo_post.append(easel.renew)
     if not bpy.app.background:  # without a window there is no toolbar
+        icons = Path(bpy.utils.system_resource("DATAFILES"), "icons")
+        BrushTool.bl_icon = next((name for name in ICONS if (icons / f"{name}.dat").is_file()), ICONS[-1])
         bpy.utils.register_tool(BrushTool, separator=True)
 
 
@@ -127,7 +138,10 @@ def unregister() -> None:
 
     if not bpy.app.background:
         bpy.utils.unregister_tool(BrushTool)
-    bpy.app.handlers.load_pre.remove(easel.forget)
+    handlers = bpy.app.handlers
+    handlers.load_pre.remove(easel.forget)
+    handlers.undo_post.remove(easel.renew)
+    handlers.redo_post.remove(easel.renew)
     easel.forget()
     del bpy.types.WindowManager.flexmaps_brush
 

@@ -59,10 +59,13 @@ def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False)
 
 
 def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[tuple[str, str], ...]) -> None:
-    """Buttons that switch the overlay; the one that is on is pressed in."""
-    row = layout.row(align=True)
-    row.label(text="", icon="OVERLAY")
-    for kind, label in kinds:
+    """Buttons that switch the overlay; the one that is on is pressed in. Two a row where more would not be readable."""
+    narrow = max(len(iface_(label)) for _, label in kinds) * len(kinds) > _letters(bpy.context, MARGIN)
+    column = layout.column(align=True)
+    for k, (kind, label) in enumerate(kinds):
+        if k == 0 or (narrow and k % 2 == 0):
+            row = column.row(align=True)
+            row.label(text="", icon="OVERLAY" if k == 0 else "BLANK1")
         row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
 
 

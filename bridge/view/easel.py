@@ -77,7 +77,7 @@ class Easel:
         from ...engine.runs import stages
         from ..store import mesh, snapshot
 
-        self.uid, self._scene = obj.session_uid, scene
+        self.uid = obj.session_uid
         self._used = settings.read(obj.flexmaps, ObjectSettings)
         self._surface = mesh.read_surface(obj, scene)
         taken = snapshot.take(obj, self._surface, self._used, loaded=False)
@@ -94,7 +94,7 @@ class Easel:
         self.stiffness = np.ones(count) if found is None else found
         self.range = float(self.stiffness.min()), float(self.stiffness.max())
         self._see(obj)
-        self._sums = self._now(obj)
+        self._sums = self._now(obj, scene)
 
     def _see(self, obj: bpy.types.Object) -> None:
         """Take the shape as it is seen now."""
@@ -107,17 +107,17 @@ class Easel:
         self.ground = Ground.of(self.vertices, self.quads)
         self.shape = Painting(self)
 
-    def _now(self, obj: bpy.types.Object) -> tuple[Any, ...]:
-        sums = Checksums(obj, self._scene)
+    def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Any, ...]:
+        sums = Checksums(obj, scene)
         marks = attributes.get(obj.data, fields.PROTECT)
         placed = tuple(x for row in obj.matrix_world for x in row)
         moved = tuple(key.value for key in equilibrium.keys_of(obj.data))
         names = ("design", "shape", "seams", "spiral", "material")
         return (*(sums[part] for part in names), b"" if marks is None else marks.tobytes(), placed, moved)
 
-    def fresh(self, obj: bpy.types.Object) -> bool:
+    def fresh(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
         """Whether the object still holds what is on the easel."""
-        return obj.session_uid == self.uid and obj.mode == "OBJECT" and self._now(obj) == self._sums
+        return obj.session_uid == self.uid and obj.mode == "OBJECT" and self._now(obj, scene) == self._sums
 
     # -- painting ----------------------------------------------------------------------------------------------------
 
@@ -172,7 +172,7 @@ class Easel:
         fields.protect(obj, np.flatnonzero(self.protected))
         self.before, self._marked = self.design, self.protected
         self._see(obj)
-        self._sums = self._now(obj)
+        self._sums = self._now(obj, scene)
 
 
 # -- the easel that stands there ---------------------------------------------------------------------------------------
@@ -180,11 +180,12 @@ class Easel:
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
     """The object's easel, set up anew where it holds something else by now. Raises ``FlexMapsError`` where it has no spirals."""
-    if not (_easels and _easels[0].fresh(obj)):
+    if not (_easels and _easels[0].fresh(obj, scene)):
         _easels[:] = [Easel(obj, scene)]
     return _easels[0]
 
 
+@bpy.app.handlers.persistent
 def forget(*_: object) -> None:
     """Put it away, such as before another file is opened."""
     _easels.clear()
@@ -203,9 +204,24 @@ def shown() -> Painting | None:
     if not _easels or obj is None or obj.type != "MESH" or not active(context) or not obj.visible_get():
         return None
     with suppress(FlexMapsError, ReferenceError):
-        if _busy or _easels[0].fresh(obj):
+        if _busy or _easels[0].fresh(obj, context.scene):
             return _easels[0].shape
     return None
+
+
+@bpy.app.handlers.persistent
+def renew(*_: object) -> None:
+    """After an undo or redo the object holds other spirals: take them a moment later, when Blender is done with its step."""
+    if _easels and not bpy.app.timers.is_registered(_renew):
+        bpy.app.timers.register(_renew, first_interval=0.0)
+
+
+def _renew() -> None:
+    context = bpy.context
+    obj = context.object
+    if _easels and obj is not None and obj.session_uid == _easels[0].uid and active(context):
+        with suppress(FlexMapsError):
+            of(obj, context.scene)
 
 
 _busy: list[bool] = []  # not empty during a stroke, when nothing else can change the object
