@@ -11,7 +11,7 @@ from ..bridge.hosts import background, preload
 from ..bridge.store import equilibrium, notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.store.states import DONE
-from ..bridge.view import flat_panels
+from ..bridge.view import collection, flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import brush, choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
@@ -48,8 +48,11 @@ class MainPanel(Sidebar, bpy.types.Panel):
         if running is not None:
             text = iface_("stopping") if running.stopping else running.text or iface_("starting")
             layout.progress(factor=running.fraction, text=f"{iface_(running.title, 'Operator')}: {text}")
+            if running.left:
+                layout.label(text=iface_("about {} left").format(running.left), icon="TIME", translate=False)
             wrapped(layout, context, iface_("ESC stops it; {}").format(iface_(running.on_stop)), icon="CANCEL")
             return
+        _left_over(layout, context)
         if problem is not None:
             wrapped(layout, context, problem, icon="INFO")
             if obj is not None and obj.type in CONVERTIBLE:
@@ -69,6 +72,16 @@ class MainPanel(Sidebar, bpy.types.Panel):
             wrapped(layout, context, text, icon="LINKED")
         if modifiers is None or look(context).next_button == "flexmaps.quad_remesh":
             _next(layout, context, look(context).next_button)
+
+
+def _left_over(layout: Any, context: bpy.types.Context) -> None:
+    """Whoever deletes a model is asked about its panels: they may be wanted still."""
+    found = collection.left_over(context.scene)
+    if found:
+        box = layout.box().column(align=True)
+        names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in found[:2]) + ", ..." * (len(found) > 2)
+        wrapped(box, context, iface_("{} was deleted, its panels are still there").format(names), icon="INFO")
+        box.operator("flexmaps.remove_left_over", icon="TRASH")
 
 
 def _welcome(layout: Any, context: bpy.types.Context) -> None:
