@@ -9,7 +9,7 @@ from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.store import fields
 from ..bridge.view import easel
-from .rows import fold
+from .rows import fold, setting_row
 
 
 def draw(layout: Any, context: bpy.types.Context) -> None:
@@ -22,7 +22,7 @@ def draw(layout: Any, context: bpy.types.Context) -> None:
         column.prop(brush, "brush", text="")
         for name, pressure in (("size", "pressure_size"), ("strength", "pressure_strength")):
             row = column.row(align=True)
-            row.prop(brush, name)
+            setting_row(row, brush, name)
             row.prop(brush, pressure, text="", icon="STYLUS_PRESSURE")
         column.prop(brush, "mirror", toggle=True)
     marked = fields.protected(obj)

@@ -15,7 +15,7 @@ from ..bridge.view import collection, flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import brush, choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
-from .rows import choice_row, decimals, fold, more, number, numbers, percent, settings_rows, span, wrapped
+from .rows import choice_row, decimals, fold, more, number, numbers, percent, setting_row, settings_rows, span, wrapped
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
 
 LAST = {"flexmaps.export", "wm.save_mainfile"}  # what comes after all that can be known without a sheet
@@ -133,15 +133,15 @@ class MeshPanel(StagePanel, bpy.types.Panel):
         button(layout, context, "flexmaps.check", icon="VIEWZOOM")
         _findings(result(layout, context, "checks"), context)
         column = layout.column(align=True)
-        column.prop(settings.remesh, "quads")
+        setting_row(column, settings.remesh, "quads")
         button(column, context, "flexmaps.quad_remesh", icon="MOD_REMESH")
         column = layout.column(align=True)
-        column.prop(settings.remesh, "edge")
+        setting_row(column, settings.remesh, "edge")
         button(column, context, "flexmaps.set_size", icon="FULLSCREEN_ENTER")
         button(layout, context, "flexmaps.regularise", icon="MOD_SMOOTH")
         body = fold(layout, "flexmaps_mesh", "More settings")
         if body is not None:
-            body.prop(settings.remesh, "smooth")
+            setting_row(body, settings.remesh, "smooth")
             settings_rows(body, settings.regularise, RegulariseParams)
 
 
