@@ -16,6 +16,7 @@ from ..engine.spirals import painting
 from ..engine.spirals.design import proved
 from .pieces import Tell, go_to, progress_of
 
+# directions by their names, in the surface's axes
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 Where = float | str | Sequence[float]
 

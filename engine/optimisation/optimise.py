@@ -172,7 +172,7 @@ def optimise(
     search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR), design.flat)
     accepted(start)
     try:
-        search.run(start, design, progress.part(0.12, 0.9))
+        search.run(start, design, work.paced(progress.part(0.12, 0.9)))
         ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
