@@ -20,7 +20,7 @@ from ..engine.scanning.reading import UNITS
 from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
-from . import calibration, summary
+from . import calibration, painting, summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
@@ -71,6 +71,10 @@ def parser() -> argparse.ArgumentParser:
         _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
     _command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
     _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
+    commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE}")  # fmt: skip
+    painting.add(
+        _command(commands, "paint", _paint, summary.whole, "change spirals by hand: stiffer, softer, protected")
+    )
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
     _comparing(_command(commands, "compare", _compare, summary.whole, "lay a scan of the built piece over its shape"))
@@ -266,7 +270,12 @@ def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, api.optimise(api.load(args.mesh, **_source(args)), progress=tell))
+    piece = painting.protected(args, api.load(args.mesh, **_source(args)))
+    return _saved(args, api.optimise(piece, progress=tell))
+
+
+def _paint(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    return _saved(args, painting.paint(args, api.load(args.mesh, **_source(args)), tell))
 
 
 def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

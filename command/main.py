@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from ..engine.remaining import Remaining, told
+
 NAME = "flexmaps"
 UNDONE = 3  # exit status
 _registered: list[Any] = []
@@ -115,6 +117,7 @@ class Console:
         self.stopping = False
         self._live = sys.stderr.isatty()
         self._last = 0.0
+        self._began, self._remaining = time.monotonic(), Remaining()
 
     def __call__(self, fraction: float, text: str) -> None:
         if self.stopping:
@@ -122,11 +125,15 @@ class Console:
 
             self.stopping = False  # once: what was found is still to be judged and written
             raise Cancelled("Stopped")
+        now = time.monotonic()
+        self._remaining.report(now - self._began, fraction)
+        seconds = self._remaining.seconds(now - self._began)
+        line = f"{fraction:4.0%}  {text}" + ("" if seconds is None else f", about {told(seconds)} left")
         if self._live:
-            print(f"\r\033[K{fraction:4.0%}  {text}", end="", file=sys.stderr, flush=True)
-        elif time.monotonic() - self._last > self.EVERY or fraction >= 1.0:
-            print(f"{fraction:4.0%}  {text}", file=sys.stderr, flush=True)
-            self._last = time.monotonic()
+            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
+        elif now - self._last > self.EVERY or fraction >= 1.0:
+            print(line, file=sys.stderr, flush=True)
+            self._last = now
 
     def end_line(self) -> None:
         if self._live:

@@ -8,6 +8,7 @@ from ..bridge.hosts import background
 from . import (
     advice,
     animate,
+    brush,
     calibrate,
     check,
     choose,
@@ -18,6 +19,7 @@ from . import (
     layout,
     optimise,
     overlay,
+    painting,
     presets,
     preview,
     regularise,
@@ -38,6 +40,8 @@ MODULES = (
     layout,
     choose,
     spirals,
+    brush,
+    painting,
     simulate,
     compare,
     structure,
@@ -63,10 +67,12 @@ def register() -> None:
     bpy.app.handlers.load_pre.append(_before_load)
     overlay.register()
     presets.register()
+    brush.register()
 
 
 def unregister() -> None:
     background.stop_current()
+    brush.unregister()
     presets.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)

@@ -13,6 +13,7 @@ from .stage import OnObject
 STAGES = {
     "WIDTH": "Spirals",
     "ANISOTROPY": "Spirals",
+    "STIFFNESS": "Spirals",
     "TWIST": "Spirals",
     "SCAN": "Compare with a scan",
 }  # what to press first
@@ -38,6 +39,7 @@ class Overlay(OnObject, bpy.types.Operator):
                 "Anisotropy",
                 "How unlike the two pairs of opposite arms are; the bars are as long as each pair is wide",
             ),
+            ("STIFFNESS", "Stiffness", "How stiff the arms of the spirals are against bending, in the mean"),
             ("TWIST", "Twist", "Twist of the spirals"),
             ("DISTANCE", "Distance", "How far the simulated shape is from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
@@ -63,7 +65,7 @@ class Overlay(OnObject, bpy.types.Operator):
         preload.wait()
         from ..bridge.view import colouring, overlay
 
-        if self.kind != "NONE" and not colouring.store(context.object, self.kind):
+        if self.kind != "NONE" and not colouring.store(context.object, self.kind, afresh=True):
             stage = "Simulate" if self.kind in colouring.SIMULATED else STAGES.get(self.kind, "Merge")
             self.report({"ERROR"}, translate("There is nothing to show yet; press {} first", button_name(stage)))
             return {"CANCELLED"}
@@ -72,9 +74,9 @@ class Overlay(OnObject, bpy.types.Operator):
 
 
 def register() -> None:
-    from ..bridge.view import overlay
+    from ..bridge.view import easel, overlay
 
-    overlay.register(background.shown)
+    overlay.register(lambda: background.shown() or easel.shown())
 
 
 def unregister() -> None:

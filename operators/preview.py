@@ -65,4 +65,23 @@ class Preview(ContinuedStage, bpy.types.Operator):
         return text
 
 
-CLASSES = (Preview,)
+class RemoveLeftOver(bpy.types.Operator):
+    """Remove the panels, previews and films of models that were deleted"""
+
+    bl_idname = "flexmaps.remove_left_over"
+    bl_label = "Remove panels of deleted models"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge.view import collection
+
+        found = collection.left_over(context.scene)
+        for own in found:
+            collection.remove(own)
+        return {"FINISHED"} if found else {"CANCELLED"}
+
+
+CLASSES = (
+    RemoveLeftOver,
+    Preview,
+)

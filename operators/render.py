@@ -1,9 +1,12 @@
-"""A picture of the target, the assembled piece and its panels."""
+"""A picture of the target, the assembled piece and its panels; from a window it is made beside it, by a second Blender."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -11,8 +14,11 @@ from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
-from ..engine.params import RenderParams
-from .stage import StageOperator
+from ..engine.params import ObjectSettings, RenderParams
+from .stage import StageOperator, Work
+
+if TYPE_CHECKING:
+    from ..bridge.store.surface import Surface
 
 
 class Render(StageOperator, bpy.types.Operator):
@@ -21,12 +27,51 @@ class Render(StageOperator, bpy.types.Operator):
     bl_idname = "flexmaps.render"
     bl_label = "Render"
 
+    _folder: Any = None  # a folder for the time of the work
+    _path = Path()  # where the picture goes
+
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design")
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        return self.execute(context)  # Blender renders on its main thread
+    def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
+        """Set the scene up here, which takes a moment; a second Blender renders it, or this one would not answer for minutes."""
+        from ..bridge.hosts import second_render
+        from ..bridge.store.objects import find
+        from ..bridge.view import picture
+
+        obj, params = find(surface.uid), settings.render
+        self._path = file_of(params.file, params.film)
+        self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
+        pack, made = Path(self._folder.name) / "scene.blend", Path(self._folder.name) / "made"
+        frames = 0
+        try:
+            if params.film:
+                frames = picture.film(obj, made / self._path.name, params, pack)
+            else:
+                picture.together(obj, made / self._path.name, params, pack)
+        except FlexMapsError:
+            self._folder.cleanup()
+            raise
+        return lambda progress: second_render.render(pack, made, frames, progress)
+
+    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+        from ..engine import files
+
+        for one in result:
+            with files.replacing(self._path.with_name(one.name)) as new:
+                shutil.copyfile(one, new)
+        if self._path in [self._path.with_name(one.name) for one in result] and self._path.suffix == ".png":
+            self._told(self._path)
+        else:
+            self.report({"INFO"}, translate("{} files in {}", len(result), self._path.parent))
+        yield
+
+    def _clear(self, context: bpy.types.Context) -> None:
+        super()._clear(context)
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.store import settings
@@ -45,10 +90,13 @@ class Render(StageOperator, bpy.types.Operator):
                 picture.together(context.object, new, params)
         except FlexMapsError as error:
             return self._refused(context, error)
+        self._told(path)
+        return {"FINISHED"}
+
+    def _told(self, path: Path) -> None:
         shown = bpy.data.images.load(str(path), check_existing=True)
         shown.reload()
         self.report({"INFO"}, translate("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))
-        return {"FINISHED"}
 
 
 def file_of(text: str, film: bool = False) -> Path:

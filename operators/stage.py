@@ -325,7 +325,8 @@ def show_progress(context: bpy.types.Context, running: background.Job) -> None:
 def progress_line(running: background.Job) -> str:
     if running.stopping:
         return translate("{}: stopping", button_name(running.title))
-    return f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+    line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+    return f"{line}, {translate('about {} left', running.left)}" if running.left else line
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:

@@ -93,6 +93,7 @@ class AddLoad(OnObject, bpy.types.Operator):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
         for prop in ("name", "kind"):
             layout.prop(self, prop)
         if self.kind != "weight":

@@ -12,13 +12,33 @@ from bpy.app.translations import pgettext_iface as iface_
 # pixels at an interface scale of 1: what frames and an icon take of a line, a letter of Blender's font in the mean, and the
 # sidebar's width where no window tells it; read off pictures of the sidebar
 MARGIN, LETTER, UNKNOWN = 60, 6.5, 240
+LEAST = 12  # letters of a line at least, however narrow the sidebar is; by eye
+BOX = 20  # pixels of a box to tick; likewise
+# letters that a value of each type takes, with what frames it; by eye
+VALUE = {"BOOLEAN": 3, "INT": 6, "FLOAT": 8, "ENUM": 12, "STRING": 10}
 
 
 def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
     """Settings of a dataclass, in its order: those named, or all."""
     for f in fields(cls):
         if f.default is not MISSING and (not names or f.name in names):
-            layout.prop(properties, f.name)
+            setting_row(layout, properties, f.name)
+
+
+def setting_row(layout: bpy.types.UILayout, properties: Any, name: str) -> None:
+    """One setting: its name in its field, or above it where the sidebar is too narrow for the whole name and a value."""
+    prop = properties.bl_rna.properties[name]
+    label = iface_(prop.name)
+    if len(label) + VALUE[prop.type] <= _letters(bpy.context, MARGIN):
+        layout.prop(properties, name)
+    elif prop.type == "BOOLEAN":
+        row = layout.row()
+        row.prop(properties, name, text="")
+        wrapped(row.column(), bpy.context, label, beside=BOX)
+    else:
+        column = layout.column(align=True)
+        wrapped(column, bpy.context, label)
+        column.prop(properties, name, text="")
 
 
 def fold(layout: bpy.types.UILayout, idname: str, label: str) -> bpy.types.UILayout | None:
@@ -59,10 +79,13 @@ def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False)
 
 
 def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[tuple[str, str], ...]) -> None:
-    """Buttons that switch the overlay; the one that is on is pressed in."""
-    row = layout.row(align=True)
-    row.label(text="", icon="OVERLAY")
-    for kind, label in kinds:
+    """Buttons that switch the overlay; the one that is on is pressed in. Two a row where more would not be readable."""
+    narrow = max(len(iface_(label)) for _, label in kinds) * len(kinds) > _letters(bpy.context, MARGIN)
+    column = layout.column(align=True)
+    for k, (kind, label) in enumerate(kinds):
+        if k == 0 or (narrow and k % 2 == 0):
+            row = column.row(align=True)
+            row.label(text="", icon="OVERLAY" if k == 0 else "BLANK1")
         row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
 
 
@@ -72,7 +95,7 @@ def wrapped(
     """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(iface_(text), max(16, _letters(context, MARGIN + beside)))):
+    for k, line in enumerate(textwrap.wrap(iface_(text), max(LEAST, _letters(context, MARGIN + beside)))):
         column.label(text=line, icon=icon if k == 0 else "BLANK1", translate=False)
 
 

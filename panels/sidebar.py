@@ -11,11 +11,11 @@ from ..bridge.hosts import background, preload
 from ..bridge.store import equilibrium, notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.store.states import DONE
-from ..bridge.view import flat_panels
+from ..bridge.view import collection, flat_panels
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
-from . import choose, explore, optimise, presets, simulate, structure
+from . import brush, choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
-from .rows import choice_row, decimals, fold, more, number, numbers, percent, settings_rows, span, wrapped
+from .rows import choice_row, decimals, fold, more, number, numbers, percent, setting_row, settings_rows, span, wrapped
 from .stages import EMPHASIS, Sidebar, StagePanel, button, look, result
 
 LAST = {"flexmaps.export", "wm.save_mainfile"}  # what comes after all that can be known without a sheet
@@ -48,8 +48,11 @@ class MainPanel(Sidebar, bpy.types.Panel):
         if running is not None:
             text = iface_("stopping") if running.stopping else running.text or iface_("starting")
             layout.progress(factor=running.fraction, text=f"{iface_(running.title, 'Operator')}: {text}")
+            if running.left:
+                layout.label(text=iface_("about {} left").format(running.left), icon="TIME", translate=False)
             wrapped(layout, context, iface_("ESC stops it; {}").format(iface_(running.on_stop)), icon="CANCEL")
             return
+        _left_over(layout, context)
         if problem is not None:
             wrapped(layout, context, problem, icon="INFO")
             if obj is not None and obj.type in CONVERTIBLE:
@@ -69,6 +72,16 @@ class MainPanel(Sidebar, bpy.types.Panel):
             wrapped(layout, context, text, icon="LINKED")
         if modifiers is None or look(context).next_button == "flexmaps.quad_remesh":
             _next(layout, context, look(context).next_button)
+
+
+def _left_over(layout: Any, context: bpy.types.Context) -> None:
+    """Whoever deletes a model is asked about its panels: they may be wanted still."""
+    found = collection.left_over(context.scene)
+    if found:
+        box = layout.box().column(align=True)
+        names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in found[:2]) + ", ..." * (len(found) > 2)
+        wrapped(box, context, iface_("{} was deleted, its panels are still there").format(names), icon="INFO")
+        box.operator("flexmaps.remove_left_over", icon="TRASH")
 
 
 def _welcome(layout: Any, context: bpy.types.Context) -> None:
@@ -120,15 +133,15 @@ class MeshPanel(StagePanel, bpy.types.Panel):
         button(layout, context, "flexmaps.check", icon="VIEWZOOM")
         _findings(result(layout, context, "checks"), context)
         column = layout.column(align=True)
-        column.prop(settings.remesh, "quads")
+        setting_row(column, settings.remesh, "quads")
         button(column, context, "flexmaps.quad_remesh", icon="MOD_REMESH")
         column = layout.column(align=True)
-        column.prop(settings.remesh, "edge")
+        setting_row(column, settings.remesh, "edge")
         button(column, context, "flexmaps.set_size", icon="FULLSCREEN_ENTER")
         button(layout, context, "flexmaps.regularise", icon="MOD_SMOOTH")
         body = fold(layout, "flexmaps_mesh", "More settings")
         if body is not None:
-            body.prop(settings.remesh, "smooth")
+            setting_row(body, settings.remesh, "smooth")
             settings_rows(body, settings.regularise, RegulariseParams)
 
 
@@ -203,6 +216,7 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         block = notes.read(obj.data).get("spirals")
         if block is None:
             return
+        brush.draw(layout, context)
         layout = result(layout, context, "spirals")
         grid = numbers(layout)
         number(grid, "Spirals", str(block.get("count")))
@@ -210,10 +224,11 @@ class SpiralPanel(StagePanel, bpy.types.Panel):
         if block.get("unlike_percent", [0.0])[-1] > 0:
             number(grid, "Unlike arms", span(block, "unlike_percent", " %"))
         number(grid, "Twist", span(block, "twist_deg", "\N{DEGREE SIGN}"))
-        number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
+        if "slot_min_mm" in block:  # measured with the finished outlines, not after every stroke of a brush
+            number(grid, "Smallest slot", decimals(block, "slot_min_mm", 2, " mm"))
         if any(panels.get(flat_panels.LOOK) == flat_panels.PLAIN for panels in flat_panels.panels_of(obj)):
             wrapped(layout, context, UNDRAWN, icon="INFO")
-        kinds = (("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist"))
+        kinds = (("STIFFNESS", "Stiffness"), ("WIDTH", "Width"), ("ANISOTROPY", "Anisotropy"), ("TWIST", "Twist"))
         choice_row(layout, context.window_manager, "flexmaps_overlay", kinds)
 
 

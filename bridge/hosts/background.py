@@ -14,6 +14,7 @@ from typing import Any
 
 from ...engine.errors import Cancelled
 from ...engine.progress import Progress
+from ...engine.remaining import Remaining, told
 
 Work = Callable[[Progress], Any]
 
@@ -46,6 +47,7 @@ class Job:
         self.result: Any = None
         self.error: BaseException | None = None
         self._work = work
+        self._began, self._remaining = time.monotonic(), Remaining()
         self._stop = threading.Event()
         self._interval = sys.getswitchinterval()
         self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
@@ -57,6 +59,7 @@ class Job:
         _running.append(self)
         self._interval = sys.getswitchinterval()
         sys.setswitchinterval(min(SWITCH, self._interval))
+        self._began = time.monotonic()
         self._thread.start()
 
     @property
@@ -86,8 +89,15 @@ class Job:
         except BaseException as error:  # carried to the main thread, which knows what to do with it
             self.error = error
 
+    @property
+    def left(self) -> str:
+        """How long it still takes, as a person says it; "" while nobody can know."""
+        seconds = self._remaining.seconds(time.monotonic() - self._began)
+        return "" if seconds is None or self.stopping else told(seconds)
+
     def _report(self, fraction: float, text: str) -> None:
         self.fraction, self.text = fraction, text
+        self._remaining.report(time.monotonic() - self._began, fraction)
 
     def _show(self, value: Any) -> None:
         self.shown = value
@@ -103,15 +113,19 @@ class Ticks:
         self._title = title
         self._steps: set[str] = set()
         self._time = 0.0
+        self._began, self._remaining = time.monotonic(), Remaining()
 
     def __call__(self, fraction: float, text: str) -> None:
         now = time.monotonic()
+        self._remaining.report(now - self._began, fraction)
         step = text.partition(":")[0]
         if step in self._steps and now - self._time < 1.0:
             return
         self._steps.add(step)
         self._time = now
-        print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip(), file=sys.stdout, flush=True)
+        seconds = self._remaining.seconds(now - self._began)
+        left = "" if seconds is None else f", about {told(seconds)} left"
+        print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip() + left, file=sys.stdout, flush=True)
 
 
 def run_here(title: str, work: Work) -> Any:

@@ -12,8 +12,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ class SecondBlender:
         np.savez(file, **given)  # type: ignore[arg-type]
         limit = LIMIT
         if self._process is None:
-            self._process, limit = _started(Path(self._folder.name)), LIMIT + START
+            self._process, limit = started(Path(self._folder.name)), LIMIT + START
         wanted = {"tool": tool, "options": options, "given": str(file), "answer": str(answer)}
         ends = time.monotonic() + limit
         try:
@@ -130,27 +131,28 @@ class SecondBlender:
             self._process = None
 
 
-def _started(folder: Path) -> subprocess.Popen[str]:
-    """A Blender that works on its standard input, with user files of its own in a folder.
+def started(
+    folder: Path, script: Path = SCRIPT, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
+) -> subprocess.Popen[str]:
+    """A Blender that runs a script with some words, and may work on its standard input; with user files of its own in a folder.
 
-    With the user's it would clear away the Python packages of all extensions, of which none is enabled in it.
+    out : where what it prints goes. With the user's it would clear away the Python packages of all extensions, of which none is enabled in it.
     """
     import bpy
 
     program = bpy.app.binary_path  # "" where Blender is a module of Python
-    options = ["--background", "--factory-startup", "--python", str(SCRIPT)] if program else ["-P", str(SCRIPT)]
+    options = ["--background", "--factory-startup", "--python", str(script), "--"] if program else ["-P", str(script)]
     own = {f"BLENDER_USER_{name}": str(folder / name) for name in USER_FILES}
     hidden = getattr(subprocess, "CREATE_NO_WINDOW", 0)  # no console window on Windows
-    quiet = subprocess.DEVNULL
     try:
         return subprocess.Popen(
-            [program or sys.executable, *options],
+            [program or sys.executable, *options, *words],
             stdin=subprocess.PIPE,
-            stdout=quiet,
-            stderr=quiet,
+            stdout=out,
+            stderr=subprocess.STDOUT if out != subprocess.DEVNULL else out,
             text=True,
             env=os.environ | own,
             creationflags=hidden,
         )
     except OSError as error:
-        raise FlexMapsError(f"Blender cannot be started a second time, which the quad remesh needs: {error}") from None
+        raise FlexMapsError(f"Blender cannot be started a second time, which this needs: {error}") from None

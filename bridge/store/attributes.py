@@ -44,6 +44,8 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "square": ("FACE", "FLOAT", 0, LARGEST),
     "width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "twist": ("FACE", "FLOAT", 0, 1e3),
+    "stiffness": ("FACE", "FLOAT", 0, LARGEST),
+    "protect": ("FACE", "INT", 0, 1),
     "last_width": ("CORNER", "FLOAT", 1e-3, 1e3),
     "last_twist": ("FACE", "FLOAT", 0, 1e3),
     "distance": ("FACE", "FLOAT", 0, LARGEST),

@@ -12,6 +12,8 @@ and corner attributes hold what belongs to a quad:
     flexmaps_width    corner  width of the arm that ends at the side from this corner to the face's next one, millimetres;
                               older files have one a face, which is that of all four
     flexmaps_twist    face    twist of the spiral, degrees
+    flexmaps_stiffness face   stiffness of the spiral, N mm/rad, where it was asked for; any other design drops it
+    flexmaps_protect  face    1 where Optimise has to leave the spiral as it is
     flexmaps_last_width, flexmaps_last_twist    the same of spirals whose patches were cut anew: a start for the next ones
     flexmaps_colour   corner  colours of the overlay, for renders
 
@@ -46,7 +48,7 @@ from .surface import Surface
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
-NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness", "protect")
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
 
@@ -258,8 +260,8 @@ def write_flat(
 
 
 def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) -> None:
-    """The attributes of the spirals; a simulation of others is dropped."""
-    forget(obj, LAST_NAMES)
+    """The attributes of the spirals; a simulation of others is dropped, and so is how stiff others were."""
+    forget(obj, (*LAST_NAMES, "stiffness"))
     _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
 
 
@@ -290,7 +292,7 @@ def shelve_design(obj: bpy.types.Object) -> None:
         if values is not None:
             domain, kind = attributes.OURS[name][:2]
             attributes.put(obj, attributes.PREFIX + name, domain, kind, values)
-    forget(obj, DESIGN_NAMES)
+    forget(obj, (*DESIGN_NAMES, "stiffness"))
 
 
 def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -17,6 +17,9 @@ from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
 from . import equilibrium, mesh, notes, objects, settings, supports
 from .surface import Surface
+
+if TYPE_CHECKING:
+    from ...engine.spirals.design import SpiralDesign
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,8 @@ class Snapshot:
 
         Members that are stored but cannot be used any more are in ``Result.lost``.
         """
-        made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force, groups=self.groups)
+        begun = job.begin(self.surface.polygons)
+        made = replace(begun, supports=self.held, force=self.force, groups=self.groups, protected=self.protected)
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
@@ -52,7 +56,17 @@ class Snapshot:
         spoilt = self.surface.spoilt
         lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
         start = mesh.last_spirals(self.surface) if self.chosen and flat is not None else None
-        return replace(made, flat=flat, start=start, design=design, lost=lost)
+        return replace(made, flat=flat, start=start, design=self._marked(design), lost=lost)
+
+    def _marked(self, design: SpiralDesign | None) -> SpiralDesign | None:
+        """Spirals as they are stored, and whether somebody painted them."""
+        return None if design is None else replace(design, painted=bool((self.note or {}).get("painted")))
+
+    @property
+    def protected(self) -> Int[np.ndarray, " kept"] | None:
+        """The quads whose spirals are protected; None where there are none."""
+        marked = self.surface.values.get("protect")
+        return None if marked is None or not marked.any() else np.flatnonzero(marked)
 
     @property
     def has_flat(self) -> bool:
@@ -67,7 +81,8 @@ class Snapshot:
         """The result with spirals to go on from: fitted to settings and patches that were changed since they were made."""
         if made.flat is None:
             return made
-        return replace(made, design=mesh.start_of(self.surface, made.flat, self.settings.spiral, self.note))
+        design = mesh.start_of(self.surface, made.flat, self.settings.spiral, self.note)
+        return replace(made, design=self._marked(design))
 
 
 @dataclass(frozen=True, eq=False)

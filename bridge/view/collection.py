@@ -37,6 +37,28 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
     return own
 
 
+def left_over(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
+    """Collections in the scene whose model was deleted: nothing of them is of use to any other object. Cheap enough for a panel."""
+    owned = {own.session_uid for own in map(_pointed_at, bpy.data.objects) if own is not None}
+    return [
+        one for one in scene.collection.children_recursive if "flexmaps_owner" in one and one.session_uid not in owned
+    ]
+
+
+def _pointed_at(obj: bpy.types.Object) -> bpy.types.Collection | None:
+    own = obj.get("flexmaps_collection")
+    return own if isinstance(own, bpy.types.Collection) else None
+
+
+def remove(own: bpy.types.Collection) -> None:
+    """A collection with all that stands in it, and what nothing else uses of that."""
+    data = [other.data for other in own.all_objects if other.data is not None]
+    for other in list(own.all_objects):
+        bpy.data.objects.remove(other)
+    bpy.data.collections.remove(own)
+    bpy.data.batch_remove([one for one in dict.fromkeys(data) if one.users == 0])
+
+
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:
     """Remove what was laid out beside the object, by kind."""
     own = existing(obj)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import bpy
 import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
-from ..store import attributes, equilibrium, scans
+from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings
+from ..store import attributes, equilibrium, fields, scans, settings
 from .legend import Legend
 
 # kind -> (attribute, label, unit)
@@ -16,6 +20,7 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "SQUARE": ("flexmaps_square", "Distance from a square", ""),
     "WIDTH": ("flexmaps_width", "Width", "mm"),
     "ANISOTROPY": ("flexmaps_width", "Anisotropy", "%"),
+    "STIFFNESS": ("flexmaps_stiffness", "Stiffness of the arms", "N\u00b7mm/rad"),
     "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
     "PATCH": ("flexmaps_patch", "Patches", ""),
     "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
@@ -64,6 +69,8 @@ def painted(
         legend = Legend(f"Under loads, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
         return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
     low, high = float(values.min()), float(values.max())
+    if kind == "STIFFNESS":
+        return colours.on_scale(stiffness_share(values, low, high), 0.0, 1.0, colours.MUCH), stiffness_legend(low, high)
     if kind == "SLOT":
         high = max(high, OPEN)
         text = f"Slots in this shape, narrowest {low:.2f} mm"
@@ -88,6 +95,18 @@ def painted(
     return colours.on_scale(values, low, high, colours.MUCH), legend
 
 
+def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:
+    """From 0 at the softest to 1 at the stiffest, by the logarithm: the stiffest is some ten times as stiff as the softest."""
+    least = max(low, 1e-12)
+    return np.clip(np.log(np.maximum(values, least) / least) / max(np.log(high / least), 1e-9), 0.0, 1.0)
+
+
+def stiffness_legend(low: float, high: float) -> Legend:
+    """The ends of a logarithmic scale."""
+    _, label, unit = KINDS["STIFFNESS"]
+    return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.MUCH)
+
+
 def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Colours and legend of what limits every spiral, by the engine's numbers."""
     from ...engine.optimisation.reach import NAMES
@@ -107,10 +126,15 @@ def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
     return painted(obj, kind, per_quad(kind, values))[1]
 
 
-def store(obj: bpy.types.Object, kind: str) -> bool:
-    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run."""
+def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
+    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run.
+
+    afresh : what is measured for the colours alone is measured again, such as with another material
+    """
     if not current(obj, kind):
         return False
+    if kind == "STIFFNESS" and (afresh or not attributes.has(obj, KINDS[kind][0])):
+        _measure_stiffness(obj)
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind][0])
         sizes = np.empty(len(mesh.polygons), np.int32)
@@ -124,6 +148,21 @@ def store(obj: bpy.types.Object, kind: str) -> bool:
     if not obj.data.is_editmode:
         obj.data.attributes.active_color_name = "flexmaps_colour"
     return True
+
+
+def _measure_stiffness(obj: bpy.types.Object) -> None:
+    """Of the spirals that the object has; nothing where it has none, or none that the model knows."""
+    from ...engine.mechanics.arms.spiral_stiffness import stiffness
+    from ..store import mesh, snapshot
+
+    attributes.remove(obj, KINDS["STIFFNESS"][0])
+    with suppress(FlexMapsError):
+        used = settings.read(obj.flexmaps, ObjectSettings)
+        taken = snapshot.take(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
+        design = taken.result().design
+        found = None if design is None else stiffness(design, used.material.chosen)
+        if found is not None:
+            fields.write_stiffness(obj, found)
 
 
 def current(obj: bpy.types.Object, kind: str) -> bool:

@@ -87,8 +87,8 @@ def overview(obj: bpy.types.Object, path: str | Path) -> None:
     together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
-def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> None:
-    """Target, assembled piece and flat panels on one ground, as far as they are asked for.
+def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> None:
+    """Target, assembled piece and flat panels on one ground, as far as they are asked for; ``pack`` as in ``studio``.
 
     With connectors if the preview has them. Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is
     asked for.
@@ -105,7 +105,7 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
         if params.assembled or params.panels
         else ()
     )
-    with studio(size, params.samples, "GREY" if finish in materials.LOOKS else "WHITE") as place:
+    with studio(size, params.samples, "GREY" if finish in materials.LOOKS else "WHITE", pack=pack) as place:
         standing = []
         if params.target:
             standing.append(_target(place, obj, finish))
@@ -121,8 +121,8 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> N
         place.take(path)
 
 
-def film(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> int:
-    """The frames of the assembly's animation, as PNG files or as a film; returns how many.
+def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
+    """The frames of the assembly's animation, as PNG files or as a film; returns how many. ``pack`` as in ``studio``.
 
     Raises ``FlexMapsError`` where there is no animation.
     """
@@ -130,7 +130,7 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams) -> int:
     if not shown:
         raise FlexMapsError("There is no animation yet; press Animate assembly first")
     frames = (scene.frame_start, animation.last_frame(obj))
-    with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples) as place:
+    with studio((params.pixels_x, params.pixels_y or params.pixels_x * 9 // 16), params.samples, pack=pack) as place:
         for other in shown:
             place.show(other)
         seen = place.points_in(np.linspace(*frames, 24).astype(int).tolist())

@@ -16,7 +16,7 @@ from ...engine.runs import report
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, mesh, notes, scans, settings, states, supports
+from ..store import equilibrium, fields, mesh, notes, scans, settings, states, supports
 from ..store.surface import Surface
 from . import choices, collection, colouring, flat_panels, materials, meshes, scan_points
 
@@ -109,6 +109,7 @@ def put(
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
     if result.scan is not None:
         scans.write(obj, result.scan, scan_points.show(obj, scene, result.scan))
+    fields.protect(obj, result.protected)
     if result.structure is not None:
         equilibrium.write_utilisation(obj, result.structure.utilisation)
     notes.write_all(obj.data, report.blocks(result))

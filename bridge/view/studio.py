@@ -26,12 +26,17 @@ GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 
 
 @contextmanager
-def studio(size: tuple[int, int], samples: int, ground: str = "WHITE", engine: str = "AUTO") -> Iterator[Studio]:
-    """A studio for one picture, or for the frames of one film, of ``size`` pixels; everything in it is removed in the end."""
+def studio(
+    size: tuple[int, int], samples: int, ground: str = "WHITE", engine: str = "AUTO", pack: Path | None = None
+) -> Iterator[Studio]:
+    """A studio for one picture, or for the frames of one film, of ``size`` pixels; everything in it is removed in the end.
+
+    pack : a .blend file that gets the scene instead, for a Blender without a window to render it
+    """
     scene = bpy.data.scenes.new("FlexMaps picture")
-    made = Studio(scene, ground)
+    made = Studio(scene, ground, pack)
     try:
-        _settings(scene, size, samples, engine)
+        _settings(scene, size, samples, "CYCLES" if pack is not None else engine)
         yield made
     finally:
         made.clear()
@@ -40,8 +45,9 @@ def studio(size: tuple[int, int], samples: int, ground: str = "WHITE", engine: s
 class Studio:
     """Put objects in with ``put``, then ``set_up`` light and camera, then ``take`` pictures."""
 
-    def __init__(self, scene: bpy.types.Scene, ground: str):
+    def __init__(self, scene: bpy.types.Scene, ground: str, pack: Path | None = None):
         self.scene = scene
+        self._pack = pack
         self._ground = ground
         self._made: list[bpy.types.ID] = []
         self._shown: list[bpy.types.Object] = []
@@ -102,7 +108,7 @@ class Studio:
         """Render to a PNG file. Raises ``FlexMapsError`` where it cannot be written."""
         self.scene.render.filepath = str(Path(path).absolute())
         try:
-            bpy.ops.render.render(write_still=True, scene=self.scene.name)
+            self._render(write_still=True)
         except RuntimeError as error:
             raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
 
@@ -119,9 +125,15 @@ class Studio:
             _as_film(render)
             render.filepath, render.use_file_extension = str(path), False
         try:
-            bpy.ops.render.render(animation=True, scene=self.scene.name)
+            self._render(animation=True)
         except RuntimeError as error:
             raise FlexMapsError(f"The film {path} could not be made: {error}") from error
+
+    def _render(self, **how: bool) -> None:
+        if self._pack is None:
+            bpy.ops.render.render(scene=self.scene.name, **how)
+        else:
+            bpy.data.libraries.write(str(self._pack), {self.scene})
 
     def clear(self) -> None:
         world = self.scene.world

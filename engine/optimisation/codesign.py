@@ -54,7 +54,7 @@ def refine(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
-    flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first)
+    flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first, problem.space.free)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     found = method(here.problem, here, params, trace, accepted, progress)
@@ -80,7 +80,8 @@ def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
     It can be cut as it is, but for arms that only come near each other since the flat shapes have moved.
     """
     flat, (width, twist) = moved_flat(point, design), point.spirals
-    return None if flat is None else fitted(flat, design.params, width, twist, prove=False)
+    free = point.problem.space.free
+    return None if flat is None else fitted(flat, design.params, width, twist, prove=False, free=free)
 
 
 def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array, dia_array, diags_array, hstack
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.tip_motion import tip_motions
@@ -45,15 +45,25 @@ class FlatRange:
 
     @classmethod
     def of(
-        cls, flat: FlatPatches, span: float, energy: float, seam: float, weight: float, first: FlatPatches
+        cls,
+        flat: FlatPatches,
+        span: float,
+        energy: float,
+        seam: float,
+        weight: float,
+        first: FlatPatches,
+        free: Bool[np.ndarray, " quads"] | None = None,
     ) -> FlatRange:
         """span : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
 
         first : the patches before they were moved at all, whose own measures count where they are beyond the limits
+        free : the quads whose vertices may move, where all quads of a vertex are; all if not given
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
-        np.minimum.at(nearest, flat.layout.flat_corners, length[:, None])
+        np.minimum.at(
+            nearest, flat.layout.flat_corners, (length if free is None else np.where(free, length, 0.0))[:, None]
+        )
         return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:

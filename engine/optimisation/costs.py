@@ -42,20 +42,28 @@ def differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
 class Roughness:
     """How much spirals that are joined differ: the mean over the joints of half of the squares.
 
-    apart : ``differences``; weight : in the objective; x : the coordinates
+    apart : ``differences``; weight : in the objective; x : the coordinates; free : 0 for those that must stay, else 1
     """
 
     apart: csr_array
     weight: float
     x: Float[np.ndarray, " coordinates"]
+    free: Float[np.ndarray, " coordinates"]
 
     @property
     def value(self) -> float:
-        return 0.5 * float(self.x @ self.gradient)
+        return self._scale * 0.5 * float(((self.apart @ self.x) ** 2).sum())
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        return self.product(self.x)
+        return self.free * self._back(self.x)
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        return 2.0 * self.weight / self.apart.shape[0] * (self.apart.T @ (self.apart @ change))
+        return self.free * self._back(self.free * change)
+
+    @property
+    def _scale(self) -> float:
+        return 2.0 * self.weight / self.apart.shape[0]
+
+    def _back(self, change: np.ndarray) -> np.ndarray:
+        return self._scale * (self.apart.T @ (self.apart @ change))

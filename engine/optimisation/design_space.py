@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
@@ -35,9 +35,23 @@ def _share(x: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
+class Kept:
+    """Spirals that a search must leave as they are: which, their widths in metres and their twists in radians."""
+
+    quads: Int[np.ndarray, " kept"]
+    width: Float[np.ndarray, "kept 4"]
+    twist: Float[np.ndarray, " kept"]
+
+    @classmethod
+    def of(cls, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> Kept:
+        return cls(quads, design.width[quads], design.twist[quads])
+
+
+@dataclass(frozen=True, eq=False)
 class DesignSpace:
     """low, high : (F,) metres, range of the width; bound : (KNOTS, F) radians, largest twist at evenly spaced widths;
     cap : (F,) share of it that neighbours leave; twist_min : radians; groups : of arms with one width, 1, 2 or 4
+    kept : the spirals that stay as they are whatever their coordinates say, if there are any
     """
 
     low: Float[np.ndarray, " quads"]
@@ -46,6 +60,7 @@ class DesignSpace:
     cap: Float[np.ndarray, " quads"]
     twist_min: float
     groups: int
+    kept: Kept | None = None
 
     @classmethod
     def of(
@@ -55,8 +70,12 @@ class DesignSpace:
         groups: int = 1,
         progress: Progress = SILENT,
         straight: Int[np.ndarray, " some"] | None = None,
+        kept: Int[np.ndarray, " some"] | None = None,
     ) -> DesignSpace:
-        """The space of all designs in the same patches with the same settings; ``straight`` spirals are as good as not wound."""
+        """The space of all designs in the same patches with the same settings.
+
+        ``straight`` spirals are as good as not wound, and those that are ``kept`` as they are in the given design.
+        """
         low, high = width_range(design.flat, design.params)
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
@@ -67,7 +86,8 @@ class DesignSpace:
         bound = np.minimum(bound, 0.999 * twist_limit(ratio))
         if straight is not None:
             bound[:, straight] = np.minimum(bound[:, straight], STRAIGHT)
-        return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups)
+        same = None if kept is None or not len(kept) else Kept.of(design, kept)
+        return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 
     @property
     def each(self) -> int:
@@ -103,6 +123,8 @@ class DesignSpace:
         least, span = self._lengths(shares.mean(axis=1))[:2]
         twist = np.sqrt((least + _share(x[:, -1]) * span) ** 2 - 1.0)
         width = self.low[:, None] + shares[:, self._group] * (self.high - self.low)[:, None]
+        if self.kept is not None:
+            width[self.kept.quads], twist[self.kept.quads] = self.kept.width, self.kept.twist
         return width, twist
 
     def slopes(self, x: np.ndarray) -> Float[np.ndarray, "quads 5 _"]:
@@ -116,7 +138,17 @@ class DesignSpace:
         by_width = by_length * (least_change + _share(x[:, -1]) * change) / self.groups
         out[:, 4, : self.groups] = by_width[:, None]
         out[:, 4, -1] = by_length * span / (1.0 + START)
+        if self.kept is not None:
+            out[self.kept.quads] = 0.0
         return out
+
+    @property
+    def free(self) -> Bool[np.ndarray, " quads"]:
+        """The spirals that their coordinates change."""
+        free = np.ones(len(self.low), dtype=bool)
+        if self.kept is not None:
+            free[self.kept.quads] = False
+        return free
 
     def coordinates(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]

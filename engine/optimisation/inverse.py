@@ -85,7 +85,9 @@ class Problem:
         """What the design with these coordinates costs beside its mismatch."""
         if not self.smoothness:
             return ()
-        return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x),)
+        free = np.ones(len(x))  # flat vertices, which come last, do not enter
+        free[: self.own] = self._spread(self.space.free.astype(float))[: self.own]
+        return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
 
     def rooms(self, x: np.ndarray) -> Rooms:
         """The rooms near the design with these coordinates."""
@@ -122,8 +124,8 @@ class Problem:
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _shut(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
-        """The spirals that have a part in a closed room, likewise."""
-        return self._room(x).closed(*self.space.design(x), quads)
+        """The spirals that have a part in a closed room, likewise; without those that are kept, which cannot open it."""
+        return self._room(x).closed(*self.space.design(x), quads) & self.space.free
 
     def _spread(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
         """For every coordinate what is given for the spirals."""

@@ -133,12 +133,14 @@ def optimise(
     force: np.ndarray | None = None,
     prove: bool = True,
     straight: np.ndarray | None = None,
+    kept: np.ndarray | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
-    is nearest to the target. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, and ``kept`` those that stay exactly as they
+    are, the flat shapes of their quads too. Starts from the given design, the curvature-adjusted one or the uniform one,
+    whichever is nearest to the target; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
@@ -147,8 +149,10 @@ def optimise(
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
         )
+    if kept is not None and len(kept) == len(design.width):
+        raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
     work = Work.of(len(design.width), params.patience)
-    task = Task(target, material, params, physics, supports, force, work, straight)
+    task = Task(target, material, params, physics, supports, force, work, straight, kept)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
@@ -168,7 +172,7 @@ def optimise(
     search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR), design.flat)
     accepted(start)
     try:
-        search.run(start, design, progress.part(0.12, 0.9))
+        search.run(start, design, work.paced(progress.part(0.12, 0.9)))
         ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
@@ -204,7 +208,7 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
-            design = proved(held.design, progress.part(0.3, 0.7))
+            design = proved(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
         except FlexMapsError:
             continue
         found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
@@ -257,7 +261,7 @@ def starts(
     """
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
-    if params.restart:
+    if params.restart and not design.painted:
         width, twist = curvature_adjusted(design.params, curvature.rms_curvature(target))
         places["curvature"] = space.coordinates(alike(width), twist)
         places["uniform"] = space.filled(0.5, 0.5)
@@ -287,7 +291,8 @@ def _with_room(
 ) -> tuple[Problem, Float[np.ndarray, " coordinates"]]:
     """The nearest design that can be cut: the problem with a space that holds it, and its coordinates there."""
     problem.work.add(FIT, problem.assembly.size)
-    made = fitted(design.flat, design.params, *problem.space.design(x), prove=False, progress=progress)
+    wanted, free = problem.space.design(x), problem.space.free
+    made = fitted(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
     space = problem.space.including(made)
     return replace(problem, space=space), space.coordinates(made.width, made.twist)
 

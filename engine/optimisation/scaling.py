@@ -19,6 +19,8 @@ PROBES = 2  # products a refinement
 # those coordinates would change less than there is to gain. Ten times more and ten times less do as well on three surfaces
 LEAST = 1.0
 QUIETEST = 1e-12  # largest fall of an estimate in one refinement, squared: no product is that small but by rounding
+# Below which no estimate falls: coordinates that change nothing, of spirals that are kept, would reach 0 after fifty refinements
+SMALLEST = 1e-30
 START = 1e-3  # by eye; five refinements forget it
 
 
@@ -44,7 +46,7 @@ class Bending:
             for _ in range(PROBES):
                 signs = self._random.choice([-1.0, 1.0], unit.size)
                 squares += (unit * product(unit * signs)) ** 2 / PROBES
-            self._found *= np.sqrt(np.maximum(squares, QUIETEST))
+            self._found = np.maximum(self._found * np.sqrt(np.maximum(squares, QUIETEST)), SMALLEST)
         self._rounds = LATER
 
     def units(self, value: float, damping: float) -> Float[np.ndarray, " coordinates"]:

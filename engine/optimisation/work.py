@@ -7,9 +7,11 @@ every machine and however busy it is. A clock ends only what takes several times
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+
+from ..progress import Progress
 
 # seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
@@ -41,6 +43,21 @@ class Work:
     def add(self, seconds: float, size: int) -> None:
         """Note work of so many seconds a spiral on so many spirals."""
         self.done += seconds * size
+
+    def paced(self, progress: Progress) -> Progress:
+        """A progress that goes with the work that is done, and not with steps, of which nobody knows how many it will take.
+
+        Most searches end when their time is over; one that ends before makes the rest of it in one leap.
+        """
+        limit, report = self.limit, progress.report
+        if limit is None or report is None:
+            return progress
+        whole = progress.hi - progress.lo
+
+        def told(_: float, text: str) -> None:
+            report(progress.lo + whole * min(self.done / limit, 1.0), text)
+
+        return replace(progress, report=told)
 
     @property
     def over(self) -> bool:

@@ -25,11 +25,10 @@ from ..assembling.stages import at_once, find_stages
 from ..display import arrange
 from ..display.run_plots import Measured
 from ..display.skin import Skin
-from ..errors import FlexMapsError
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
-from ..mechanics.arms.model import arm_compliances
-from ..mechanics.assembly import Pose, of_design, target_pose
+from ..mechanics.arms.spiral_stiffness import stiffness
+from ..mechanics.assembly import Pose, target_pose
 from ..params import ObjectSettings
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
@@ -266,23 +265,6 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
         shades = [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in np.rint(255 * scale).astype(int).tolist()]
         found.append({"name": name, "label": label, "unit": unit, "low": low, "high": high, "scale": shades})
     return found
-
-
-def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
-    """N mm for every radian by which an arm bends over its side, the mean of the joined arms of every spiral.
-
-    Of the elastic model's tip compliances; None where it knows no such spirals. Spirals without a joint have the least of the others.
-    """
-    try:
-        assembly = of_design(design)
-        bend = arm_compliances(assembly, material).values
-    except FlexMapsError:
-        return None
-    # a moment about the side: across the arm's own radius as nearly as quads are squares
-    own = MM / bend[..., 4, 4]
-    count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
-    total = np.bincount(assembly.pairs.ravel(), weights=own.ravel(), minlength=assembly.size)
-    return np.where(count > 0, total / np.maximum(count, 1), own.min())
 
 
 def _notes(skipped: tuple[tuple[str, str], ...]) -> list[str]:

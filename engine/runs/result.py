@@ -38,6 +38,7 @@ class Result:
     groups : quads by the names that loads may use beside numbers
     seams : where somebody wants the surface to be cut; tracing then begins there
     rest : a pose that was found before, from which simulating starts
+    protected : quads whose spirals the optimiser leaves exactly as they are
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     choice : the layouts that were compared, if that was asked for, and which of them flat is
     start : widths (F, 4) metres and twists (F,) radians that were found for this layout while it was chosen, where ``choice`` is not kept
@@ -61,6 +62,7 @@ class Result:
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
     seams: Bool[np.ndarray, " edges"] | None = None
     rest: Pose | None = None
+    protected: Int[np.ndarray, " kept"] | None = None
     layout: PatchLayout | None = None
     flat: FlatPatches | None = None
     choice: Choice | None = None

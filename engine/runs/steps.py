@@ -118,6 +118,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         supports=result.supports,
         force=result.force,
         straight=_straight(result, settings),
+        kept=result.protected,
         progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)

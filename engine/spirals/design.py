@@ -54,6 +54,7 @@ class SpiralDesign:
     width : metres, of every arm; column k is the arm that ends at side k
     twist : radians, winding angle from the tip to the centre
     feet : what some arms at the border are cut to instead, so that the piece can stand
+    painted : whether somebody chose spirals by hand, so that a search begins with these and no others
     """
 
     flat: FlatPatches
@@ -61,6 +62,7 @@ class SpiralDesign:
     width: Float[np.ndarray, "quads 4"]
     twist: Float[np.ndarray, " quads"]
     feet: tuple[Cap, ...] = ()
+    painted: bool = False
     drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
     @cached_property
@@ -243,21 +245,25 @@ def fitted(
     twist: Float[np.ndarray, " quads"],
     *,
     prove: bool = True,
+    free: Bool[np.ndarray, " quads"] | None = None,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
     """The design nearest to widths in metres and twists in radians that can be cut, joints and neighbours included.
 
     Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
+    free : the spirals that may be changed, all of them if not given; the others are taken as they are
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    width = np.minimum(width, width_range(flat, params)[1][:, None])
-    twist, room = np.minimum(twist, params.twist_max), Room.of(flat, params)
-    shut = room.closed(width, twist)
+    free = np.ones(len(twist), dtype=bool) if free is None else free
+    most = np.where(free, width_range(flat, params)[1], np.inf)
+    width, room = np.minimum(width, most[:, None]), Room.of(flat, params)
+    twist = np.where(free, np.minimum(twist, params.twist_max), twist)
+    shut = room.closed(width, twist) & free
     if shut.any():  # a good guess for those that are wound much too far
         twist = np.where(shut, twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    opened = _opened(room, width_range(flat, params)[0], width, twist, progress.part(0.2, 0.6))
+    opened = _opened(room, width_range(flat, params)[0], width, twist, free, progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *opened)
-    return proved(design, progress.part(0.6, 1.0)) if prove else design
+    return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
 
 
 def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
@@ -276,13 +282,17 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     return np.flatnonzero(~(known & fits))
 
 
-def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) -> SpiralDesign:
-    """Draw the outlines and unwind the spirals round every place where they still touch; most designs have none.
+def proved(
+    design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30, free: Bool[np.ndarray, " quads"] | None = None
+) -> SpiralDesign:
+    """Draw the outlines and unwind spirals, those that are ``free`` or any, round every place where they still touch.
 
+    Most designs have no such place.
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]
     thinnest = THINNEST * design.params.width_min
+    free = np.ones(len(design.twist), dtype=bool) if free is None else free
     culprits = np.empty(0, dtype=np.int64)
     for turn in range(rounds):
         part = progress.part(turn / rounds, (turn + 1) / rounds)
@@ -295,7 +305,9 @@ def proved(design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30) 
             culprits = nearest_quads(design.flat, where)
         # unwind first, the neighbours too, whose arms pull at the joints; then make the arms thinner
         beside = np.union1d(culprits, mate[culprits])
-        straight = culprits[(design.twist[culprits] == 0.0) & (design.twist[mate[culprits]] == 0.0).all(axis=1)]
+        still = (design.twist == 0.0) | ~free
+        straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & free[culprits]]
+        beside = beside[free[beside]]
         twist, width = design.twist.copy(), design.width.copy()
         twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
         width[straight] = np.maximum(0.85 * width[straight], thinnest)
@@ -319,7 +331,12 @@ def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int
 
 
 def _opened(
-    room: Room, low: np.ndarray, width: np.ndarray, twist: np.ndarray, progress: Progress = SILENT
+    room: Room,
+    low: np.ndarray,
+    width: np.ndarray,
+    twist: np.ndarray,
+    free: Bool[np.ndarray, " quads"],
+    progress: Progress = SILENT,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Widths and twists near those given whose rooms are all open; those given where they are.
 
@@ -334,11 +351,12 @@ def _opened(
         if not len(terms.value):
             return width, twist
         short = _SPARE_ROOM - terms.value
-        wound = _falling(terms.by_design[:, width.size :], twist > 0.0)
+        wound = _falling(terms.by_design[:, width.size :], free & (twist > 0.0))
         idle = wound.power(2).sum(axis=1) < _IDLE**2
         unwound = _asked(wound, np.where(idle, 0.0, short))
         thinner = _asked(
-            _falling(terms.by_design[:, : width.size], (width > least).ravel()), np.where(idle, short, 0.0)
+            _falling(terms.by_design[:, : width.size], (free[:, None] & (width > least)).ravel()),
+            np.where(idle, short, 0.0),
         )
         share = (thinner.reshape(-1, 4) / width).min(axis=1, keepdims=True)
         width = np.maximum((1.0 + np.maximum(share, -_THINNER)) * width, least)
@@ -347,7 +365,7 @@ def _opened(
         quads[terms.arms // 4] = True
     for turn in range(_ASKED, _ROUNDS):
         progress(turn / _ROUNDS, "room between the arms")
-        quads = room.closed(width, twist, quads)
+        quads = room.closed(width, twist, quads) & free
         thin = quads & (twist == 0.0)
         width = np.where(thin[:, None], np.maximum((1.0 - _THINNER) * width, least), width)
         twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
@@ -386,6 +404,7 @@ def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured
     slot = {"slot_min_mm": round(design.measured(progress)[0] * 1e3, 4)} if measured else {}
     return {
         "count": len(design.width),
+        **({"painted": True} if design.painted else {}),
         "width_mm": spread(design.width * 1e3),
         "unlike_percent": spread(100 * np.ptp(design.width, axis=1) / design.width.mean(axis=1)),
         "anisotropy_percent": spread(100 * anisotropy(design.width)),

@@ -55,8 +55,8 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     """Though QuadriFlow itself cannot be stopped, and here never comes back."""
     from flexmaps.bridge.hosts import second_blender
 
-    started, start = [], second_blender._started
-    monkeypatch.setattr(second_blender, "_started", lambda folder: started.append(start(folder)) or started[-1])
+    started, start = [], second_blender.started
+    monkeypatch.setattr(second_blender, "started", lambda folder: started.append(start(folder)) or started[-1])
     monkeypatch.setattr(
         second_blender.json, "dumps", lambda wanted: "["
     )  # nothing is ever asked: Blender waits for the rest

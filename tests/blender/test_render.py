@@ -141,3 +141,29 @@ def test_with_connectors(piece: Any, tmp_path: Path) -> None:
         seen.append(pixels(tmp_path / "a.png"))
     changed = np.abs(seen[1] - seen[0]).max(axis=2) > 0.1
     assert 0.0 < changed.mean() < 0.2
+
+
+def test_a_second_blender_makes_the_same_picture(piece: Any, tmp_path: Path) -> None:
+    """And nothing is left in this one, whether it ends or is stopped."""
+    from flexmaps.bridge.hosts import second_render
+    from flexmaps.engine.errors import Cancelled
+    from flexmaps.engine.progress import Progress
+
+    before, params = everything(), RenderParams(**SMALL)  # type: ignore[arg-type]
+    pack, made, told = tmp_path / "scene.blend", tmp_path / "made", list[str]()
+    picture.together(piece, made / "all.png", params, pack)
+    assert everything() == before and pack.is_file()
+    found = second_render.render(pack, made, 0, Progress(lambda _, text: told.append(text)))
+    assert [one.name for one in found] == ["all.png"] and "setting up the picture" in told
+    picture.together(piece, tmp_path / "here.png", params)
+    apart = np.abs(pixels(found[0]) - pixels(tmp_path / "here.png"))
+    assert apart.mean() < 0.005 and np.ptp(pixels(found[0])) > 0.5
+
+    def stopped() -> bool:
+        return True
+
+    with pytest.raises(Cancelled):
+        second_render.render(pack, tmp_path / "other", 0, Progress(stopped=stopped))
+    pack.write_bytes(b"no file of Blender's")
+    with pytest.raises(FlexMapsError, match="could not be made"):
+        second_render.render(pack, tmp_path / "third", 0, Progress())

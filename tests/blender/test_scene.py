@@ -202,3 +202,19 @@ def test_a_picture_of_nothing_is_refused(dome: Any, tmp_path: Path) -> None:
         picture.panels(dome, tmp_path / "x.png")
     with pytest.raises(FlexMapsError, match="no simulated shape"):
         picture.shape(dome, tmp_path / "x.png")
+
+
+def test_panels_of_a_deleted_model_can_be_removed(spiralled: Any) -> None:
+    from flexmaps.bridge.view import collection
+
+    scene = bpy.context.scene
+    assert collection.left_over(scene) == []
+    assert bpy.ops.flexmaps.remove_left_over() == {"CANCELLED"}
+    other = bpy.data.objects.new("other", bpy.data.meshes.new("other"))
+    scene.collection.objects.link(other)
+    bpy.data.objects.remove(spiralled)
+    assert [one.name for one in collection.left_over(scene)] == ["FlexMaps piece"]
+    assert bpy.ops.flexmaps.remove_left_over() == {"FINISHED"}
+    assert collection.left_over(scene) == [] and list(scene.objects) == [other]
+    assert not [c for c in bpy.data.collections if c.name.startswith("FlexMaps")]
+    assert not [m for m in bpy.data.meshes if m.users == 0 and "panels" in m.name]

@@ -211,3 +211,18 @@ def test_in_a_narrow_sidebar_values_go_below_their_names(monkeypatch: pytest.Mon
         Box.rows = 0
         rows.number(Box(), "Largest distance", "0.52 mm")
         assert Box.rows == wanted
+
+
+def test_in_a_narrow_sidebar_long_settings_stand_below_their_names(dome: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from flexmaps.panels import rows
+
+    fields: list[str | None] = []
+    monkeypatch.setattr(Drawn, "prop", lambda self, owner, name, text=None: fields.append(text))
+    for letters, whole in ((80, True), (14, False)):
+        monkeypatch.setattr(rows, "_letters", lambda *_, letters=letters: letters)
+        drawn = Drawn()
+        fields.clear()
+        for section, name in (("optimise", "lies"), ("optimise", "restart"), ("spiral", "thickness")):
+            rows.setting_row(drawn, getattr(dome.flexmaps, section), name)
+        assert fields == ([None] * 3 if whole else ["", "", ""])
+        assert " ".join(drawn.lines) == ("" if whole else "Bends or lies alike Try other starts Thickness (mm)")

@@ -43,14 +43,15 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
 
 
 def problem(
-    model: str = "arm", share: float = 0.0, groups: int = 1, opening: float | None = None
+    model: str = "arm", share: float = 0.0, groups: int = 1, opening: float | None = None, kept: bool = False
 ) -> tuple[FlatProblem, Pose]:
     """share : of the material's strain, 0 where it does not count"""
     design, mesh = made()
     assembly = of_design(design)
+    space = DesignSpace.of(design, assembly, groups, kept=np.arange(4) if kept else None)
     whole = FlatProblem(
         assembly=assembly,
-        space=DesignSpace.of(design, assembly, groups),
+        space=space,
         target=Target(assembly.pairs, mesh.centroids),
         loads=Loads.of(assembly.size),
         build=lambda a, _: build_model(a, VERO, model, quick=True),
@@ -58,7 +59,7 @@ def problem(
         bearing=Bearing(VERO, share) if share else None,
         room=Room.of(design.flat, design.params),
         opening=None if opening is None else dataclasses.replace(Opening.of(design), width=opening),
-        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat),
+        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free),
     )
     return whole, target_pose(mesh, design.flat.corners)
 
@@ -75,11 +76,21 @@ def slope(value: object, h: float) -> float:
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"share": 0.3}, {"groups": 4}, {"opening": 0.0015}, {"share": 0.3, "opening": 0.0006}], ids=str
+    "options",
+    [
+        {},
+        {"share": 0.3},
+        {"groups": 4},
+        {"opening": 0.0015},
+        {"share": 0.3, "opening": 0.0006},
+        {"groups": 4, "share": 0.3, "kept": True},
+    ],
+    ids=str,
 )
 def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     whole, pose = problem(**options)
     here = whole.at(anywhere(whole), pose)
+    assert (whole.flat.span == 0.0).any() == ("kept" in options)
     n, each = here.own, whole.space.each
     assert here.equilibrium.converged and here.costs[-1].cost.inside
     assert any(isinstance(term, Excess) and term.value > 0.0 for term in here.terms) == ("share" in options)

@@ -50,13 +50,14 @@ def problem(
     supports: bool = False,
     strain: float | None = None,
     groups: int = 1,
+    kept: bool = False,
 ) -> tuple[Problem, Point]:
     design, mesh = made()
     assembly = of_design(design)
     held = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if supports else None
     loads = Loads.of(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports)
-    space = DesignSpace.of(design, assembly, groups)
+    space = DesignSpace.of(design, assembly, groups, kept=np.arange(0, assembly.size, 3) if kept else None)
     bearing = None if strain is None else Bearing(VERO, strain)
     whole = Problem(
         assembly, space, aim, loads, lambda a, _: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
@@ -80,6 +81,7 @@ def problem(
         {"groups": 2},
         {"groups": 4, "strain": 0.3, "smoothness": 0.05},
         {"groups": 4, "model": "rod"},
+        {"groups": 4, "strain": 0.3, "smoothness": 0.05, "kept": True},
     ],
     ids=str,
 )
@@ -89,7 +91,9 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
         whole, before = here.pressed().problem, here.value
         here = here.pressed()
         assert here.value > 1.5 * before
-    direction = np.random.default_rng(5).normal(size=here.x.shape)
+    free = np.repeat(whole.space.free, whole.space.each)
+    direction = np.where(free, np.random.default_rng(5).normal(size=here.x.shape), 0.0)
+    assert not here.gradient[~free].any() and free.all() is not options.get("kept", False)
 
     def value(t: float) -> float:
         return whole.at(here.x + t * direction, here.equilibrium.pose).value

@@ -24,6 +24,7 @@ GIVEN = {
     "supports",
     "force",
     "groups",
+    "protected",
     "seams",
     "rest",
     "scanned",

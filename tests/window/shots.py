@@ -26,6 +26,23 @@ def shot(name):
     FOUND["shots"][name] = rects
 
 
+def brush(obj):
+    """Half of a ring painted stiffer, by the brush that is in hand."""
+    module, painting = hands.module("bridge.view.easel"), hands.module("engine.spirals.painting")
+    yield from hands.click("operator", "flexmaps.pick_brush")
+    yield 0.5
+    easel = module.of(obj, bpy.context.scene)
+    share = (easel.ground.centres[:, 0] > 0.0).astype(float)
+    easel.paint("stiffer", 0.8 * share, painting.Stroke())
+    with hands.in_view():
+        easel.write(bpy.context.scene)
+    yield from hands.aside()
+    yield from shot("brush")
+    with hands.in_view():
+        bpy.ops.wm.tool_set_by_id(name="builtin.select_box")
+    bpy.ops.flexmaps.simulate()
+
+
 def walk():
     yield from hands.installed()
     from bl_ext.user_default.flexmaps import api
@@ -47,6 +64,7 @@ def walk():
     bpy.ops.flexmaps.overlay(kind="REACH")
     yield from hands.find("operator", "flexmaps.overlay", "Limits")
     yield from shot("limits")
+    yield from brush(obj)
     bpy.ops.flexmaps.preview()
     bpy.ops.flexmaps.overlay(kind="NONE")
     made = next(o for o in bpy.data.objects if "Assembled" in o.name)

@@ -100,6 +100,13 @@ def test_with_its_window(
     assert found["pictures"] == len(list(pictures.glob("*.png")))
 
 
+def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    shutil.copy2(zip_file, tmp_path)
+    with kept(real_blender, tmp_path, ROOT / "out" / "window-brush"):
+        found = driven(real_blender, HERE / "brush.py", tmp_path, window=True)
+    assert found["wrong"] == []
+
+
 def _told(found: dict[str, Any]) -> str:
     """The measured times, for a person: they depend on the machine and on drawing by software, so nothing asserts them."""
     lines = [f"  {found['seconds']['all']:.0f} s; drawing the sidebar alone takes {found['redraw_ms'][0]:.0f} ms here"]

@@ -1,0 +1,117 @@
+"""Spirals by hand, from scripts: brushes over a whole piece, fields, and what the optimiser has to leave alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..engine.errors import FlexMapsError
+from ..engine.mechanics.loads import standing
+from ..engine.runs import stages
+from ..engine.runs.piece import Piece
+from ..engine.spirals import painting
+from ..engine.spirals.design import proved
+from .pieces import Tell, go_to, progress_of
+
+# directions by their names, in the surface's axes
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+Where = float | str | Sequence[float]
+
+
+def paint(
+    piece: Piece,
+    brush: str,
+    where: Where = 1.0,
+    *,
+    strength: float = 1.0,
+    inverted: bool = False,
+    direction: str | Sequence[float] | None = None,
+    progress: Tell = None,
+) -> Piece:
+    """The piece with its spirals changed by one stroke, as far as they can be cut; what was made from the former ones is dropped.
+
+    brush : "stiffer", "softer", "smooth", "twist", "width", "along" (a ``direction``), or "stiffness", which sets it to what
+        ``where`` says, from 0, the softest, to 1, the stiffest
+    where : how much, from 0 to 1: a number for all, one for each quad, numbers of quads as "1,2,3", "lowest", or the name of
+        a vertex group, a colour or an attribute of the object
+    strength : share of the way to what the brush leads to; inverted : the other way round
+    direction : "x", "y", "z" or three numbers
+
+    Protected spirals stay as they are. Optimising begins with these spirals then and no others.
+    """
+    told = progress_of(progress)
+    ready = go_to(piece, "design", told.part(0.0, 0.8))
+    design, kept = stages.needed(ready.result, "design"), ready.result.protected
+    weight, share = field(ready, where), _share(strength)
+    level = weight if brush == "stiffness" else None
+    stroke = painting.Stroke(inverted, None if direction is None else _direction(direction), level)
+    weight = np.full(len(weight), share) if level is not None else share * weight
+    changed = painting.painted(design, brush, weight, stroke, kept=kept)
+    free = np.ones(len(weight), dtype=bool)
+    free[[] if kept is None else kept] = False
+    sound = proved(changed, told.part(0.8, 1.0), free=free)
+    made = stages.without(ready.result, stages.made_from({"design"}))
+    return replace(ready, made=replace(made, design=sound))
+
+
+def protect(piece: Piece, where: Where | None) -> Piece:
+    """The piece with other spirals that the optimiser leaves exactly as they are; ``where`` as in ``paint``, None for none of them.
+
+    All quads count where it is more than a half, and those of a vertex group that hold half of its weight.
+    """
+    quads = None if where is None else np.flatnonzero(field(piece, where) >= 0.5)
+    return replace(piece, made=replace(piece.result, protected=quads if quads is not None and len(quads) else None))
+
+
+def field(piece: Piece, where: Where) -> np.ndarray:
+    """(F,) from 0 to 1: what ``where`` says of every quad; raises ``FlexMapsError`` where it says nothing that can be read."""
+    count = len(piece.mesh.quads)
+    if isinstance(where, str):
+        if piece.uid is not None:
+            from ..bridge.store import fields, objects
+
+            if where in fields.names(objects.find(piece.uid)):
+                return fields.of_uid(piece.uid, where)
+        try:
+            quads = standing(piece.mesh, where)
+        except FlexMapsError:
+            text = f"'{where:.60}' is no group, colour or attribute of {piece.name}; nor numbers of quads from 0 to {count - 1}, nor 'lowest'"
+            raise FlexMapsError(text) from None
+        chosen = np.zeros(count)
+        chosen[quads] = 1.0
+        return chosen
+    values = _numbers(where)
+    if values.shape not in ((), (count,)):
+        raise FlexMapsError(f"{piece.name} has {count} quads; give one number for all of them, or {count}")
+    if not ((values >= 0.0) & (values <= 1.0)).all():
+        raise FlexMapsError("How much is painted goes from 0 to 1; give numbers between them")
+    return np.broadcast_to(values, (count,)).astype(float)
+
+
+def _numbers(where: Any) -> np.ndarray:
+    try:
+        return np.asarray(where, dtype=float)
+    except (TypeError, ValueError):
+        raise FlexMapsError(f"'{where!s:.60}' are no numbers from 0 to 1") from None
+
+
+def _share(strength: Any) -> float:
+    value = _numbers(strength)
+    if value.shape or not 0.0 <= float(value) <= 1.0:
+        raise FlexMapsError(f"Strength '{strength!s:.30}': give a number from 0 to 1")
+    return float(value)
+
+
+def _direction(given: str | Sequence[float]) -> np.ndarray:
+    """(3,) of an axis by its name, or of three numbers."""
+    way = AXES.get(given) if isinstance(given, str) else given
+    try:
+        found = np.asarray(way, dtype=float)
+    except (TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
+        raise FlexMapsError(f"Direction '{given!s:.60}': give x, y, z, or three numbers")
+    return found

@@ -1,0 +1,22 @@
+"""Runs in a Blender of its own, as a script: renders the scene of a file, as that says. ``second_render`` starts it.
+
+The last two words are the file, and "film" or "picture".
+"""
+
+import os
+import sys
+import traceback
+
+import bpy
+
+pack, kind = sys.argv[-2:]
+try:
+    with bpy.data.libraries.load(pack) as (there, here):
+        here.scenes = list(there.scenes)
+    bpy.ops.render.render(write_still=kind == "picture", animation=kind == "film", scene=here.scenes[0].name)
+except Exception:
+    traceback.print_exc()
+    sys.stdout.flush()
+    os._exit(1)
+sys.stdout.flush()
+os._exit(0)

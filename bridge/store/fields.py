@@ -1,0 +1,111 @@
+"""Numbers that a user has put on an object with Blender's own tools, as one a quad: weights, colours, marks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ...engine.arrays import Float, Int
+from ...engine.errors import FlexMapsError
+from . import attributes, objects
+
+if TYPE_CHECKING:
+    from .surface import Surface
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear red, green and blue (ITU-R BT.709)
+PROTECT = attributes.PREFIX + "protect"
+
+
+def names(obj: bpy.types.Object) -> list[str]:
+    """What ``of`` can read: vertex groups, then colours, then other numbers on the mesh that are not ours or Blender's own."""
+    groups = [group.name for group in obj.vertex_groups]
+    usable = [
+        a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
+    ]
+    return [*groups, *(name for name in usable if name not in groups)]
+
+
+def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, " quads"]:
+    """A vertex group's weights, a colour's brightness, or any numbers of that name, from 0 to 1 as they are; a mean over each quad.
+
+    Raises ``FlexMapsError`` where there is nothing of that name, or nothing that can be read.
+    """
+    with attributes.readable(obj) as data:
+        group = obj.vertex_groups.get(name)
+        if group is not None:
+            return _over_quads(surface, _weights(data, group.index), "POINT")
+        attribute = data.attributes.get(name)
+        if attribute is None:
+            raise FlexMapsError(f"'{obj.name}' has no vertex group, colour or attribute '{name}'")
+        if attribute.data_type not in _KINDS or attribute.domain not in _DOMAINS:
+            raise FlexMapsError(f"'{name}' of '{obj.name}' holds no numbers or colours of vertices, faces or corners")
+        prop, width = _KINDS[attribute.data_type]
+        kind = bool if attribute.data_type == "BOOLEAN" else np.int32 if attribute.data_type == "INT" else np.float32
+        values: np.ndarray = np.empty(width * len(attribute.data), kind)
+        attribute.data.foreach_get(prop, values)
+        seen = values.reshape(-1, width).astype(float)
+        found = _over_quads(surface, seen[:, :3] @ LUMINANCE if width > 1 else seen[:, 0], attribute.domain)
+    if not np.isfinite(found).all():
+        raise FlexMapsError(f"'{name}' of '{obj.name}' holds something that is no number; mend it, or take another one")
+    return found
+
+
+def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
+    """The same of an object that was read earlier."""
+    from . import mesh
+
+    obj = objects.find(uid)
+    return of(obj, mesh.read_surface(obj, bpy.context.scene), name)
+
+
+def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
+    """Mark the spirals that Optimise has to leave as they are, and no others; takes the marks away where there are none."""
+    if quads is None or not len(quads):
+        attributes.remove(obj, PROTECT)
+        return
+    marks = np.zeros(len(obj.data.polygons), np.int32)
+    marks[quads] = 1
+    attributes.put(obj, PROTECT, *attributes.OURS["protect"][:2], marks)
+
+
+def protected(obj: bpy.types.Object) -> int:
+    """How many spirals are marked so; cheap enough for a panel. 0 in edit mode, where nothing is painted."""
+    found = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
+    return 0 if found is None else int(found.sum())
+
+
+def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) -> None:
+    """How stiff every spiral is, N mm/rad; any other design drops it."""
+    attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
+
+
+def _weights(data: bpy.types.Mesh, index: int) -> Float[np.ndarray, " vertices"]:
+    """Of a vertex group; 0 for vertices outside it."""
+    return np.array([next((g.weight for g in v.groups if g.group == index), 0.0) for v in data.vertices])
+
+
+def _over_quads(surface: Surface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
+    """Values of vertices, faces or corners, in Blender's order, as means over the faces, from 0 to 1."""
+    sizes = surface.polygons.sizes
+    if domain != "FACE":
+        at = surface.loops if domain == "CORNER" else surface.polygons.corners
+        face = np.repeat(np.arange(len(sizes)), sizes)
+        values = np.bincount(face, weights=values[at], minlength=len(sizes)) / sizes
+    return np.clip(values, 0.0, 1.0)
+
+
+def _own(name: str) -> bool:
+    return name.startswith((attributes.PREFIX, ".")) or name in {"sharp_face", "sharp_edge", "material_index"}
+
+
+# kinds of attributes that are read: the property of their data, and numbers an element
+_KINDS = {
+    "FLOAT": ("value", 1),
+    "INT": ("value", 1),
+    "BOOLEAN": ("value", 1),
+    "FLOAT_COLOR": ("color", 4),
+    "BYTE_COLOR": ("color", 4),
+}
+_DOMAINS = {"POINT", "FACE", "CORNER"}

@@ -1,0 +1,119 @@
+"""Painted spirals in Blender: the easel between strokes, weights and colours, protection, and scripts and the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from flexmaps import api
+from flexmaps.bridge.store import fields, mesh, notes, states
+from flexmaps.bridge.view import easel
+from flexmaps.command.main import main
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.spirals.painting import Stroke
+from support.buttons import press
+
+
+def _kinds(obj: Any) -> dict[str, str]:
+    return {name: state.kind for name, state in states.of(obj, bpy.context.scene).items()}
+
+
+def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated: Any, attribute: Any) -> None:
+    assert _kinds(simulated)["equilibrium"] == "DONE"
+    before = attribute(simulated, "flexmaps_twist")
+    on = easel.of(simulated, bpy.context.scene)
+    centre = on.ground.centres[12]
+    weight = on.ground.weight(centre, on.ground.normals[12], 0.05)
+    assert 0 < (weight > 0).sum() < len(weight) and weight[12] == 1.0
+    on.paint("stiffer", 0.8 * weight, Stroke())
+    on.write(bpy.context.scene)
+    after = attribute(simulated, "flexmaps_twist")
+    assert (after[weight > 0.3] < before[weight > 0.3]).all() and (after[weight == 0] == before[weight == 0]).all()
+    kinds = _kinds(simulated)
+    assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "OLD"
+    assert notes.read(simulated.data)["spirals"]["painted"]
+    assert bpy.context.window_manager.flexmaps_overlay == "STIFFNESS"
+    assert easel.of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
+    simulated.flexmaps.optimise.iterations, simulated.flexmaps.optimise.codesign = 1, False
+    press("optimise")  # from these spirals, and no others
+    assert notes.read(simulated.data)["optimise"]["start"] == "given"
+    assert easel.of(simulated, bpy.context.scene) is not on, "but not when something else changed the spirals"
+    press("spirals")
+    assert "painted" not in notes.read(simulated.data)["spirals"]
+
+
+def test_a_stroke_taken_back_leaves_everything_as_it_was(spiralled: Any, content: Any) -> None:
+    before = content(spiralled)
+    on = easel.of(spiralled, bpy.context.scene)
+    on.paint("softer", np.ones(len(on.design.twist)), Stroke())
+    on.paint("protect", np.ones(len(on.design.twist)), Stroke())
+    assert on.changed.any() and on.protected.all()
+    on.revert()
+    assert not on.changed.any() and not on.protected.any() and content(spiralled) == before
+
+
+def test_stiffness_from_weights_and_colours(spiralled: Any, attribute: Any) -> None:
+    group = spiralled.vertex_groups.new(name="stiff")
+    places = np.array([v.co for v in spiralled.data.vertices])
+    share = (places[:, 0] - places[:, 0].min()) / np.ptp(places[:, 0])
+    for k, weight in enumerate(share.tolist()):
+        group.add([k], weight, "REPLACE")
+    colour = spiralled.data.color_attributes.new("paint", "BYTE_COLOR", "CORNER")
+    corner = np.array([loop.vertex_index for loop in spiralled.data.loops])
+    grey = np.repeat(share[corner][:, None], 4, axis=1).astype(np.float32)
+    colour.data.foreach_set("color", grey.ravel())
+    assert fields.names(spiralled)[:1] == ["stiff"] and "paint" in fields.names(spiralled)
+    surface = mesh.read_surface(spiralled, bpy.context.scene)
+    exact = share[np.array([f.vertices for f in spiralled.data.polygons])].mean(axis=1)
+    np.testing.assert_allclose(fields.of(spiralled, surface, "stiff"), exact, atol=1e-6)
+    np.testing.assert_allclose(fields.of(spiralled, surface, "paint"), exact, atol=0.02)  # 8 bits
+    press("paint_from", source="stiff", what="stiffness")
+    twist = attribute(spiralled, "flexmaps_twist")
+    assert np.corrcoef(exact, twist)[0, 1] < -0.95
+    press("paint_from", source="stiff", what="protect")
+    np.testing.assert_array_equal(attribute(spiralled, "flexmaps_protect"), exact >= 0.5)
+    press("paint_from", source="paint", what="softer")
+    assert (attribute(spiralled, "flexmaps_twist")[exact >= 0.5] == twist[exact >= 0.5]).all()
+    press("unprotect")
+    assert "flexmaps_protect" not in spiralled.data.attributes
+    for wrong in ("", "nothing", "flexmaps_seam"):
+        with pytest.raises(RuntimeError, match=r"Choose a vertex group|no vertex group|no numbers"):
+            bpy.ops.flexmaps.paint_from(source=wrong)
+
+
+def test_scripts_paint_and_protect_objects(spiralled: Any, attribute: Any) -> None:
+    before = attribute(spiralled, "flexmaps_width")
+    piece = api.protect(api.paint(api.load(spiralled), "stiffer", "1,2,3", strength=0.5), "1")
+    api.show(piece)
+    after = attribute(spiralled, "flexmaps_width").reshape(-1, 4)
+    changed = (after != before.reshape(-1, 4)).any(axis=1)
+    assert np.flatnonzero(changed).tolist() == [1, 2, 3]
+    assert np.flatnonzero(attribute(spiralled, "flexmaps_protect")).tolist() == [1]
+    again = api.load(spiralled)
+    assert again.result.protected.tolist() == [1] and again.result.design.painted
+    free = api.protect(again, None)
+    api.show(free)
+    assert "flexmaps_protect" not in spiralled.data.attributes
+    for words in (
+        {"where": "nobody"},
+        {"where": [1.0, 2.0]},
+        {"strength": 2.0},
+        {"brush": "along"},
+        {"direction": "w"},
+    ):
+        with pytest.raises(FlexMapsError):
+            api.paint(again, **{"brush": "stiffer"} | words)
+
+
+def test_the_command_paints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "painted.blend"
+    words = ["paint", "shape:dome", "--edge", "30", "--brush", "along", "--along", "x", "--protect", "lowest"]
+    assert main([*words, "--out", str(out)]) == 0
+    piece = api.load(out)
+    assert piece.result.design.painted and len(piece.result.protected) > 0
+    assert np.ptp(piece.result.design.width, axis=1).max() > 2e-4
+    assert main(["paint", "shape:dome", "--edge", "30", "--brush", "along"]) == 2
+    assert "direction" in capsys.readouterr().err

@@ -1,0 +1,165 @@
+"""Painted spirals: bounds, symmetry, smoothing, protection, and that a search starts from them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.spiral_stiffness import renewed, stiffness
+from flexmaps.engine.optimisation.optimise import optimise
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.contours import touching
+from flexmaps.engine.spirals.design import SpiralDesign, outside, uniform
+from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, painted
+from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.symmetry import symmetries
+
+POM = MATERIALS["pom"]
+
+
+@lru_cache(maxsize=2)
+def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
+    found = job.run(PolygonMesh.of(shapes.make(name, edge)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def spot(mesh: QuadMesh, quad: int, radius: float) -> np.ndarray:
+    return np.clip(1.0 - np.linalg.norm(mesh.centroids - mesh.centroids[quad], axis=1) / radius, 0.0, 1.0)
+
+
+def test_whatever_is_painted_can_be_cut() -> None:
+    """Room between all arms, widths and twists within the settings, and finished outlines that nowhere touch."""
+    design, mesh = made("saddle", 0.02)
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        brush = rng.choice([name for name in BRUSHES if name != "stiffness"])
+        stroke = Stroke(bool(rng.integers(2)), rng.normal(size=3))
+        weight = spot(mesh, int(rng.integers(len(mesh.quads))), rng.uniform(0.03, 0.15))
+        after = painted(design, str(brush), weight, stroke)
+        still = weight == 0.0
+        assert (after.width[still] == design.width[still]).all() and (after.twist[still] == design.twist[still]).all()
+        design = after
+    assert not Room.of(design.flat, design.params).closed(design.width, design.twist).any()
+    assert not len(outside(design)) and not len(touching(design.outlines()))
+    assert np.ptp(design.width) > 0.5e-3  # something was painted at all
+
+
+def test_brushes_do_what_their_names_say() -> None:
+    design, mesh = made()
+    weight = spot(mesh, 12, 0.07)
+    inside = weight > 0.3
+    before = stiffness(design, POM)
+    assert before is not None
+    for brush, more in (("stiffer", True), ("softer", False)):
+        for inverted in (False, True):
+            after = stiffness(painted(design, brush, weight, Stroke(inverted)), POM)
+            assert after is not None
+            assert ((after > before)[inside] == (more is not inverted)).all()
+    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    wider = painted(even, "width", weight)
+    assert (wider.width[inside] > even.width[inside]).all() and (wider.twist == even.twist).all()
+    wound = painted(design, "twist", weight, Stroke(inverted=True))
+    assert (wound.twist[inside] < design.twist[inside]).all() and (wound.width == design.width).all()
+
+
+def test_along_widens_the_arms_that_lie_along_and_thins_those_across() -> None:
+    design, _ = made()
+    narrow = replace(design, width=np.full_like(design.width, 1.5e-3), twist=np.zeros_like(design.twist))
+    spokes = Canvas.of(narrow).spokes
+    level = np.abs(spokes[..., 2]).max(axis=1, keepdims=True) < 0.2 * np.abs(spokes).max(axis=(1, 2))[:, None]
+    along = level & (np.abs(spokes[..., 0]) > 2.0 * np.abs(spokes[..., 1]))
+    across = level & (np.abs(spokes[..., 1]) > 2.0 * np.abs(spokes[..., 0]))
+    ahead = painted(narrow, "along", np.ones(len(along)), Stroke(direction=np.array([1.0, 0.0, 0.0])))
+    aside = painted(narrow, "along", np.ones(len(along)), Stroke(True, np.array([1.0, 0.0, 0.0])))
+    assert along.any() and across.any()
+    assert (ahead.width[along] > 1.6e-3).all() and (ahead.width[across] < 1.4e-3).all()
+    assert (aside.width[along] < 1.4e-3).all() and (aside.width[across] > 1.6e-3).all()
+
+
+def test_a_symmetric_stroke_gives_a_symmetric_design() -> None:
+    design, mesh = made()
+    mirror = next(one for one in symmetries(mesh) if one.mirrors)
+    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    assert np.ptp(even.width) < 1e-9 and np.ptp(even.twist) < 1e-9
+    one = spot(mesh, 5, 0.08)
+    weight = np.maximum(one, one[mirror.quads])
+    for brush in ("stiffer", "width", "twist"):
+        after = painted(even, brush, 0.3 * weight)
+        np.testing.assert_allclose(after.width.mean(axis=1)[mirror.quads], after.width.mean(axis=1), rtol=1e-9)
+        np.testing.assert_allclose(after.twist[mirror.quads], after.twist, rtol=1e-9)
+        assert np.ptp(after.width) + np.ptp(after.twist) > 1e-4
+
+
+def test_smoothing_lowers_the_variation_and_leaves_even_spirals_as_they_are() -> None:
+    design, mesh = made()
+    rng = np.random.default_rng(2)
+    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    same = painted(even, "smooth", np.ones(len(even.twist)))
+    np.testing.assert_allclose(same.width, even.width, rtol=1e-12)
+    pairs = mesh.edge_quads[~mesh.border]
+    rough = replace(
+        even, width=rng.uniform(1.1e-3, 1.7e-3, even.width.shape), twist=rng.uniform(0.5, 1.5, even.twist.shape)
+    )
+    variation = []
+    for _ in range(6):
+        width = rough.width.mean(axis=1)
+        variation.append(
+            [float(((v[pairs[:, 0]] - v[pairs[:, 1]]) ** 2).sum()) for v in (width, rough.twist)]
+            + [float(np.ptp(rough.width, axis=1).mean())]
+        )
+        rough = painted(rough, "smooth", np.ones(len(rough.twist)))
+    assert (np.diff(np.array(variation), axis=0) < 0.0).all()
+
+
+def test_a_level_of_stiffness_orders_the_spirals() -> None:
+    design, mesh = made()
+    level = np.clip(mesh.centroids[:, 0] / np.ptp(mesh.centroids[:, 0]) + 0.5, 0.0, 1.0)
+    after = painted(design, "stiffness", np.ones(len(level)), Stroke(level=level))
+    found = stiffness(after, POM)
+    assert found is not None
+    assert np.corrcoef(np.argsort(np.argsort(level)), np.argsort(np.argsort(found)))[0, 1] > 0.95
+    with pytest.raises(FlexMapsError, match="How stiff"):
+        painted(design, "stiffness", np.ones(len(level)))
+    with pytest.raises(FlexMapsError, match="no brush 'stif'"):
+        painted(design, "stif", np.ones(len(level)))
+    with pytest.raises(FlexMapsError, match="a weight"):
+        painted(design, "softer", np.full(len(level), np.nan))
+
+
+def test_stiffness_of_a_part_is_that_of_the_whole() -> None:
+    design, mesh = made()
+    before = stiffness(design, POM)
+    after = painted(design, "stiffer", spot(mesh, 7, 0.05))
+    changed = (after.width != design.width).any(axis=1) | (after.twist != design.twist)
+    assert before is not None and 0 < changed.sum() < len(changed)
+    np.testing.assert_allclose(renewed(before, after, POM, changed), stiffness(after, POM), rtol=1e-12)
+
+
+@pytest.mark.parametrize("codesign", [False, True])
+def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bool) -> None:
+    design, mesh = made()
+    kept = np.flatnonzero(spot(mesh, 12, 0.06) > 0.0)
+    mine = painted(design, "stiffer", np.where(np.isin(np.arange(len(design.twist)), kept), 0.7, 0.0))
+    params = OptimiseParams(iterations=3, codesign=codesign, smoothness=0.01, strain_share=0.0, open_slots=False)
+    found = optimise(mine, mesh, POM, params, SimulateParams(), kept=kept, prove=False)
+    assert found.start == "given"  # painted spirals are where it starts, though others may lie nearer
+    assert (found.design.width[kept] == mine.width[kept]).all() and (found.design.twist[kept] == mine.twist[kept]).all()
+    free = np.setdiff1d(np.arange(len(design.twist)), kept)
+    assert np.abs(found.design.width[free] - mine.width[free]).max() > 1e-5
+    assert found.after.match["laplacian_rmse_mm"] < 0.95 * found.before.match["laplacian_rmse_mm"]
+    shape, was = (d.flat.corners[kept] - d.flat.corners[kept].mean(axis=1, keepdims=True) for d in (found.design, mine))
+    np.testing.assert_allclose(shape, was, atol=1e-12)
+    if codesign:
+        moved = found.design.flat.corners[free] - found.design.flat.corners[free].mean(axis=1, keepdims=True)
+        still = mine.flat.corners[free] - mine.flat.corners[free].mean(axis=1, keepdims=True)
+        assert np.abs(moved - still).max() > 1e-5
+    with pytest.raises(FlexMapsError, match="All spirals are protected"):
+        optimise(mine, mesh, POM, params, SimulateParams(), kept=np.arange(len(design.twist)))

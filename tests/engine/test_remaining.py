@@ -1,0 +1,49 @@
+"""Time that is left: of even work exactly, of work that slows down nearly, and never before anybody can know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flexmaps.engine.remaining import FIRST_SECONDS, Remaining, told
+
+
+def test_of_even_work_it_is_exact() -> None:
+    left = Remaining()
+    for now in np.arange(0.0, 60.0, 0.1):
+        left.report(now, now / 100.0)
+        found = left.seconds(now)
+        if now < FIRST_SECONDS:
+            assert found is None
+        else:
+            assert found == pytest.approx(100.0 - now, rel=0.02)
+    assert len(left.seen) <= 400
+
+
+def test_work_that_slows_down_is_seen_to() -> None:
+    """Half of the work in a tenth of the time: later on the pace of now counts."""
+    left = Remaining()
+    for now in np.arange(0.0, 60.0, 0.5):
+        left.report(now, now / 20.0 if now < 10.0 else 0.5 + (now - 10.0) / 180.0)
+    found = left.seconds(60.0)
+    assert found is not None and abs(np.log(found / 40.0)) < np.log(1.7)
+    left.report(60.0, 0.2)  # a report that goes back is none
+    assert left.seconds(60.0) == found
+
+
+def test_nothing_is_told_where_nothing_is_done() -> None:
+    left = Remaining()
+    assert left.seconds(100.0) is None
+    left.report(1.0, 0.0)
+    assert left.seconds(100.0) is None
+
+
+def test_times_are_said_as_people_say_them() -> None:
+    assert [told(s) for s in (0.0, 3.0, 12.0, 58.0, 100.0, 5000.0, 6000.0)] == [
+        "5 s",
+        "5 s",
+        "10 s",
+        "1 min",
+        "2 min",
+        "83 min",
+        "1.7 h",
+    ]
