@@ -33,7 +33,8 @@ from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
 DEGREES, SHOWN, NOISE = 30.0, 0.6, 0.001  # a start's largest turn, share of the surface, noise as a share of the size
-DENSE, LOWER = 24, 0.02  # points of a scan to every spiral; share of the size by which a table stands lower, or a wall off
+DENSE = 24  # points of a scan to every spiral
+LOWER = 0.02  # share of the size by which a table stands lower, or a wall away
 # of every family of the zoo at least one, those that slide in themselves (gable, accordion, barrel, dome) among them
 MADE = (
     "cube", "torus", "dome", "saddle", "vault", "hypar", "barrel", "three_holes", "coil", "elbow", "gable", "accordion", "vase",
