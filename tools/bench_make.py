@@ -1,11 +1,14 @@
 """Scans of built pieces: how many of random starts end with the scan over the surface.
 
-python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--json FILE]
+python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--tables] [--json FILE]
 
 Every start shows three fifths of a surface, with noise, a table below and outliers, turned by up to 30 degrees, or, with
 ``--anywhere``, by any angle. It is judged by the root mean square distance between the surface and the scan's true points where
 they were laid, not by the pose: symmetric surfaces have several right ones. No noise is in what is judged. Surfaces come in
 turns, so that a bench that was stopped has a share of all; it goes on from the starts that are in the file.
+
+``--tables`` asks instead whether what the scan shows beside the piece is told from it: a table that the piece stands on, one a
+little below, one with a wall behind, all with the scan's noise, and none.
 """
 
 from __future__ import annotations
@@ -25,11 +28,13 @@ from flexmaps.engine.scanning.reading import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
-from rows import Table, at_least, row
+from rows import Row, Table, at_least, at_most, row
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
 DEGREES, SHOWN, NOISE = 30.0, 0.6, 0.001  # a start's largest turn, share of the surface, noise as a share of the size
+DENSE = 24  # points of a scan to every spiral
+LOWER = 0.02  # share of the size by which a table stands lower, or a wall away
 # of every family of the zoo at least one, those that slide in themselves (gable, accordion, barrel, dome) among them
 MADE = (
     "cube", "torus", "dome", "saddle", "vault", "hypar", "barrel", "three_holes", "coil", "elbow", "gable", "accordion", "vase",
@@ -44,13 +49,25 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--starts", type=int, default=1000, help="starts over all surfaces")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--anywhere", action="store_true", help="turned by any angle")
+    parser.add_argument("--tables", action="store_true", help="whether tables and walls are told from the piece")
     parser.add_argument("--json", type=Path, help="write the starts here too, and go on from those that are there")
     options = parser.parse_args(arguments)
     names = [name for name in MADE if any(fnmatch.fnmatch(name, one) for one in options.only.split(","))]
+    table = Table(26)
+    if options.tables:
+        for name in names:
+            table.add(*told_apart(name))
+    else:
+        table.add(*laid_back(names, options))
+    table.finish(None)
+    return 0
+
+
+def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
+    """How many starts end right, of every surface and in all."""
     known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else {}
-    starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names][
-        : options.starts
-    ]
+    starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names]
+    starts = starts[: options.starts]
     for name, seed in starts:
         if f"{name} {seed}" in known:
             continue
@@ -60,27 +77,43 @@ def main(arguments: list[str]) -> int:
             beside = options.json.with_suffix(".new")
             beside.write_text(json.dumps(known) + "\n")
             beside.replace(options.json)
-    table = Table(26)
-    ends = {name: np.array([known[f"{one} {seed}"][0] for one, seed in starts if one == name]) for name in names}
-    for name, found in ends.items():
+    rows = []
+    for name in names:
+        found = np.array([known[f"{one} {seed}"][0] for one, seed in starts if one == name])
         if len(found):
-            table.add(row(name, "starts that end right", f"of {len(found)}", float(np.mean(found <= NEAR)), None))
-            table.add(row(name, "median distance", "", float(f"{np.median(found):.2g}"), None))
+            rows.append(row(name, "starts that end right", f"of {len(found)}", float(np.mean(found <= NEAR)), None))
+            rows.append(row(name, "median distance", "", float(f"{np.median(found):.2g}"), None))
+            rows.append(row(name, "largest distance", "", float(f"{found.max():.2g}"), None))
     if starts:
-        table.add(
-            row(
-                "all",
-                "processor seconds, median",
-                "",
-                float(np.median([known[f"{a} {b}"][1] for a, b in starts])),
-                None,
-            )
+        ends, seconds = np.array([known[f"{name} {seed}"] for name, seed in starts]).T
+        rows.append(row("all", "processor seconds, median", "", float(np.median(seconds)), None))
+        rows.append(row("all", "starts", "", len(starts), None))
+        rows.append(at_least("all", "starts that end right", WANTED, float(np.mean(ends <= NEAR))))
+    return rows
+
+
+def told_apart(name: str) -> list[Row]:
+    """RMS and largest distance of the spirals, percent of the size, of scans with a table, a lower one, a wall too, and with none."""
+    mesh, rows = _mesh(name), []
+    for beside in ("table", "lower table", "table and wall", "nothing"):
+        random = np.random.default_rng(0)
+        true, size = _shown(mesh, max(8000, DENSE * len(mesh.quads)), random)
+        low, middle = true.min(axis=0), true.mean(axis=0)
+        table, wall = middle + 0.6 * size * (random.random((2, 1500, 3)) - 0.5)
+        table[:, 2], wall[:, 0] = low[2] - (LOWER * size if beside == "lower table" else 0.0), low[0] - LOWER * size
+        parts = [true, table, wall][: {"nothing": 1, "table and wall": 3}.get(beside, 2)]
+        clean = np.concatenate(parts)
+        scan = np.concatenate(
+            [clean + NOISE * size * random.normal(size=clean.shape), middle + size * (random.random((200, 3)) - 0.5)]
         )
-        table.add(
-            at_least("all", "starts that end right", WANTED, float(np.mean(np.concatenate([*ends.values()]) <= NEAR)))
-        )
-    table.finish(None)
-    return 0
+        try:
+            found = compare(mesh, Scan(scan, unit="m", anywhere=False))
+            rms, most = 100 * found.rms / size, 100 * found.highest / size
+        except FlexMapsError:
+            rms = most = float("inf")
+        rows.append(at_most(name, f"{beside}: RMS %", 100 * NEAR, rms))
+        rows.append(at_most(name, f"{beside}: largest %", 300 * NEAR, most))
+    return rows
 
 
 def _mesh(name: str) -> QuadMesh:
@@ -88,16 +121,21 @@ def _mesh(name: str) -> QuadMesh:
     return as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)
 
 
+def _shown(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Of ``count`` true points of a surface those that a scan shows, on one side of a random plane; and the size."""
+    of = random.choice(len(mesh.quads), count, p=mesh.areas / mesh.areas.sum())
+    corners = mesh.quads[of][:, [0, 1, 2]]
+    corners[::2] = mesh.quads[of][::2][:, [0, 2, 3]]
+    true = np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), count), mesh.vertices[corners])
+    size = float(np.linalg.norm(np.ptp(true, axis=0)))
+    side = true @ random.normal(size=3)
+    return true[side < np.quantile(side, SHOWN)], size
+
+
 def _end(mesh: QuadMesh, seed: int, anywhere: bool) -> float:
     """RMS distance of the true points from the surface where they were laid, as a share of the size; infinite if refused."""
     random = np.random.default_rng(seed)
-    of = random.choice(len(mesh.quads), 8000, p=mesh.areas / mesh.areas.sum())
-    corners = mesh.quads[of][:, [0, 1, 2]]
-    corners[::2] = mesh.quads[of][::2][:, [0, 2, 3]]
-    true = np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), 8000), mesh.vertices[corners])
-    size = float(np.linalg.norm(np.ptp(true, axis=0)))
-    side = true @ random.normal(size=3)
-    true = true[side < np.quantile(side, SHOWN)]
+    true, size = _shown(mesh, 8000, random)
     low, middle = true.min(axis=0), true.mean(axis=0)
     table = np.column_stack([middle[:2] + 0.6 * size * (random.random((1500, 2)) - 0.5), np.full(1500, low[2])])
     others = np.concatenate([table, middle + size * (random.random((200, 3)) - 0.5)])

@@ -121,6 +121,7 @@ def _overview(
         "seam is engraved with the seam's letters and its number:",
         "A1 goes to A1, A2 to A2. The engraved side is outside.",
         "Work along a seam from one end to the other.",
+        *_letters(sheets),
         *_without_head(sheets),
     ):
         page.text(said, (0.135, y), 0.0025, INK)
@@ -128,6 +129,15 @@ def _overview(
     _thumbnails(page, Box(MARGIN, 0.075, WIDTH - 2 * MARGIN, 0.07), sheets, look, progress)
     _seam_list(page, Box(MARGIN, 0.014, WIDTH - 2 * MARGIN, 0.056), flat, look, checked)
     return page
+
+
+def _letters(sheets: CutSheets) -> list[str]:
+    """Lines that say what stands before all labels where several pieces lie on the sheets."""
+    marks = dict.fromkeys(p.mark for p in sheets.panels if p.patch >= 0 and p.mark)
+    if not marks:
+        return []
+    said = f"Before each stands the letter of the copy, {' or '.join(marks)}, and a dash: only one letter goes into one piece."
+    return textwrap.wrap(said, 52, max_lines=4, placeholder=" ...")
 
 
 def _without_head(sheets: CutSheets) -> list[str]:

@@ -1,4 +1,4 @@
-"""Several pieces, or several copies of one, on common sheets: every copy gets a letter, which stands before its panels' numbers.
+"""Several pieces, or several copies of one, on common sheets: every copy gets a letter, which stands before whatever is engraved on it.
 
 Sheets are shared by what is cut from the same material with the same tool, so that has to be alike.
 """
@@ -77,9 +77,11 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     of = tuple(k for k, part in enumerate(parts) for _ in range(part.copies))
     panels: list[Panel] = []
     keys: list[Panel] = []
+    labels = np.zeros(2, dtype=int)
     for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
-        made = _marked(parts[k], copy, mark, params)
+        made, placed, left_out = _marked(parts[k], copy, mark, params)
+        labels += [placed, left_out]
         panels += [p for p in made if p.kind != "key"]
         keys += [p for p in made if p.kind == "key"]
     turns = np.array([along_grain(parts[of[p.piece]].design, params) for p in panels])
@@ -93,8 +95,8 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     several = [one.sheets for k in of for one in (parts[k],)]
     warnings = [f"{part.name}: {said}" for part in parts for said in part.sheets.warnings]
     sheets = CutSheets(
-        (*panels, *keys), packing, params, tuple(warnings), sum(s.labels_placed for s in several),
-        sum(s.labels_left_out for s in several), min(s.slot_min for s in several), min(s.bridge_min for s in several),
+        (*panels, *keys), packing, params, tuple(warnings), int(labels[0]), int(labels[1]),
+        min(s.slot_min for s in several), min(s.bridge_min for s in several),
         first.thickness, first.cut, _joined([s.connections for s in several]),
     )  # fmt: skip
     return Batch(tuple(parts), sheets, of)
@@ -122,16 +124,19 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
                 )
 
 
-def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> list[Panel]:
-    """The panels, plates and loose keys of one copy, engraved with its letter."""
+def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], int, int]:
+    """The panels, plates and loose keys of one copy, engraved with its letter; how many labels have room, and how many none."""
     made = part.sheets
     design = part.design if made.base is None else made.base.design
     known = [p for p in made.panels if p.kind != "key"]
+    placed, left_out = made.labels_placed, made.labels_left_out
     if mark:
-        labels = engraved(design, made.connections, params, made.base, mark).strokes
-        known = [replace(p, labels=labels[p.patch]) if p.patch >= 0 else p for p in known]
+        labels = engraved(design, made.connections, params, made.base, mark)
+        placed, left_out = labels.placed, labels.left_out
+        plates = iter(() if made.base is None else made.base.plate_labels(params, mark))
+        known = [replace(p, labels=labels.strokes[p.patch] if p.patch >= 0 else next(plates)) for p in known]
     keys = loose_keys(made.connections, params, mark)
-    return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)]
+    return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)], placed, left_out
 
 
 def _joined(some: Sequence[Connections]) -> Connections:

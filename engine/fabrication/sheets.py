@@ -19,7 +19,7 @@ from .connectors.connect import Connections, connect
 from .nesting.nest import nest
 from .nesting.packing import Packing, fill, used_length
 from .panels.kerf import cut_paths
-from .panels.labels import Labels, key_label, make_labels
+from .panels.labels import Labels, key_label, make_labels, marked
 from .panels.panel import Panel
 from .panels.toolpath import WAY, Runs, plan
 from .standing.base import Base
@@ -165,7 +165,7 @@ def engraved(
         return Labels(((),) * len(made.outlines), 0, 0)
     taken = np.where(design.absent, np.inf, made.taken)
     labels = make_labels(design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark)
-    more = {} if base is None else base.foot_labels(params)
+    more = {} if base is None else base.foot_labels(params, mark)
     return replace(labels, strokes=tuple((*s, *more.get(i, ())) for i, s in enumerate(labels.strokes)))
 
 
@@ -196,7 +196,7 @@ def _plates(base: Base | None) -> tuple[Panel, ...]:
 
 def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
     """The loose keys as panels; ``mark`` is the letter of their piece."""
-    keyed = [(f"{mark}-{c.name}" if mark else c.name, c.made) for c in made.connectors if c.kind == "key"]
+    keyed = [(marked(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
         Panel(
             0,

@@ -12,7 +12,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.panels import lettering
-from flexmaps.engine.fabrication.panels.labels import panel_name
+from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
 from flexmaps.engine.fabrication.writers import export, parts
 from flexmaps.engine.params import ObjectSettings, changed
 from flexmaps.engine.runs import job
@@ -51,9 +51,10 @@ def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
 
 
 def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
-    """The strokes that a copy's panel has and its plain panel has not are those of its letter."""
+    """The strokes that a copy's panel has and its plain panel has not are those of its letter, before the number and every joint."""
     made = together(["arch"], pieces[:1], copies(2))
     plain = together(["arch"], pieces[:1], copies(1))
+    layout = made.parts[0].design.flat.layout
     assert {p.mark for p in plain.sheets.panels} == {""} and {p.mark for p in made.sheets.panels if p.patch >= 0} == {
         "A",
         "B",
@@ -61,10 +62,15 @@ def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
     for mark in "AB":
         for panel in (p for p in made.sheets.panels if p.patch >= 0 and p.mark == mark):
             bare = next(p for p in plain.sheets.panels if p.patch == panel.patch)
-            more = len(lettering.strokes(panel_name(panel.patch, mark))) - len(
-                lettering.strokes(panel_name(panel.patch))
-            )
+            joints = [name for (quad, _), name in seam_labels(layout).items() if layout.patch_of[quad] == panel.patch]
+            both = [
+                (panel_name(panel.patch, mark), panel_name(panel.patch)),
+                *((f"{mark}-{j}", j) for j in joints),
+            ]
+            more = sum(len(lettering.strokes(a)) - len(lettering.strokes(b)) for a, b in both)
             assert len(panel.labels) - len(bare.labels) == more > 0
+    assert made.sheets.labels_left_out == plain.sheets.labels_left_out == 0
+    assert made.sheets.labels_placed == 2 * plain.sheets.labels_placed
 
 
 def test_parts_list_and_files(pieces: list[Result], tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single 
 FULLEST = 1.05  # share of a sheet that the convex hulls of a set of panels may have for the set to be tried
 PATIENCE = 4  # orders tried in a row without an improvement before the search ends
 TURN = 1  # seconds for one set of panels
+GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
 MANY = 400  # most panels that are searched for; the quick packing fills sheets with so many as well as time allows
 LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
 
@@ -312,7 +313,7 @@ class _Search:
             "seed": self.params.seed,
         }
         best = None
-        for solution in self.worker.solutions(task, seconds + PATIENCE):
+        for solution in self.worker.solutions(task, seconds + GRACE):
             best = solution if solution is not None else best
             if best is not None and best.width <= enough + 2.0 * self.separation:
                 self.worker.stop()

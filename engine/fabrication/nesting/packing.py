@@ -233,6 +233,16 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
     return area / float(packing.areas.sum() - max(spare, 0.0))
 
 
+def fill_but_offcuts(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
+    """The same where of every sheet only the used end counts, for what lies beyond is kept as it comes off, by one straight cut."""
+    ends = [
+        min(used_length(packing, shapes, k) + margin, width) for k, width in enumerate(packing.sizes[:, 0].tolist())
+    ]
+    rest = (packing.sizes[:, 0] - ends) * packing.sizes[:, 1]
+    rest[: len(packing.remnants)] = 0.0  # odd pieces have no straight end
+    return area / float(packing.areas.sum() - rest.sum())
+
+
 def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
     """Whether a box of this size, in metres, longer side first, fits on the sheet: either way round, or along the grain."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]

@@ -46,6 +46,11 @@ def seam_name(number: int) -> str:
     return name
 
 
+def marked(name: str, mark: str) -> str:
+    """What is engraved for a name of a piece that has a letter, so that no other piece on the same sheets bears it too."""
+    return f"{mark}-{name}" if mark else name
+
+
 def panel_name(patch: int, mark: str = "") -> str:
     """The panel's number, patch + 1; with a dot after numbers that are others upside down.
 
@@ -53,7 +58,7 @@ def panel_name(patch: int, mark: str = "") -> str:
     """
     number = str(patch + 1)
     if mark:
-        return f"{mark}-{number}"
+        return marked(number, mark)
     return number + "." if set(number) <= set("01689") and number != number[::-1].translate(_UPSIDE_DOWN) else number
 
 
@@ -90,8 +95,9 @@ def make_labels(
         found = _panel_label(panel_name(patch, mark), quads, lines, names, params.label_height)
         strokes[patch].extend(_curves(found))
         placed += 1
-    for number, ((quad, side), name) in enumerate(names.items()):
+    for number, ((quad, side), joint) in enumerate(names.items()):
         progress(0.5 + 0.5 * number / len(names), "labels")
+        name = marked(joint, mark)
         height = lines.height(quad, side, name, params.label_height)
         if height < params.label_min:
             left_out += 1

@@ -68,11 +68,15 @@ class Base:
             "foot_mm": [round(x, 2) for x in (min(reach), max(reach))],
         }
 
-    def foot_labels(self, params: SheetParams) -> dict[int, list[Curve]]:
-        """The number of every foot, engraved along it, by patch."""
+    def plate_labels(self, params: SheetParams, mark: str) -> list[tuple[Curve, ...]]:
+        """What is engraved on every plate of a piece that has this letter."""
+        return [_numbers(p.feet, p.slots, p.outline, params, mark) for p in self.plates]
+
+    def foot_labels(self, params: SheetParams, mark: str = "") -> dict[int, list[Curve]]:
+        """The number of every foot, engraved along it, by patch; ``mark`` is the letter of its piece."""
         found: dict[int, list[Curve]] = {}
         for foot in self.feet if params.labels else ():
-            text, height = foot_name(foot), _height(foot, params)
+            text, height = foot_name(foot, mark), _height(foot, params, mark)
             left = foot.aside * np.array([-foot.way[1], foot.way[0]])
             tip = self.design.arms.centre[foot.quad] + left + (foot.shoulder - 0.6 * length(text) * height) * foot.way
             strokes = [Curve(s, np.zeros(len(s)), closed=False) for s in straight(text, height, tip, foot.way)]
@@ -80,13 +84,13 @@ class Base:
         return found
 
 
-def foot_name(foot: Foot) -> str:
-    """What is engraved on a foot and beside its slot: no panel and no seam is called so."""
-    return f"-{foot.number}-"
+def foot_name(foot: Foot, mark: str = "") -> str:
+    """What is engraved on a foot and beside its slot, with its piece's letter: no panel and no seam is called so."""
+    return f"-{mark}{foot.number}-"
 
 
-def _height(foot: Foot, params: SheetParams) -> float:
-    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot)))
+def _height(foot: Foot, params: SheetParams, mark: str = "") -> float:
+    return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot, mark)))
 
 
 def make_base(
@@ -183,7 +187,9 @@ def _plate(
     return [plate for half in halves for plate in _plate(feet, slots, half, margin, sheet, thickness)]
 
 
-def _numbers(feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams) -> tuple[Curve, ...]:
+def _numbers(
+    feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams, mark: str = ""
+) -> tuple[Curve, ...]:
     """The numbers of the feet beside their slots, on whichever side of them there is room."""
     import shapely
 
@@ -194,8 +200,8 @@ def _numbers(feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: She
     shapely.prepare(plate)
     found: list[Curve] = []
     for foot, corners in zip(feet, slots, strict=True):
-        text = foot_name(foot)
-        height, middle, along = _height(foot, sheet), corners.mean(axis=0), foot.across[:2]
+        text = foot_name(foot, mark)
+        height, middle, along = _height(foot, sheet, mark), corners.mean(axis=0), foot.across[:2]
         for side in (1.0, -1.0):
             beside = np.abs((corners - middle) @ along).max() + BESIDE + 0.5 * height * length(text)
             strokes = straight(text, height, middle + side * beside * along, along)
