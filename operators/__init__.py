@@ -16,6 +16,7 @@ from . import (
     explore,
     export,
     layout,
+    live,
     optimise,
     overlay,
     presets,
@@ -39,6 +40,7 @@ MODULES = (
     choose,
     spirals,
     simulate,
+    live,
     compare,
     structure,
     optimise,
@@ -62,12 +64,14 @@ def register() -> None:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(_before_load)
     overlay.register()
+    live.register()
     presets.register()
 
 
 def unregister() -> None:
     background.stop_current()
     presets.unregister()
+    live.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)
     for cls in reversed(CLASSES):

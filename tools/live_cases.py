@@ -31,7 +31,9 @@ def given_of(made: SpiralDesign, **others: Any) -> Given:
     sizes = np.full(len(mesh.quads), 4)
     cut = flat.layout.cut
     rest = (made.params, LayoutParams(), MaterialParams().chosen, SimulateParams())
-    found = Given(mesh.vertices, mesh.quads.ravel(), sizes, cut, cut, flat.corners, flat.energy, made.width, made.twist, *rest)
+    found = Given(
+        mesh.vertices, mesh.quads.ravel(), sizes, cut, cut, flat.corners, flat.energy, made.width, made.twist, *rest
+    )
     return replace(found, **others)
 
 

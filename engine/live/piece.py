@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float
+from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..mechanics.assembly import Pose
 from ..mechanics.equilibrium import Equilibrium, settling
@@ -36,20 +36,25 @@ class Shape:
     """What there is to see and to say.
 
     vertices : metres, the target's as the hubs carry them; centres : metres, of the hubs; None while there is nothing yet
+    quads : the vertices' quads; distance : metres, of every hub from its quad's middle in the target
     resting : nothing is left to do; converged : whether it is a minimum, where it rests
     problem : why the last change could not be followed; "" where it was
     snapped : millimetres that a spiral has jumped by, 0 where none has
-    rms, farthest : metres, from the target's middles
     """
 
     vertices: Float[np.ndarray, "vertices 3"] | None
     centres: Float[np.ndarray, "spirals 3"] | None
+    quads: Int[np.ndarray, "quads 4"] | None = None
+    distance: Float[np.ndarray, " quads"] | None = None
     resting: bool = False
     converged: bool = False
     problem: str = ""
     snapped: float = 0.0
-    rms: float = 0.0
-    farthest: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """Metres, of the distances to the target; 0 while there is nothing yet."""
+        return 0.0 if self.distance is None else float(np.sqrt((self.distance**2).mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,12 +184,9 @@ class LivePiece:
     def _shape(self) -> Shape:
         problem = self._refused or self._problem
         if self._at is None:
-            return Shape(None, None, True, problem=problem)
-        rig, laid = self._at.rig, self._at.laid
+            return Shape(None, None, resting=True, problem=problem)
+        rig, laid, resting = self._at.rig, self._at.laid, self._work is None
         apart = np.linalg.norm(laid.centres - rig.mesh.centroids, axis=1)
-        rms, farthest = float(np.sqrt((apart**2).mean())), float(apart.max())
         vertices = carried(rig.design, laid, rig.mesh)
-        resting = self._work is None
-        return Shape(
-            vertices, laid.centres, resting, resting and not problem, problem, self._snapped, rms, farthest
-        )
+        ends = resting, resting and not problem, problem, self._snapped
+        return Shape(vertices, laid.centres, rig.mesh.quads, apart, *ends)

@@ -180,11 +180,14 @@ def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.nda
         out[joints] = some
         return out
 
-    pairs = [(one.name, getattr(model.compliance, one.name), getattr(part.compliance, one.name)) for one in fields(ArmCompliances)]
+    pairs = [
+        (one.name, getattr(model.compliance, one.name), getattr(part.compliance, one.name))
+        for one in fields(ArmCompliances)
+    ]
     compliance = ArmCompliances(**{name: put(whole, some) for name, whole, some in pairs})
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving")
-    arrays = {name: put(getattr(model, name), getattr(part, name)) for name in names}
-    return ArmModel(assembly, compliance, material, **arrays)
+    arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
+    return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
 
 
 def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
@@ -192,7 +195,11 @@ def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np
     if not given.simulate.gravity:
         return None, False
     names = ("width", "twist", "spiral")
-    if old is not None and old.flat is design.flat and all(same(getattr(given, n), getattr(old.given, n)) for n in names):
+    if (
+        old is not None
+        and old.flat is design.flat
+        and all(same(getattr(given, n), getattr(old.given, n)) for n in names)
+    ):
         if old.area is not None:
             return old.area, old.guessed
     corners = design.flat.corners
@@ -213,7 +220,9 @@ def _carried(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
     """A pose of the old rig's hubs, whose flat frames may have been turned since."""
     if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
         return pose
-    before, now = ((c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners))
+    before, now = (
+        (c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners)
+    )
     turn = (before * now.conj()).sum(axis=1)  # from the frame of now to that of before
     turn /= np.maximum(np.abs(turn), 1e-300)
     back = np.zeros((len(turn), 3, 3))
