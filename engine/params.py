@@ -595,6 +595,13 @@ class OptimiseParams(Params):
         low=0.0,
         high=1.0,
     )
+    urge: float = setting(
+        1.0,
+        "Urge of wishes",
+        "How much it counts that spirals come to where they are wished, beside the target's shape; 0 leaves wishes aside",
+        low=0.0,
+        high=100.0,
+    )
     smoothness: float = setting(
         0.0,
         "Smoothness",

@@ -15,6 +15,8 @@ from . import (
     example,
     explore,
     export,
+    handle_tool,
+    handles,
     layout,
     live,
     optimise,
@@ -41,6 +43,8 @@ MODULES = (
     spirals,
     simulate,
     live,
+    handles,
+    handle_tool,
     compare,
     structure,
     optimise,
@@ -65,12 +69,14 @@ def register() -> None:
     bpy.app.handlers.load_pre.append(_before_load)
     overlay.register()
     live.register()
+    handle_tool.register()
     presets.register()
 
 
 def unregister() -> None:
     background.stop_current()
     presets.unregister()
+    handle_tool.unregister()
     live.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)

@@ -8,6 +8,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.hosts import live
+from ..bridge.store import handles
 from .rows import wrapped
 
 FINAL = "Live: press Simulate for the final shape and its figures"
@@ -32,3 +33,11 @@ def live_rows(layout: Any, row: Any, context: bpy.types.Context) -> None:
         wrapped(layout.box(), context, text, icon="ERROR")
     elif not following.final:
         wrapped(layout, context, FINAL, icon="INFO")
+
+
+def handle_rows(layout: Any, obj: bpy.types.Object) -> None:
+    """The tool for handles, and what takes them away."""
+    row = layout.row(align=True)
+    row.operator("flexmaps.use_handles", text="Handles", icon="GIZMO")
+    if any(name in obj.data.attributes for name in handles.PREFIXED.values()):
+        row.operator("flexmaps.clear_handles", text="", icon="X")

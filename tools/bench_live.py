@@ -167,7 +167,7 @@ def surfaces(options: argparse.Namespace) -> Iterator[Row]:
             continue
         count += 1
         for _ in range(3):
-            first, rest, shape = piece.follow(stroke(piece.given, rng))
+            _, rest, shape = piece.follow(stroke(piece.given, rng))
             if not shape.converged:
                 lost += 1
                 continue

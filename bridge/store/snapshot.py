@@ -11,11 +11,12 @@ import numpy as np
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.mechanics.assembly import Pose
+from ...engine.optimisation.wishes import Wishes
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
-from . import equilibrium, mesh, notes, objects, settings, supports
+from . import equilibrium, handles, mesh, notes, objects, settings, supports
 from .surface import Surface
 
 
@@ -42,6 +43,7 @@ class Snapshot:
         Members that are stored but cannot be used any more are in ``Result.lost``.
         """
         made = replace(job.begin(self.surface.polygons), supports=self.held, force=self.force, groups=self.groups)
+        made = replace(made, wishes=Wishes.of(made.mesh, handles.wishes(self.surface)))
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:

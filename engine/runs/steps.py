@@ -108,6 +108,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         supports=result.supports,
         force=result.force,
         straight=_straight(result, settings),
+        wishes=result.wishes,
         progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
