@@ -107,7 +107,7 @@ class LivePiece:
         # what rested so before has its hubs in the frames of then, which are those of now
         self._at = At(rig, pose if known is None else known)
         self._refused, self._problem, self._snapped = "", "", 0.0
-        self._work = self._brought_to_rest()
+        self._work = self._brought_to_rest(known is not None)
 
     @one_thread
     def advance(self) -> Shape:
@@ -121,8 +121,8 @@ class LivePiece:
             self._fall_back(str(error))
         return self._shape()
 
-    def _brought_to_rest(self) -> Generator[None, None, None]:
-        """All there is to do after a change, in small parts."""
+    def _brought_to_rest(self, back: bool) -> Generator[None, None, None]:
+        """All there is to do after a change, in small parts; back : whether it was like this before, so that nothing is to be told."""
         assert self._at is not None
         while True:
             found = yield from self._settled()
@@ -133,7 +133,7 @@ class LivePiece:
                 break
             # refined only now, so that the first pictures come soon
             self._at = At((yield from self._at.rig.refined()), found.pose)
-        self._snapped = yield from self._jumped()
+        self._snapped = 0.0 if back else (yield from self._jumped())
         self._rest = self._at
         mark = self._at.rig.given.mark
         self._kept[mark] = self._at.pose
