@@ -5,7 +5,7 @@ python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--on
 ``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
 the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
 of the zoo, and how far the live shape at rest is from a simulation's. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
-modes in Blender as a module with the process beside it. ``window``: what the window test has left in out/window.
+modes in Blender as a module with the process beside it. ``window``: what the window test has left in out/window-live.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rows import Row, Table, at_most, row
 from zoo import SURFACES
 
 ROOT = Path(__file__).resolve().parent.parent
-WINDOW = ROOT / "out" / "window" / "live.json"
+WINDOW = ROOT / "out" / "window-live" / "figures.json"
 SIZES = (
     (400, 0.060, 0.2),
     (1000, 0.150, 0.5),
