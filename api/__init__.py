@@ -23,6 +23,7 @@ from ..engine.params import ObjectSettings
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking.check import Finding
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
+from .handles import pull, wish
 from .output import calibrated, calibration_sheet, export, report, run, share
 from .painting import paint, protect
 from .pieces import change, check, load, remesh, save, show
@@ -42,5 +43,5 @@ from .steps import (
 )
 
 __all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "PolygonMesh", "QuadMesh", "calibrated", "calibration_sheet",
-           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "paint", "protect", "regularise", "remesh",
-           "report", "run", "save", "share", "sheets", "show", "simulate", "spirals", "structure", "take", "use"]  # fmt: skip
+           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "paint", "protect", "pull", "regularise", "remesh",
+           "report", "run", "save", "share", "sheets", "show", "simulate", "spirals", "structure", "take", "use", "wish"]  # fmt: skip

@@ -8,10 +8,13 @@ stresses make full steps safe, ``Damped`` for least squares whose Hessian is kno
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
+
+Result = TypeVar("Result")
 
 CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
@@ -159,6 +162,11 @@ class Rule(Protocol):
 
 def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
     """From a state to where the rule ends, best a minimum."""
+    return exhausted(stepping(problem, start, rule))
+
+
+def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
+    """The same, step by step: gives every state as soon as it is reached, and returns the run."""
     state, history = start, []
     while True:
         here = problem.expand(state)
@@ -167,6 +175,16 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
         state, ended = rule.advance(problem, state, here, history)
         if ended:
             return Run(state, here, ended, history)
+        yield state
+
+
+def exhausted(steps: Generator[Any, None, Result]) -> Result:
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False)

@@ -16,7 +16,10 @@ from . import (
     example,
     explore,
     export,
+    handle_tool,
+    handles,
     layout,
+    live,
     optimise,
     overlay,
     painting,
@@ -43,6 +46,9 @@ MODULES = (
     brush,
     painting,
     simulate,
+    live,
+    handles,
+    handle_tool,
     compare,
     structure,
     optimise,
@@ -66,6 +72,8 @@ def register() -> None:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(_before_load)
     overlay.register()
+    live.register()
+    handle_tool.register()
     presets.register()
     brush.register()
 
@@ -74,6 +82,8 @@ def unregister() -> None:
     background.stop_current()
     brush.unregister()
     presets.unregister()
+    handle_tool.unregister()
+    live.unregister()
     overlay.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)
     for cls in reversed(CLASSES):

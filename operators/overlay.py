@@ -6,8 +6,9 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import background, preload
+from ..bridge.hosts import preload
 from ..bridge.store.i18n import button_name, translate
+from .live import drawn
 from .stage import OnObject
 
 STAGES = {
@@ -76,7 +77,7 @@ class Overlay(OnObject, bpy.types.Operator):
 def register() -> None:
     from ..bridge.view import easel, overlay
 
-    overlay.register(lambda: background.shown() or easel.shown())
+    overlay.register(lambda: drawn() or easel.shown())
 
 
 def unregister() -> None:

@@ -68,6 +68,8 @@ def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> No
     number(grid, "RMSE before", f"{before:.3g} mm")
     number(grid, "RMSE now", f"{after:.3g} mm")
     number(grid, "RMS distance", f"{block['rms_percent']:.2f} %")
+    if "wished_mm" in block:
+        number(grid, "From wishes", f"{block['wished_mm_before']:.3g} \N{RIGHTWARDS ARROW} {block['wished_mm']:.3g} mm")
     strain = block.get("strain_share_max")
     if strain is not None:
         number(

@@ -9,6 +9,7 @@ from bpy.app.translations import pgettext_iface as iface_
 
 from ..bridge.store import equilibrium, notes
 from ..engine.params import LoadParams, MaterialParams, SimulateParams
+from .live import handle_rows, live_rows
 from .rows import choice_row, fold, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, result
 
@@ -28,7 +29,9 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
         column.prop(settings.material, "material", text="")
         if settings.material.material == "custom":
             settings_rows(column, settings.material, MaterialParams, CUSTOM)
-        button(layout, context, "flexmaps.simulate", icon="PHYSICS")
+        row = layout.row(align=True)
+        button(row, context, "flexmaps.simulate", icon="PHYSICS")
+        live_rows(layout, row, context)
         body = fold(layout, "flexmaps_loads", "Supports and loads")
         if body is not None:
             _loads(body, obj)
@@ -49,6 +52,7 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
 
 def _loads(layout: Any, obj: bpy.types.Object) -> None:
     settings = obj.flexmaps
+    handle_rows(layout, obj)
     layout.prop_search(settings.loads, "supports", obj, "vertex_groups")
     if settings.loads.supports:
         layout.prop(settings.simulate, "clamped")

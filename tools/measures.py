@@ -35,6 +35,7 @@ ROOMS = (
     "engine/scanning",
     "engine/simulation",
     "engine/optimisation",
+    "engine/live",
     "engine/fabrication/panels",
     "engine/fabrication/connectors",
     "engine/fabrication/nesting",

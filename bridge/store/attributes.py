@@ -58,6 +58,9 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "hub": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_x": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "hub_y": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "held": ("FACE", "FLOAT", 0, 1),
+    "pull": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
+    "wish": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
 }
 # what older files have on faces: one width a spiral

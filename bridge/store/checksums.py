@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.runs import stages
-from . import attributes, pose, settings
+from . import attributes, handles, pose, settings
 
 MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
 
@@ -112,7 +112,8 @@ class Checksums:
     def _settings(self, name: str) -> bytes:
         given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
         section, but = stages.section_of(name)
-        return b"" if given is None else settings.changed(getattr(given, section), but).encode()
+        found = b"" if given is None else settings.changed(getattr(given, section), but).encode()
+        return found + self._values(handles.HELD, handles.PULL) if section == "loads" else found
 
 
 def _rounded(matrix: Float[np.ndarray, "rows columns"]) -> str:

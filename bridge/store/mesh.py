@@ -65,6 +65,12 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene))
 
 
+def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
+    """The same in whatever mode, while a hand paints or sculpts."""
+    with attributes.readable(obj) as mesh:
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene))
+
+
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> PolygonMesh:
     """The polygons that are seen, modifiers applied, but no simulated shape, metres and world axes."""
     with equilibrium.shown_at(obj, 0.0):

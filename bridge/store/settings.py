@@ -8,6 +8,7 @@ because these are dimensions of a cut piece and Blender's own length properties 
 from __future__ import annotations
 
 from dataclasses import Field, fields, is_dataclass
+from functools import cache
 from typing import Any, TypeVar, get_type_hints
 
 import bpy
@@ -64,6 +65,12 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
     return _groups[cls]
 
 
+@cache
+def _hints(cls: Any) -> dict[str, Any]:
+    """The types of a dataclass's settings: made once, for live mode reads them at every change."""
+    return get_type_hints(cls)
+
+
 def _exact(value: float) -> float:
     """The decimal number a float32 stands for: 0.3 mm reads back as 0.30000001192..."""
     return float(f"{value:.7g}")
@@ -71,7 +78,7 @@ def _exact(value: float) -> float:
 
 def read(properties: Any, cls: type[T]) -> T:
     """The engine's settings from a property group made by ``group(cls)``; raises ``FlexMapsError`` out of bounds."""
-    hints = get_type_hints(cls)
+    hints = _hints(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for f in fields(cls):  # type: ignore[arg-type]
         value = getattr(properties, f.name)

@@ -11,11 +11,12 @@ import numpy as np
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.mechanics.assembly import Pose
+from ...engine.optimisation.wishes import Wishes
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
-from . import equilibrium, mesh, notes, objects, settings, supports
+from . import equilibrium, handles, mesh, notes, objects, settings, supports
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Snapshot:
         """
         begun = job.begin(self.surface.polygons)
         made = replace(begun, supports=self.held, force=self.force, groups=self.groups, protected=self.protected)
+        made = replace(made, wishes=Wishes.of(made.mesh, handles.wishes(self.surface)))
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:

@@ -12,7 +12,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import LoadParams, StructureParams
 from ...engine.structure import cases
-from . import mesh, objects
+from . import handles, mesh, objects, settings
 
 if TYPE_CHECKING:
     from .surface import Surface
@@ -62,11 +62,36 @@ def is_group(uid: int, name: str) -> bool:
 
 
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
-    """The quads that are held; ``None`` where the user holds nothing.
+    """The quads that are held, by the group and by hand; ``None`` where the user holds nothing.
 
     Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
     """
-    return _quads(obj, surface, params.supports, "Supports") if params.supports else None
+    single = handles.held(surface)
+    if not params.supports:
+        return single if len(single) else None
+    return np.union1d(_quads(obj, surface, params.supports, "Supports"), single)
+
+
+def put(
+    obj: bpy.types.Object,
+    surface: Surface,
+    held: Int[np.ndarray, " supports"] | None,
+    force: Float[np.ndarray, "quads 3"] | None,
+) -> None:
+    """What holds a piece and what pulls at it: by the groups that are chosen, and beside them by single quads."""
+    wanted = np.zeros(0, int) if held is None else np.asarray(held)
+    chosen = obj.flexmaps.loads
+    in_group = _quads(obj, surface, chosen.supports, "Supports") if chosen.supports else np.zeros(0, int)
+    if not chosen.supports and write(obj, surface, held):
+        in_group = wanted
+    single = np.zeros(len(surface.polygons.sizes))
+    single[np.setdiff1d(wanted, in_group)] = 1.0
+    handles.write(obj, handles.HELD, single)
+    shared = force_of_group(obj, surface, settings.read(chosen, LoadParams))
+    total = np.zeros((len(single), 3)) if force is None else force
+    left = total - shared
+    # what rounding leaves is no pull
+    handles.write(obj, handles.PULL, np.where(np.abs(left) > 1e-9 * np.abs(total).max(initial=0.0), left, 0.0))
 
 
 def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supports"] | None) -> bool:
@@ -95,17 +120,23 @@ def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supp
 
 
 def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
-    """Newtons in world axes on every quad, the force shared evenly by its group; ``None`` without a force.
+    """Newtons in world axes on every quad: the force, shared evenly by its group, and what pulls at single quads; ``None`` without any.
 
     Raises ``FlexMapsError`` where the group is missing, not on the object, or holds no quad.
     """
-    total = np.array(params.force)
+    shared, single = force_of_group(obj, surface, params), handles.pulls(surface)
+    total = shared if single is None else shared + single
+    return total if total.any() else None
+
+
+def force_of_group(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
+    """The part of it that the group's force is. Raises as ``force``."""
+    total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
-        return None
+        return shared
     if not params.pulled:
         raise FlexMapsError("There is a force, but nothing that it pulls at; choose a vertex group under Pulled")
     quads = _quads(obj, surface, params.pulled, "Pulled")
-    shared = np.zeros((len(surface.polygons.sizes), 3))
     shared[quads] = total / len(quads)
     return shared
 

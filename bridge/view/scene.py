@@ -16,7 +16,7 @@ from ...engine.runs import report
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, fields, mesh, notes, scans, settings, states, supports
+from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
 from ..store.surface import Surface
 from . import choices, collection, colouring, flat_panels, materials, meshes, scan_points
 
@@ -91,12 +91,13 @@ def put(
         raise FlexMapsError(f"'{obj.name}' has other faces than when it was read; read it again")
     if used is not None and hasattr(obj, "flexmaps"):
         settings.write(obj.flexmaps, used)
-        if not obj.flexmaps.loads.supports:
-            supports.write(obj, surface, result.supports)
+        supports.put(obj, surface, result.supports, result.force)
     moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
     if np.abs(moved).max() > 1e-5 * quads.median_edge:
         mesh.write_vertices(obj, surface, quads)
         surface = mesh.read_surface(obj, scene)
+    offsets = np.zeros((len(quads.quads), 3)) if result.wishes is None else result.wishes.offsets(quads)
+    handles.from_metres(obj, surface.to_metres, offsets)
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, obj, scene, surface, progress.part(0.1, 0.9))

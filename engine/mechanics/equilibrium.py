@@ -7,6 +7,7 @@ turns are capped. A result counts as converged at a minimum only.
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -24,7 +25,8 @@ from ..newton import (
     LineSearch,
     Local,
     Run,
-    minimise,
+    exhausted,
+    stepping,
 )
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
@@ -104,6 +106,21 @@ def solve(
 
     Raises FlexMapsError if forces would carry an unsupported piece away. Where it does not converge, the result says so.
     """
+    return exhausted(settling(model, start, loads, params, progress, system, iterations, step, margin))
+
+
+def settling(
+    model: ElasticModel,
+    start: Pose,
+    loads: Loads,
+    params: SimulateParams,
+    progress: Progress = SILENT,
+    system: NewtonSystem | None = None,
+    iterations: int | None = None,
+    step: Float[np.ndarray, "spirals 6"] | None = None,
+    margin: float = 0.0,
+) -> Generator[Any, None, Equilibrium]:
+    """The same step by step: gives the model's states on the way and returns the equilibrium; between two, other work may be done."""
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
@@ -111,7 +128,7 @@ def solve(
     if step is not None:
         # so near to the end, the convex part is wanted for one step at the most
         rule.decay, state = 0.0, model.moved(state, step)
-    return _result(problem, minimise(problem, state, rule))
+    return _result(problem, (yield from stepping(problem, state, rule)))
 
 
 @dataclass(eq=False)

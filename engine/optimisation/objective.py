@@ -12,6 +12,7 @@ from ..arrays import Float, Int
 from ..mechanics.assembly import Pose, nearest_rotation
 from ..mechanics.laplacian import uniform_laplacian
 from ..params import OptimiseParams
+from .wishes import Wishes
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +25,15 @@ class Target:
         still lie far away. In between, slopes count too: the differences of neighbours. Together they are a norm of
         Sobolev in which what is longer than (1 - lies) / lies spirals counts by its place and what is shorter by its bends
     free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
+    wishes : places where some spirals shall come to beside that; urge : how much their mean square distance counts, in ``unit``
     """
 
     pairs: Int[np.ndarray, "joints 2"]
     points: Float[np.ndarray, "spirals 3"]
     lies: float = OptimiseParams.lies
     free: bool = True
+    wishes: Wishes | None = None
+    urge: float = OptimiseParams.urge
 
     @cached_property
     def unit(self) -> float:
@@ -46,13 +50,25 @@ class Target:
 
     @cached_property
     def operator(self) -> csr_array:
-        """(m, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n; places come last."""
+        """(m, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n; places come last, and then those
+        of which somebody wishes something, over the root of their number.
+        """
         n, m = len(self.points), max(len(self.pairs), 1)
         ends = np.tile([-1.0, 1.0], len(self.pairs)), (np.repeat(np.arange(len(self.pairs)), 2), self.pairs.ravel())
         slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # as much as one for every spiral
         places = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
         parts = zip(self.weights, (uniform_laplacian(self.pairs, n), slopes, places), strict=True)
-        return csr_array(vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n)))
+        compared = vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n))
+        if self.wishes is None:
+            return csr_array(compared)
+        wished = places[self.wishes.quads].toarray() - (1.0 / n if self.free else 0.0)
+        return csr_array(vstack([compared, csr_array(self._wish * wished)]))
+
+    @property
+    def _wish(self) -> float:
+        """What the distance of one spiral from its wished place counts, a metre."""
+        assert self.wishes is not None
+        return self.urge / (self.unit * np.sqrt(max(len(self.wishes.quads), 1)))
 
     @cached_property
     def back(self) -> csr_array:
@@ -62,14 +78,20 @@ class Target:
     @cached_property
     def wanted(self) -> Float[np.ndarray, "joints 3"]:
         """(m, 3) the target's coordinates."""
-        return self.centred(self.operator @ self.points)
+        found = self.centred(self.operator @ self.points)
+        if self.wishes is not None:
+            quads, places = self.wishes.quads, self.wishes.places
+            found[len(found) - len(quads) :] += self._wish * (places - self.points[quads])
+        return found
 
     def centred(self, values: np.ndarray) -> np.ndarray:
         """Compared rows (m, 3), places without their mean where the object is free."""
         if not (self.free and self.weights[2]):
             return values
-        places = values[-len(self.points) :]
-        return np.concatenate([values[: -len(self.points)], places - places.mean(axis=0)])
+        end = len(values) - (0 if self.wishes is None else len(self.wishes.quads))
+        first = end - len(self.points)
+        places = values[first:end]
+        return np.concatenate([values[:first], places - places.mean(axis=0), values[end:]])
 
     def laid(self, pose: Pose) -> Pose:
         """A pose laid over the target where nothing holds the object."""
@@ -78,6 +100,14 @@ class Target:
     def distance(self, pose: Pose) -> float:
         """RMS distance of a pose's centres to the target's, in units of ``unit``."""
         return float(np.sqrt(((self.laid(pose).centres - self.points) ** 2).sum(axis=1).mean())) / self.unit
+
+    @property
+    def reach(self) -> float:
+        """How far the wishes lie from the target, RMS over all spirals, in units of ``unit``."""
+        if self.wishes is None:
+            return 0.0
+        apart = self.wishes.places - self.points[self.wishes.quads]
+        return float(np.sqrt((apart**2).sum(axis=1).max(initial=0.0))) / self.unit
 
     def compare(self, centres: Float[np.ndarray, "spirals 3"]) -> Mismatch:
         """The mismatch of centres (n, 3) metres."""
@@ -112,6 +142,15 @@ class Mismatch:
         weight = self.target.weights[0] or self.target.weights[2]
         compared = self.residual[: len(self.target.points)]
         return float(np.sqrt((compared**2).sum())) * self.target.unit / weight
+
+    @property
+    def wished(self) -> float:
+        """Metres, RMS distance of the spirals that somebody wishes something of to where they are wished."""
+        wishes = self.target.wishes
+        if wishes is None:
+            return 0.0
+        rows = self.residual[len(self.own) - len(wishes.quads) :]
+        return float(np.sqrt((rows**2).sum())) * self.target.unit / max(self.target.urge, 1e-30)
 
     @property
     def gradient(self) -> Float[np.ndarray, "spirals 3"]:

@@ -24,6 +24,7 @@ from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import FARTHER, NEAR, Held, Search, Task
 from .terms import LENIENT, LOOSE, STRICT
+from .wishes import Wishes
 from .work import FIT, Work
 
 ENDS = {
@@ -96,6 +97,11 @@ class Optimisation:
         before, after = self.before.match, self.after.match
         flat = (self.before.design.flat, self.after.design.flat)
         moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
+        target, wished = self.point.problem.target, {}
+        if target.wishes is not None:
+            ends = [target.compare(s.equilibrium.pose.centres).wished for s in (self.before, self.after)]
+            names = ("wished_mm_before", "wished_mm")
+            wished = {"wishes": len(target.wishes.quads)} | dict(zip(names, (1e3 * end for end in ends), strict=True))
         return {
             "method": self.method,
             "start": self.start,
@@ -118,6 +124,7 @@ class Optimisation:
                 for seconds, value, rmse in self.trace.rows
             ],
             **moved,
+            **wished,
         }
 
 
@@ -134,13 +141,15 @@ def optimise(
     prove: bool = True,
     straight: np.ndarray | None = None,
     kept: np.ndarray | None = None,
+    wishes: Wishes | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, and ``kept`` those that stay exactly as they
-    are, the flat shapes of their quads too. Starts from the given design, the curvature-adjusted one or the uniform one,
-    whichever is nearest to the target; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, ``kept`` those that stay exactly as they are,
+    the flat shapes of their quads too, ``wishes`` places where some shall come to. Starts from the given design, the
+    curvature-adjusted one or the uniform one, whichever is nearest to the target; from a painted one always. With ``codesign``
+    and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
@@ -151,8 +160,10 @@ def optimise(
         )
     if kept is not None and len(kept) == len(design.width):
         raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
+    if wishes is not None:
+        wishes.check(len(design.width))
     work = Work.of(len(design.width), params.patience)
-    task = Task(target, material, params, physics, supports, force, work, straight, kept)
+    task = Task(target, material, params, physics, supports, force, work, straight, kept, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
@@ -169,7 +180,7 @@ def optimise(
         vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
-    search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR), design.flat)
+    search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR) + problem.target.reach, design.flat)
     accepted(start)
     try:
         search.run(start, design, work.paced(progress.part(0.12, 0.9)))

@@ -35,6 +35,7 @@ from .objective import Target
 from .open_slots import Opening
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
 from .terms import STRICT, Bearing
+from .wishes import Wishes
 from .work import CURVING, SPACE, Work
 
 Stage = Callable[["Held", Progress], "Held"]
@@ -76,6 +77,7 @@ class Task:
     work: Work
     straight: np.ndarray | None = None
     kept: np.ndarray | None = None
+    wishes: Wishes | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes; by default with a space of its own."""
@@ -85,7 +87,7 @@ class Task:
         return Problem(
             assembly,
             space or self.space(design, progress),
-            Target(assembly.pairs, self.target.centroids, params.lies, free=not loads.fixed.any()),
+            self.aim(assembly, not loads.fixed.any()),
             loads,
             self.model,
             replace(physics, tolerance=max(physics.tolerance, TOLERANCE)),
@@ -95,6 +97,11 @@ class Task:
             self.work,
             room=Room.of(design.flat, design.params),
         )
+
+    def aim(self, assembly: Assembly, free: bool) -> Target:
+        """What the spirals' centres are compared with."""
+        wishes = self.wishes if self.params.urge > 0.0 else None
+        return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
 
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
         """The coordinates of designs in the same patches."""

@@ -15,6 +15,7 @@ from ..fabrication.sheets import CutSheets
 from ..mechanics.assembly import Pose
 from ..optimisation.optimise import Optimisation
 from ..optimisation.reach import Reach
+from ..optimisation.wishes import Wishes
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..scanning.compare import Comparison
@@ -35,6 +36,7 @@ class Result:
     mesh : the quad mesh, regularised if that stage ran
     edge, height : the size that was asked for, metres, which regularising keeps
     supports : quads that are held where they lie in the target; force : newtons on the quads
+    wishes : places where some spirals shall come to when it is optimised
     groups : quads by the names that loads may use beside numbers
     seams : where somebody wants the surface to be cut; tracing then begins there
     rest : a pose that was found before, from which simulating starts
@@ -59,6 +61,7 @@ class Result:
     height: float | None = None
     supports: Int[np.ndarray, " held"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
+    wishes: Wishes | None = None
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
     seams: Bool[np.ndarray, " edges"] | None = None
     rest: Pose | None = None

@@ -119,6 +119,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         force=result.force,
         straight=_straight(result, settings),
         kept=result.protected,
+        wishes=result.wishes,
         progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)

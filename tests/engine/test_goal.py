@@ -5,10 +5,12 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.reach import reach
+from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
@@ -75,3 +77,26 @@ def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it()
     assert bends.rmse == pytest.approx(found.rmse)
     # in places alone, no Laplacian coordinates are compared
     assert Target(pairs, points, lies=1.0, free=False).compare(bent).rmse == pytest.approx(distance)
+
+
+def test_a_spiral_comes_nearer_to_where_it_is_wished() -> None:
+    """The distance that is told is that of points, and the search makes it small without giving the rest up."""
+    design, mesh = made()
+    rim = np.flatnonzero(mesh.border[mesh.quad_edges].any(axis=1))
+    near = np.sort(rim[np.argsort(np.linalg.norm(mesh.centroids[rim] - mesh.centroids[rim[0]], axis=1))[:4]])
+    away = mesh.centroids[near].mean(axis=0) * [1.0, 1.0, 0.0]
+    offsets = np.zeros((len(mesh.quads), 3))
+    offsets[near] = 0.01 * away / np.linalg.norm(away)
+    wishes = Wishes.of(mesh, offsets)
+    assert wishes is not None and wishes.offsets(mesh) == pytest.approx(offsets)
+    params = OptimiseParams(codesign=False, iterations=8)
+    held = np.setdiff1d(np.arange(len(mesh.quads)), rim)[:1]  # so that places are those of the world
+    found = optimise.optimise(design, mesh, VERO, params, SimulateParams(), supports=held, wishes=wishes, prove=False)
+    told = found.report()
+    apart = found.after.equilibrium.pose.centres[near] - wishes.places
+    assert told["wished_mm"] == pytest.approx(1e3 * np.sqrt((apart**2).sum(axis=1).mean()))
+    assert told["wished_mm"] < 0.4 * told["wished_mm_before"]
+    with pytest.raises(FlexMapsError, match="spiral 999"):
+        optimise.optimise(
+            design, mesh, VERO, params, SimulateParams(), wishes=Wishes(np.array([999]), np.zeros((1, 3)))
+        )

@@ -20,6 +20,7 @@ from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.reach import NAMES, reach
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.terms import LENIENT, Bearing
+from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
@@ -51,12 +52,14 @@ def problem(
     strain: float | None = None,
     groups: int = 1,
     kept: bool = False,
+    wishes: bool = False,
 ) -> tuple[Problem, Point]:
     design, mesh = made()
     assembly = of_design(design)
     held = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if supports else None
     loads = Loads.of(assembly.size, supports=held)
-    aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports)
+    wanted = Wishes(np.array([2, 7]), mesh.centroids[[2, 7]] + [0.0, 0.004, 0.01]) if wishes else None
+    aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports, wishes=wanted)
     space = DesignSpace.of(design, assembly, groups, kept=np.arange(0, assembly.size, 3) if kept else None)
     bearing = None if strain is None else Bearing(VERO, strain)
     whole = Problem(
@@ -75,6 +78,8 @@ def problem(
         {"smoothness": 0.05},
         {"supports": True},
         {"supports": True, "lies": 1.0},
+        {"wishes": True, "lies": 0.3},
+        {"wishes": True, "supports": True},
         {"model": "rod"},
         {"strain": 0.3},
         {"strain": 0.3, "pressed": True},

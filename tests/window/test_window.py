@@ -107,6 +107,16 @@ def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file
     assert found["wrong"] == []
 
 
+def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
+    shutil.copy2(zip_file, tmp_path)
+    pictures = ROOT / "out" / "window-live"
+    with kept(real_blender, tmp_path, pictures):
+        found = driven(real_blender, HERE / "following.py", tmp_path, window=True)
+    (pictures / "figures.json").write_text(json.dumps(found, indent=1))
+    assert found["wrong"] == []
+    assert found["pictures"] == len(list(pictures.glob("*.png")))
+
+
 def _told(found: dict[str, Any]) -> str:
     """The measured times, for a person: they depend on the machine and on drawing by software, so nothing asserts them."""
     lines = [f"  {found['seconds']['all']:.0f} s; drawing the sidebar alone takes {found['redraw_ms'][0]:.0f} ms here"]

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Complex, Float, Int
+from ...arrays import Bool, Complex, Float, Int
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...threads import one_thread
@@ -52,13 +52,16 @@ def flatten(
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
     start: Complex[np.ndarray, "quads 4"] | None = None,
+    moved: Bool[np.ndarray, " quads"] | None = None,
 ) -> FlatPatches:
     """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
+
+    moved : quads whose shape has changed since ``previous``, so that their patches are made anew
 
     The two sides of every seam are brought to the same length as far as the distortion limit allows.
     start : rotations of the corner triangles to start from where they are known, complex numbers of length 1
     """
-    known = _known(previous, layout)
+    known = _known(previous, layout, moved)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
     fresh = []
     for quads in layout.patches:
@@ -116,10 +119,13 @@ def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
     return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
 
 
-def _known(previous: FlatPatches | None, layout: PatchLayout) -> dict[bytes, int]:
+def _known(
+    previous: FlatPatches | None, layout: PatchLayout, moved: Bool[np.ndarray, " quads"] | None
+) -> dict[bytes, int]:
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
-    return {_key(previous.layout, quads): i for i, quads in enumerate(previous.layout.patches)}
+    kept = [(i, quads) for i, quads in enumerate(previous.layout.patches) if moved is None or not moved[quads].any()]
+    return {_key(previous.layout, quads): i for i, quads in kept}
 
 
 def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:

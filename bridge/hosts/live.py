@@ -1,0 +1,167 @@
+"""Live mode: looks whether something of the piece has changed, and shows the shape that it takes then.
+
+Nothing of the file is written, so that undo, saving and modes have nothing to do with it: what is shown lies over the 3D view.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ...engine.errors import FlexMapsError
+from ..store import notes
+from . import background
+
+if TYPE_CHECKING:
+    from ...engine.live.given import Given
+    from ...engine.live.piece import Shape
+    from ..view.followed import Followed
+    from .companion import Companion
+
+TICK = 0.02  # seconds between two looks, as of jobs
+SELDOM = 0.2  # seconds until the piece is read again though Blender tells of no change: scripts can change things without a word
+SHARE = 0.2  # of the window's time at most is spent on reading; a drag tells of a change at every tick
+
+_running: list[Follower] = []
+
+
+def current() -> Follower | None:
+    """Who follows, while Live is on."""
+    return _running[0] if _running else None
+
+
+def shown() -> Any:
+    """What is drawn over the 3D view, if anything."""
+    return _running[0].shown if _running else None
+
+
+def start(obj: bpy.types.Object) -> Follower:
+    """Follow this object from now on, and no other."""
+    stop()
+    _running.append(Follower(obj.session_uid))
+    return _running[0]
+
+
+@bpy.app.handlers.persistent
+def stop(*_: object) -> None:
+    """Switch it off: before another file is loaded, and when the extension is disabled."""
+    while _running:
+        _running.pop().close()
+
+
+@bpy.app.handlers.persistent
+def changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+    """Blender tells that something was changed."""
+    if _running and any(
+        isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)
+        for update in depsgraph.updates
+    ):
+        _running[0].touched = True
+
+
+@bpy.app.handlers.persistent
+def stepped(*_: object) -> None:
+    """Undo or redo: Blender's data are others now."""
+    if _running:
+        _running[0].touched = True
+
+
+class Follower:
+    """Follows one object.
+
+    uid : Blender's id of it; touched : Blender has told of a change; shown : what is drawn
+    final : whether the piece itself shows what was simulated of it as it is now; slowest : seconds of this thread's processor, of all ticks
+    """
+
+    def __init__(self, uid: int):
+        self.uid, self.touched = uid, True
+        self.shown: Followed | None = None
+        self.slowest = 0.0
+        self.final = False
+        self._companion: Companion | None = None
+        self._given: Given | None = None
+        self._next, self._look = 0.0, 0.0
+        self._gone = False
+        self._refused = ""  # why the object cannot be read
+
+    @property
+    def problem(self) -> str:
+        """Why the last change is not followed; "" where it is."""
+        if self._refused or self._companion is None:
+            return self._refused
+        return self._companion.error or (self.shape.problem if self.shape is not None else "")
+
+    @property
+    def shape(self) -> Shape | None:
+        """The latest, if there is one."""
+        latest = None if self._companion is None else self._companion.latest
+        return None if latest is None else latest[0]
+
+    @property
+    def resting(self) -> bool:
+        """Whether nothing is on its way any more."""
+        return self._companion is None or self._companion.resting
+
+    def close(self) -> None:
+        if self._companion is not None:
+            self._companion.close()
+        self._companion = self.shown = None
+
+    def tick(self) -> bool:
+        """Look what is new; whether there is something else to draw."""
+        began, before = time.thread_time(), (self.shown, self.problem)
+        try:
+            self._tick(time.perf_counter())
+        finally:
+            self.slowest = max(self.slowest, time.thread_time() - began)
+        return before != (self.shown, self.problem)
+
+    def _tick(self, now: float) -> None:
+        from ..store.objects import find
+
+        if background.current() is not None:  # it has the processor, and its result is a change
+            self.touched = True
+            return
+        self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
+        if now >= self._next and (self.touched or now >= self._look):
+            self.touched = False
+            try:
+                self._read(find(self.uid))
+            except FlexMapsError as error:
+                self._refused = str(error)
+            spent = time.perf_counter() - now
+            self._next, self._look = now + spent / SHARE, now + SELDOM
+        self._take()
+
+    def _read(self, obj: bpy.types.Object) -> None:
+        from ..store import equilibrium, given, mesh
+
+        scene = bpy.context.scene
+        found = given.read(obj, scene)
+        self._refused = ""
+        known = self._given
+        if known is None or found.changes(known):
+            start = equilibrium.resting(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
+            self._given = found
+            self._beside().follow(found, start)
+        block = notes.read(obj.data).get("equilibrium")
+        self.final = block is not None and not equilibrium.out_of_date(obj, scene)
+
+    def _beside(self) -> Companion:
+        from .companion import Companion
+
+        if self._companion is None:
+            from ..view.followed import Followed
+
+            unit = bpy.context.scene.unit_settings.scale_length
+            self._companion = Companion(lambda shape: Followed.of(shape, unit))
+        return self._companion
+
+    def _take(self) -> None:
+        """What the process has come to since the last look; nothing where the object is gone or shows its own result."""
+        companion = self._companion
+        hidden = companion is None or companion.error or self._gone or (self.final and companion.resting)
+        latest = None if hidden or companion is None else companion.latest
+        self.shown = None if latest is None else latest[1]

@@ -1,0 +1,47 @@
+"""What a live piece is given, read from an object in whatever mode it is: a few milliseconds, however many spirals."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.live.given import Given
+from ...engine.params import LayoutParams, LoadParams, MaterialParams, SimulateParams, SpiralParams
+from ...engine.runs.stages import MISSING
+from . import attributes, mesh, settings, supports
+from .objects import changed_by_modifiers
+
+
+def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> Given:
+    """Everything that the shape of a piece depends on. Raises FlexMapsError where there are no spirals, or no supports of that name."""
+    problem = changed_by_modifiers(obj)
+    if problem:
+        raise FlexMapsError(problem)
+    surface, own = mesh.read_anyhow(obj, scene), obj.flexmaps
+    values, polygons = surface.values, surface.polygons
+    if (polygons.sizes != 4).any():
+        raise FlexMapsError("There are faces that are no quads; press Quad remesh")
+    for names, missing in ((mesh.FLAT_NAMES, "flat"), (mesh.DESIGN_NAMES, "design")):
+        if len(surface.spoilt) and missing == "design":
+            raise mesh.cannot_be_cut(surface.spoilt)
+        if any(name not in values for name in names):
+            raise FlexMapsError(MISSING[missing])
+    held, force = supports.loads(obj, surface, settings.read(own.loads, LoadParams))
+    return Given(
+        polygons.vertices,
+        polygons.corners,
+        polygons.sizes,
+        surface.seams[surface.edge_of],
+        values["seam"][surface.edge_of] >= 0,
+        1e-3 * values["flat"][surface.loops].reshape(-1, 4, 2).astype(float),
+        values["energy"].astype(float),
+        1e-3 * attributes.on_faces(values["width"][surface.loops]),
+        np.radians(values["twist"].astype(float)),
+        settings.read(own.spiral, SpiralParams),
+        settings.read(own.layout, LayoutParams),
+        settings.read(own.material, MaterialParams).chosen,
+        settings.read(own.simulate, SimulateParams),
+        held,
+        force,
+    )

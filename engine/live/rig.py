@@ -1,0 +1,238 @@
+"""What an equilibrium is sought with, made from what is given; whatever a change leaves as it was is taken over.
+
+Anew are made: the patches whose seams or vertices were changed, and the joints of the spirals whose shape or rest geometry was.
+Where those are many, what matters least and takes longest, the strains' second order and the weight of every spiral, is
+taken over as it was at first, and made anew when the piece has come to rest (``Rig.refined``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Bool, Float, Int
+from ..mechanics.arms.model import ArmCompliances, ArmModel
+from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.loads import Loads
+from ..mechanics.newton_system import NewtonSystem
+from ..patches.flattening.flatten import FlatPatches, flatten, measured
+from ..patches.layout import PatchLayout
+from ..patches.tracing.trace import make_disks
+from ..simulation.simulate import build_model
+from ..spirals.design import SpiralDesign
+from ..surface.checking import check
+from ..surface.mesh import PolygonMesh, QuadMesh
+from .given import Given, same
+
+# joints whose second order is made at once: 15 ms of a usual core. All of 2,400 spirals would take ten times as long
+AT_ONCE = 500
+# of ARAP energies, what rounding to single precision leaves: an absolute and a relative part, as where a .blend is read
+ROUNDED = (1e-4, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A piece ready to be brought to rest.
+
+    rough : joints whose second order of the strains is taken over from another design
+    area : square metres of every spiral's material, which weigh; None where nothing does; guessed : whether that is not measured yet
+    """
+
+    given: Given
+    mesh: QuadMesh
+    flat: FlatPatches
+    assembly: Assembly
+    model: ElasticModel
+    aim: Pose
+    loads: Loads
+    system: NewtonSystem
+    rough: Bool[np.ndarray, " joints"]
+    area: Float[np.ndarray, " quads"] | None = None
+    guessed: bool = False
+
+    @classmethod
+    def of(cls, given: Given, old: Rig | None = None, start: Pose | None = None) -> tuple[Rig, Pose]:
+        """The rig, and a pose to begin with: that of the old rig, carried over, with what is held where it belongs.
+
+        Raises FlexMapsError where no such piece can be made, or nothing holds it against its loads.
+        """
+        mesh = _mesh(given, old)
+        old = old if old is not None and mesh.quads is old.mesh.quads else None
+        flat = _flat(given, mesh, old)
+        design = SpiralDesign(flat, given.spiral, given.width, given.twist)
+        assembly = of_design(design)
+        model, rough = _model(assembly, given, old)
+        area, guessed = _area(design, given, old)
+        loads = _loads(given, area)
+        aim = target_pose(mesh, flat.corners)
+        pose = aim if start is None else _carried(start, flat, old)
+        pose = _placed(pose, aim, loads)
+        held = loads.held(assembly.pairs, pose.centres)
+        system = old.system if old is not None and np.array_equal(held, old.system.held) else None
+        system = NewtonSystem(assembly.pairs, held) if system is None else system
+        return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
+
+    @property
+    def refinable(self) -> bool:
+        """Whether something of it is known to first order only."""
+        return self.guessed or bool(self.rough.any())
+
+    def refined(self) -> Generator[None, None, Rig]:
+        """The same, with nothing taken over; made in small parts."""
+        given, model = self.given, self.model
+        if isinstance(model, ArmModel):
+            joints = np.flatnonzero(self.rough)
+            for first in range(0, len(joints), AT_ONCE):
+                some = joints[first : first + AT_ONCE]
+                part = self.assembly.part(np.unique(self.assembly.pairs[some]), some)
+                model = _put(model, ArmModel.of(part, given.material), self.assembly, some, given.material)
+                yield
+        area = self.design.area if self.guessed else self.area
+        rough = np.zeros_like(self.rough)
+        return replace(self, model=model, area=area, loads=_loads(given, area), rough=rough, guessed=False)
+
+    @property
+    def design(self) -> SpiralDesign:
+        return SpiralDesign(self.flat, self.given.spiral, self.given.width, self.given.twist)
+
+    @property
+    def unit(self) -> float:
+        """Metres, the mean distance of joined spirals in the target."""
+        a, b = self.assembly.pairs.T
+        return float(np.linalg.norm(self.aim.centres[b] - self.aim.centres[a], axis=1).mean())
+
+    def laid(self, pose: Pose) -> Pose:
+        """A pose over the target, as far as nothing holds it."""
+        return self.loads.laid(pose, self.assembly.pairs, self.aim)
+
+
+def _mesh(given: Given, old: Rig | None) -> QuadMesh:
+    """The checked mesh, which shares its topology with the old one where that is the same."""
+    alike = old is not None and same(given.corners, old.given.corners) and same(given.sizes, old.given.sizes)
+    if alike and old is not None and same(given.vertices, old.given.vertices):
+        return old.mesh
+    mesh = check.as_quad_mesh(PolygonMesh(given.vertices, given.corners, given.sizes))
+    if alike and old is not None and np.array_equal(mesh.quads, old.mesh.quads):
+        return old.mesh.moved(mesh.vertices)
+    return mesh
+
+
+def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
+    """The patches that were made, and anew those of which seams or vertices were changed since."""
+    names = ("vertices", "seams", "cut", "flat", "energy", "layout")
+    if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
+        return old.flat
+    made = PatchLayout(mesh, given.cut & ~mesh.border)
+    points = np.zeros((int(made.flat_corners.max()) + 1, 2))
+    points[made.flat_corners] = given.flat
+    stored = measured(made, points)
+    least, share = ROUNDED
+    with np.errstate(invalid="ignore"):
+        moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)
+    layout = make_disks(PatchLayout(mesh, given.seams & ~mesh.border))
+    if not moved.any() and np.array_equal(layout.cut, made.cut):
+        return stored
+    return flatten(layout, given.layout, previous=stored, moved=moved)
+
+
+def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
+    """The elastic model, and the joints whose second order is that of another design."""
+    material, name = given.material, given.simulate.model
+    if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel):
+        return build_model(assembly, material, name), np.zeros(len(assembly.pairs), bool)
+    joints = _changed(assembly, material, old.assembly, old.given)
+    if not joints.any():
+        return replace(old.model, assembly=assembly), old.rough
+    some = np.flatnonzero(joints)
+    hubs = np.unique(assembly.pairs[some])
+    whole = len(some) <= AT_ONCE
+    part = build_model(assembly.part(hubs, some), material, name, quick=not whole)
+    assert isinstance(part, ArmModel)
+    if not whole:
+        known = old.model.part(hubs, some).curving_at_joint
+        part = part.with_curving(known)
+    rough = old.rough.copy()
+    rough[some] = not whole
+    return _put(old.model, part, assembly, some, material), rough
+
+
+def _changed(assembly: Assembly, material: Any, old: Assembly, given: Given) -> Bool[np.ndarray, " joints"]:
+    """The joints whose elastic behaviour differs."""
+    for name in ("thickness", "clockwise", "cut", "grain"):
+        if getattr(assembly, name) != getattr(old, name):
+            return np.ones(len(assembly.pairs), bool)
+    if material != given.material:
+        return np.ones(len(assembly.pairs), bool)
+    spirals = (assembly.width != old.width).any(axis=1) | (assembly.twist != old.twist)
+    moved = (assembly.lever != old.lever).any(axis=(1, 2)) | (assembly.axes != old.axes).any(axis=(1, 2, 3))
+    return moved | spirals[assembly.pairs].any(axis=1)
+
+
+def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any) -> ArmModel:
+    """The model with some of its joints as in a part."""
+
+    def put(whole: np.ndarray, some: np.ndarray) -> np.ndarray:
+        out = whole.copy()
+        out[joints] = some
+        return out
+
+    pairs = [
+        (one.name, getattr(model.compliance, one.name), getattr(part.compliance, one.name))
+        for one in fields(ArmCompliances)
+    ]
+    compliance = ArmCompliances(**{name: put(whole, some) for name, whole, some in pairs})
+    names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving")
+    arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
+    return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
+
+
+def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
+    """What weighs, and whether that is a guess, by the lengths of the arms: to measure it takes a while."""
+    if not given.simulate.gravity:
+        return None, False
+    names = ("width", "twist", "spiral")
+    if (
+        old is not None
+        and old.flat is design.flat
+        and all(same(getattr(given, n), getattr(old.given, n)) for n in names)
+    ):
+        if old.area is not None:
+            return old.area, old.guessed
+    corners = design.flat.corners
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1, keepdims=True)
+    wind = np.maximum(given.twist, 1e-9)
+    # of r = (1 - t) R turned by wind t
+    longer = 0.5 * (np.sqrt(1.0 + wind**2) + np.arcsinh(wind) / wind)
+    return longer * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
+
+
+def _loads(given: Given, area: Float[np.ndarray, " quads"] | None) -> Loads:
+    mass = None if area is None else area * given.spiral.thickness * given.material.density
+    clamped = given.simulate.clamped
+    return Loads.of(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
+
+
+def _carried(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
+    """A pose of the old rig's hubs, whose flat frames may have been turned since."""
+    if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
+        return pose
+    before, now = (
+        (c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners)
+    )
+    turn = (before * now.conj()).sum(axis=1)  # from the frame of now to that of before
+    turn /= np.maximum(np.abs(turn), 1e-300)
+    back = np.zeros((len(turn), 3, 3))
+    back[:, 0, 0] = back[:, 1, 1] = turn.real
+    back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
+    back[:, 2, 2] = 1.0
+    return Pose(pose.centres, pose.rotations @ back)
+
+
+def _placed(pose: Pose, aim: Pose, loads: Loads) -> Pose:
+    """A pose with what is held where it lies in the target."""
+    shifts, turns = loads.fixed[:, :3], loads.fixed[:, 3:4, None]
+    return Pose(np.where(shifts, aim.centres, pose.centres), np.where(turns, aim.rotations, pose.rotations))

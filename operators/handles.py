@@ -1,0 +1,243 @@
+"""Handles on single spirals: hold here, pull there, and wish that Optimise brings something somewhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.hosts import live
+from ..bridge.store.i18n import translate
+from .stage import OnObject, redraw
+
+KINDS = (
+    ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
+    ("WISH", "Wish", "A place: Optimise brings the spiral there, as near as the piece lets it"),
+)
+ALONE = -1  # no quad is named: the one under the mouse
+
+
+class _OnSpiral(OnObject):
+    """Base of operators on one spiral: ``quad``, or in edit mode all selected ones where it is among them."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    quad: int
+    report: Any
+
+    def _pick(self, context: bpy.types.Context, event: Any) -> bool:
+        """Find the spiral under the mouse; whether there is one."""
+        from bpy_extras import view3d_utils
+
+        from ..bridge.view import picking
+
+        if self.quad != ALONE:
+            return True
+        if context.region_data is None:
+            return False
+        mouse = event.mouse_region_x, event.mouse_region_y
+        origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
+        way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
+        points, quads = picking.seen(context.object, _shape(context.object))
+        found = picking.quad_at(points, quads, origin, way)
+        self.quad = ALONE if found is None else found
+        return found is not None
+
+    def _quads(self, obj: bpy.types.Object) -> list[int]:
+        """The named quad, with what is selected beside it in edit mode."""
+        count = len(obj.data.polygons)
+        if obj.mode == "EDIT":
+            import bmesh
+
+            bm = bmesh.from_edit_mesh(obj.data)
+            selected = [face.index for face in bm.faces if face.select]
+            if self.quad in selected:
+                return selected
+            count = len(bm.faces)
+        return [self.quad] if 0 <= self.quad < count else []
+
+    def _none(self) -> set[str]:
+        self.report({"WARNING"}, translate("There is no spiral there"))
+        return {"CANCELLED"}
+
+
+class HoldSpiral(_OnSpiral, bpy.types.Operator):
+    """Hold a spiral where it lies in the target, or let go of it"""
+
+    bl_idname = "flexmaps.hold_spiral"
+    bl_label = "Hold or let go"
+    bl_options = {"REGISTER", "UNDO"}
+
+    quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        return self.execute(context) if self._pick(context, event) else {"PASS_THROUGH"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        from ..bridge.store import handles
+
+        quads = self._quads(context.object)
+        if not quads:
+            return self._none()
+        values = handles.read(context.object, handles.HELD)
+        values[quads] = 0.0 if values[self.quad] > 0.5 else 1.0
+        handles.write(context.object, handles.HELD, values)
+        redraw(context)
+        return {"FINISHED"}
+
+
+class DragSpiral(_OnSpiral, bpy.types.Operator):
+    """Drag a spiral: a force that pulls at it, or a place where Optimise shall bring it"""
+
+    bl_idname = "flexmaps.drag_spiral"
+    bl_label = "Pull or wish"
+    bl_options = {"REGISTER", "UNDO", "BLOCKING"}
+
+    quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    kind: bpy.props.EnumProperty(name="Kind", items=KINDS, default="PULL")  # type: ignore[valid-type]
+    by: bpy.props.FloatVectorProperty(  # type: ignore[valid-type]
+        name="By",
+        description="In world axes: newtons of a pull, millimetres of a wish beside the target; 0 takes it away",
+        size=3,
+        options={"SKIP_SAVE"},
+    )
+    _before: Any = None  # what was stored before the drag
+    _grip: Any = None  # where it was taken hold of, in the scene's units
+    _from: Any = None  # what it had when the drag began, in the units of ``by``
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        quads = self._quads(context.object)
+        if not quads:
+            return self._none()
+        self._put(context, quads)
+        return {"FINISHED"}
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        import numpy as np
+
+        from ..bridge.store import handles
+        from ..bridge.view import picking
+
+        if not self._pick(context, event):
+            return {"PASS_THROUGH"}
+        obj = context.object
+        self._before = handles.read(obj, _name(self.kind))
+        scale = context.scene.unit_settings.scale_length
+        points, quads = picking.seen(obj, _shape(obj))
+        middle = points[quads[self.quad]].mean(axis=0)
+        if self.kind == "WISH":
+            self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))
+            if self._before[self.quad].any():  # a wish is dragged on from where it is
+                self._from = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._before[self.quad])
+        else:
+            self._from = self._before[self.quad].copy()
+        self._grip = self._mouse(context, event, middle), middle
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+        from ..bridge.store import handles
+
+        if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS":
+            handles.write(context.object, _name(self.kind), self._before)
+            self._end(context)
+            return {"CANCELLED"}
+        if event.type == "MOUSEMOVE":
+            self.by = self._dragged(context, event)
+            self._put(context, self._quads(context.object))
+            _say(context, self.kind, self.by)
+        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
+            self._end(context)
+            return {"FINISHED"}
+        return {"RUNNING_MODAL"}
+
+    def _end(self, context: bpy.types.Context) -> None:
+        if context.area is not None:
+            context.area.header_text_set(None)
+        redraw(context)
+
+    def _mouse(self, context: bpy.types.Context, event: Any, depth: Any) -> Any:
+        from bpy_extras import view3d_utils
+        from mathutils import Vector
+
+        mouse = event.mouse_region_x, event.mouse_region_y
+        return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
+
+    def _dragged(self, context: bpy.types.Context, event: Any) -> Any:
+        """What the handle has now: what it had, and as far as the mouse has moved."""
+        import numpy as np
+
+        start, middle = self._grip
+        way = np.array(self._mouse(context, event, middle) - start)
+        if self.kind == "PULL":
+            return self._from + way / edge_of(context.object)
+        return self._from + 1e3 * context.scene.unit_settings.scale_length * way
+
+    def _put(self, context: bpy.types.Context, quads: list[int]) -> None:
+        import numpy as np
+
+        from ..bridge.store import handles
+
+        obj, name = context.object, _name(self.kind)
+        values, by = handles.read(obj, name), np.array(self.by, dtype=float)
+        if self.kind == "WISH":
+            by = np.linalg.inv(np.array(obj.matrix_world)[:3, :3]) @ (
+                1e-3 * by / context.scene.unit_settings.scale_length
+            )
+        values[quads] = by
+        handles.write(obj, name, values)
+        redraw(context)
+
+
+class ClearHandles(OnObject, bpy.types.Operator):
+    """Take all handles away: let go of single spirals, end their pulls and wishes"""
+
+    bl_idname = "flexmaps.clear_handles"
+    bl_label = "Take handles away"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        import numpy as np
+
+        from ..bridge.store import handles
+
+        for name in handles.NAMES:
+            handles.write(context.object, name, np.zeros(0))
+        redraw(context)
+        return {"FINISHED"}
+
+
+def _name(kind: str) -> str:
+    from ..bridge.store import handles
+
+    return handles.PULL if kind == "PULL" else handles.WISH
+
+
+def _shape(obj: bpy.types.Object) -> Any:
+    """The live shape of an object, where one is drawn."""
+    following = live.current()
+    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
+
+
+def edge_of(obj: bpy.types.Object) -> float:
+    """Median edge of the target in the scene's units: the way that is a newton."""
+    import numpy as np
+
+    from ..bridge.store import attributes
+    from ..bridge.view import picking
+
+    with attributes.readable(obj) as mesh:
+        pairs = np.empty(2 * len(mesh.edges), np.int32)
+        mesh.edges.foreach_get("vertices", pairs)
+    points = picking.target(obj)[pairs.reshape(-1, 2)]
+    return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)
+
+
+def _say(context: bpy.types.Context, kind: str, by: Any) -> None:
+    size = sum(x * x for x in by) ** 0.5
+    text = translate("Pull: {:.2f} N", size) if kind == "PULL" else translate("Wish: {:.1f} mm beside the target", size)
+    if context.area is not None:
+        context.area.header_text_set(text + "    " + translate("ESC: back"))
+
+
+CLASSES = (HoldSpiral, DragSpiral, ClearHandles)

@@ -1,0 +1,68 @@
+"""Live mode: the shape follows whatever is changed of a piece, until it is switched off."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..bridge.hosts import background, live, preload
+from .stage import OnObject, redraw
+
+
+class Live(OnObject, bpy.types.Operator):
+    """Show the shape that the piece takes while you change it: settings, supports and loads, spirals, seams, vertices of the target. Press again to stop; press Simulate for the final shape with its figures"""
+
+    bl_idname = "flexmaps.live"
+    bl_label = "Live"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        following = live.current()
+        if following is not None and following.uid == context.object.session_uid:
+            live.stop()
+            redraw(context)
+            return {"FINISHED"}
+        preload.wait()
+        live.start(context.object)
+        if not bpy.app.timers.is_registered(_tick):
+            bpy.app.timers.register(_tick)
+        redraw(context)
+        return {"FINISHED"}
+
+
+def _tick() -> float | None:
+    following = live.current()
+    if following is None:
+        return None
+    before = following.resting, following.problem
+    if following.tick():
+        redraw(bpy.context, "WINDOW")
+    if before != (following.resting, following.problem):
+        redraw(bpy.context, "UI")
+    return live.TICK
+
+
+def drawn() -> object:
+    """What lies over the 3D view: what a job shows of its work, or the piece that follows."""
+    running = background.current()
+    return background.shown() if running is not None else live.shown()
+
+
+def register() -> None:
+    handlers = bpy.app.handlers
+    handlers.load_pre.append(live.stop)
+    handlers.depsgraph_update_post.append(live.changed)
+    for which in (handlers.undo_post, handlers.redo_post):
+        which.append(live.stepped)
+
+
+def unregister() -> None:
+    live.stop()
+    handlers = bpy.app.handlers
+    for which in (handlers.undo_post, handlers.redo_post):
+        which.remove(live.stepped)
+    handlers.depsgraph_update_post.remove(live.changed)
+    handlers.load_pre.remove(live.stop)
+    if bpy.app.timers.is_registered(_tick):
+        bpy.app.timers.unregister(_tick)
+
+
+CLASSES = (Live,)

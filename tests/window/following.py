@@ -1,0 +1,127 @@
+"""Runs inside a real Blender with its window: live mode with a hand on the mouse, then handles by the tool.
+
+A number is typed into the sidebar, a spiral is clicked and another one dragged in the 3D view, all is undone and done again by
+keys; what was seen goes to result.json, the screens to pictures.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+import hands  # noqa: E402
+
+FOUND = {"errors": [], "wrong": [], "seen": {}, "pictures": 0}
+PATIENCE = 120.0  # seconds for what is looked for, on a busy machine
+
+
+def expect(holds, sentence):
+    if not holds:
+        FOUND["wrong"].append(sentence)
+
+
+def following():
+    return hands.module("bridge.hosts.live").current()
+
+
+def picture(name):
+    FOUND["pictures"] += 1
+    yield 0.5
+    hands.shot(f"{FOUND['pictures']:02d}-{name}")
+
+
+def moved(name, since, before):
+    """Wait until another shape is drawn, note how long that took, and then until it rests; the shape's vertices."""
+    ends = since + PATIENCE
+    while np.array_equal(following().shape.vertices, before) and time.perf_counter() < ends:
+        yield 0.01
+    FOUND["seen"][name] = round(time.perf_counter() - since, 3)
+    expect(not np.array_equal(following().shape.vertices, before), f"{name}: the shape moves")
+    while not following().resting and time.perf_counter() < ends:
+        yield 0.05
+    return following().shape.vertices
+
+
+def on_screen(quad):
+    """Where a quad of the live shape is on the screen."""
+    from bpy_extras import view3d_utils
+
+    shape = following().shape
+    middle = shape.vertices[shape.quads[quad]].mean(axis=0)
+    area = hands.view()[1]
+    region = next(r for r in area.regions if r.type == "WINDOW")
+    x, y = view3d_utils.location_3d_to_region_2d(region, area.spaces.active.region_3d, middle)
+    return int(region.x + x), int(len(hands.pixels()) - region.y - y)
+
+
+def walk():
+    yield from hands.installed()
+    from bl_ext.user_default.flexmaps import api
+
+    piece = api.spirals(api.load("shape:dome", edge=20))
+    obj = api.show(piece)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    bpy.ops.ed.undo_push(message="begin")
+    with hands.in_view():
+        bpy.ops.view3d.view_axis(type="TOP")
+    yield from hands.look_at([obj])
+    yield from hands.click("operator", "flexmaps.live")
+    began = time.perf_counter()
+    while time.perf_counter() - began < PATIENCE and (
+        following() is None or following().shape is None or not following().resting
+    ):
+        yield 0.1
+    expect(following() is not None and following().shown is not None, "a click on Live shows the shape")
+    first = following().shape.vertices
+    yield from picture("live")
+    since = time.perf_counter()
+    yield from hands.type_in("thickness", "3")
+    thicker = yield from moved("a number typed", since, first)
+    yield from picture("thicker")
+    with hands.in_view():
+        bpy.ops.wm.tool_set_by_id(name="flexmaps.handles")
+    yield 0.5
+    quad = int(np.argmax(thicker[following().shape.quads].mean(axis=1)[:, 2]))  # on top, under the view from above
+    place = on_screen(quad)
+    yield from hands.move(place)
+    hands.xdotool("click", 1)
+    yield 1.0
+    obj = bpy.context.object
+    held = (
+        [k for k, v in enumerate(obj.data.attributes["flexmaps_held"].data) if v.value]
+        if "flexmaps_held" in obj.data.attributes
+        else []
+    )
+    expect(held == [quad], f"a click holds the spiral under the pointer: {held}, not {quad}")
+    yield from picture("held")
+    before, other = (
+        following().shape.vertices,
+        int(np.argmax(np.linalg.norm(following().shape.centres - following().shape.centres[quad], axis=1))),
+    )
+    place = on_screen(other)
+    yield from hands.move(place)
+    since = time.perf_counter()
+    hands.xdotool("mousedown", 1)
+    yield 0.3
+    for k in range(1, 6):
+        yield from hands.move((place[0] + 12 * k, place[1] + 4 * k))
+    hands.xdotool("mouseup", 1)
+    yield from moved("a spiral pulled", since, before)
+    expect("flexmaps_pull" in bpy.context.object.data.attributes, "a drag pulls at a spiral")
+    yield from picture("pulled")
+    for keys, there in ((("ctrl+z",), False), (("ctrl+shift+z",), True)):
+        yield from hands.key(*keys)
+        yield 1.0
+        expect(("flexmaps_pull" in bpy.context.object.data.attributes) == there, f"{keys[0]} is one step")
+        expect(following() is not None and following().problem == "", f"{keys[0]} leaves Live on")
+    yield from picture("redone")
+    FOUND["slowest"] = following().slowest
+    hands.module("bridge.hosts.live").stop()
+
+
+hands.drive(walk(), FOUND)

@@ -1,0 +1,256 @@
+"""Measures how soon a piece follows a change, and whether it goes on doing so.
+
+python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces hand window]
+
+``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
+the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
+of the zoo, and how far the live shape at rest is from a simulation's. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
+modes in Blender as a module with the process beside it. ``window``: what the window test has left in out/window-live.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import resource
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.live.given import Given
+from flexmaps.engine.live.piece import Shape
+from flexmaps.engine.live.session import Call, forget, step
+from flexmaps.engine.materials import material
+from flexmaps.engine.mechanics.loads import standing
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking import check
+from live_cases import given_of, of_mesh, stroke
+from rows import Row, Table, at_most, row
+from zoo import SURFACES
+
+ROOT = Path(__file__).resolve().parent.parent
+WINDOW = ROOT / "out" / "window-live" / "figures.json"
+SIZES = (
+    (400, 0.060, 0.2),
+    (1000, 0.150, 0.5),
+    (2400, 0.350, 1.2),
+)  # spirals, seconds asked to the first picture and to rest
+TICK = 0.030  # seconds of the main thread at the most
+STROKES = 8  # of which the median counts
+AWAY = 0.01  # millimetres that a live shape may be from a simulation's
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench live")
+    parser.add_argument("--minutes", type=float, default=10.0, help="how long the hand works")
+    parser.add_argument("--surfaces", type=int, default=24, help="surfaces of the zoo at the most")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--only", nargs="*", choices=[*PARTS], default=[*PARTS])
+    options = parser.parse_args(arguments)
+    table = Table(44)
+    for name in options.only:
+        for one in PARTS[name](options):
+            table.add(one)
+    table.finish(options.json)
+    return 0
+
+
+# -- how soon --------------------------------------------------------------------------------------------------------------
+
+
+class Followed:
+    """A piece in this very process, so that all of its work counts; what goes through the pipe is written and read as there."""
+
+    def __init__(self, given: Given):
+        self.given = given
+        self.rest = self.told(given.changes(None), whole=True)
+
+    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> Shape:
+        while not (shape := self._step(Call("piece", changes, whole))).resting:
+            changes, whole = None, False
+        return shape
+
+    def follow(self, wanted: Given) -> tuple[float, float, Shape]:
+        """Seconds of processor to the first picture and to rest, and the shape."""
+        began, first = time.process_time(), 0.0
+        changes: dict[str, Any] | None = wanted.changes(self.given)
+        while True:
+            shape = self._step(Call("piece", changes))
+            first, changes = first or time.process_time() - began, None
+            if shape.resting:
+                self.given, self.rest = wanted, shape
+                return first, time.process_time() - began, shape
+
+    def _step(self, call: Call) -> Shape:
+        from flexmaps.bridge.view.followed import Followed as Picture
+
+        shape = step(pickle.loads(pickle.dumps(call)))
+        assert shape is not None
+        shape = pickle.loads(pickle.dumps(shape))
+        Picture.of(shape, 1.0)
+        return shape
+
+
+def changes(_: argparse.Namespace) -> Iterator[Row]:
+    """Strokes and other changes on domes of three sizes."""
+    rng = np.random.default_rng(0)
+    for count, first_asked, rest_asked in SIZES:
+        flat, made = of_mesh(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
+        name, piece = f"dome {len(made.width)}", Followed(given_of(made))
+        strokes = [piece.follow(stroke(piece.given, rng)) for _ in range(STROKES)]
+        first, rest = (float(np.median([one[k] for one in strokes])) for k in range(2))
+        yield at_most(name, "stroke of 5 %: first picture, s", first_asked, first)
+        yield at_most(name, "stroke of 5 %: at rest, s", rest_asked, rest)
+        yield row(
+            name,
+            "strokes that came to rest",
+            f"{STROKES}",
+            sum(one[2].converged for one in strokes),
+            all(one[2].converged for one in strokes),
+        )
+        for what, wanted in others(flat.layout.mesh):
+            first, rest, shape = piece.follow(wanted(piece.given))
+            yield at_most(name, f"{what}: first picture, s", first_asked, first)
+            yield row(name, f"{what}: at rest, s", "", float(f"{rest:.3g}"), shape.converged or None)
+    forget()
+
+
+def others(mesh: Any) -> Iterator[tuple[str, Callable[[Given], Given]]]:
+    """Changes of other kinds."""
+    yield "thickness", lambda g: replace(g, spiral=replace(g.spiral, thickness=1.2 * g.spiral.thickness))
+    yield "material", lambda g: replace(g, material=material("pla"))
+    yield "supports", lambda g: replace(g, supports=standing(mesh, "lowest"))
+    yield "gravity", lambda g: replace(g, simulate=replace(g.simulate, gravity=True))
+    yield "vertices of the target pulled", pulled
+    yield "a seam cleared", lambda g: replace(g, seams=cleared(g, mesh))
+
+
+def pulled(given: Given) -> Given:
+    away = np.linalg.norm(given.vertices - given.vertices[len(given.vertices) // 3], axis=1)
+    shift = 0.005 * np.exp(-((away / 0.04) ** 2))[:, None] * [0.0, 0.0, 1.0]
+    return replace(given, vertices=given.vertices + shift)
+
+
+def cleared(given: Given, mesh: Any) -> np.ndarray:
+    """The seams without those between two of the patches."""
+    from flexmaps.engine.patches.layout import PatchLayout
+
+    layout, seams = PatchLayout(mesh, given.seams), given.seams.copy()
+    sides = np.sort(layout.patch_of[mesh.edge_quads], axis=1)
+    between = seams & (sides[:, 0] != sides[:, 1]) & ~mesh.border
+    seams[between & (sides == sides[between][0]).all(axis=1)] = False
+    return seams
+
+
+def surfaces(options: argparse.Namespace) -> Iterator[Row]:
+    """Strokes on surfaces nobody tuned anything to."""
+    rng, away, slow, count, lost = np.random.default_rng(1), [], [], 0, 0
+    for name, surface in SURFACES.items():
+        if count == options.surfaces:
+            break
+        if surface.refused or surface.remesh:
+            continue
+        try:
+            _, made = of_mesh(check.as_quad_mesh(surface.polygons()))
+            piece = Followed(given_of(made))
+        except FlexMapsError:
+            continue
+        count += 1
+        for _ in range(3):
+            _, rest, shape = piece.follow(stroke(piece.given, rng))
+            if not shape.converged:
+                lost += 1
+                continue
+            slow.append(rest * 1000.0 / len(made.width))
+            away.append(distance(piece.given, made, shape))
+        yield row(name, f"{len(made.width)} spirals: stroke at rest, s", "", float(f"{rest:.3g}"), None)
+    yield row("zoo", "surfaces, strokes", "", f"{count}, {len(slow) + lost}", None)
+    yield at_most("zoo", "strokes that found no rest", None, lost)
+    yield at_most("zoo", "at rest, s for 1,000 spirals, median", 0.5, float(np.median(slow)))
+    yield at_most("zoo", "at rest, s for 1,000 spirals, slowest", None, float(np.max(slow)))
+    yield at_most("zoo", "mm from a simulation begun there, worst", AWAY, float(np.max(away)))
+    forget()
+
+
+def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
+    """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
+    from flexmaps.engine.live.session import _pieces
+
+    at = _pieces["piece"]._at
+    assert at is not None and shape.vertices is not None
+    design = replace(made, width=given.width, twist=given.twist)
+    found = simulate(design, made.flat.layout.mesh, given.material, given.simulate, start=at.pose)
+    return 1e3 * float(np.abs(found.vertices - shape.vertices).max())
+
+
+# -- whether it goes on ----------------------------------------------------------------------------------------------------
+
+
+def hand(options: argparse.Namespace) -> Iterator[Row]:
+    """Random work on an object, followed all the time."""
+    import bpy
+    from live_hand import Hand
+
+    with tempfile.TemporaryDirectory() as folder:
+        worked = Hand(Path(folder))
+        end, half, memory = time.monotonic() + 60.0 * options.minutes, 0, []
+        while time.monotonic() < end:
+            worked.act()
+            memory.append((resident("self"), resident(str(worked.process))))
+        half = len(memory) // 2
+        name = f"{len(worked.obj.data.polygons)} spirals"
+        yield row(
+            name, "acts of the hand, by kind", "", ", ".join(f"{v} {k}" for k, v in sorted(worked.done.items())), None
+        )
+        yield at_most(
+            name, "errors", 0, len(worked.errors), {"first": worked.errors[0][:200]} if worked.errors else None
+        )
+        yield at_most(name, "lost states", 0, worked.lost)
+        yield at_most(name, "main thread, slowest tick, s of processor", TICK, worked.slowest)
+        for k, who in enumerate(("Blender", "the process beside it")):
+            # after a first half, in which undo steps and kept shapes fill up
+            early, late = (
+                float(np.median([m[k] for m in part]))
+                for part in (memory[half : half + half // 4 + 1], memory[-half // 4 - 1 :])
+            )
+            yield at_most(name, f"memory of {who}: growth over the second half", 0.05, late / early - 1.0)
+        worked.close()
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+
+
+def resident(process: str) -> float:
+    """Bytes of memory of a process; of this one's peak where the system does not tell."""
+    try:
+        return float(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def window(_: argparse.Namespace) -> Iterator[Row]:
+    """A hand on the mouse, in a real Blender: see tests/window/following.py."""
+    if not WINDOW.is_file():
+        yield row("real window", "not measured: run test window -k live", "", "", None)
+        return
+    found = json.loads(WINDOW.read_text())
+    yield at_most("real window", "main thread, slowest tick, s of processor", TICK, found["slowest"])
+    yield at_most("real window", "errors", 0, len(found["errors"]))
+    for name, seconds in found["seen"].items():
+        yield row("real window", f"{name}: to the first picture, s by the clock", "", seconds, None)
+
+
+PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
+    "changes": changes,
+    "surfaces": surfaces,
+    "hand": hand,
+    "window": window,
+}
