@@ -28,6 +28,7 @@ from . import (
     spirals,
     structure,
     together,
+    tutorial,
 )
 
 MODULES = (
@@ -49,6 +50,7 @@ MODULES = (
     render,
     export,
     together,
+    tutorial,
     calibrate,
     report,
     overlay,
