@@ -62,7 +62,7 @@ def blocks(text: str) -> Iterator[Block]:
         language = "python" if word in PYTHON else "shell" if word in SHELL else ""
         body = re.sub(rf"^{one['space']}", "", one["body"], flags=re.MULTILINE)
         found.append(Block(text.count("\n", 0, one.start()) + 2, language, body, _setting(text[: one.start()])))
-    blank = FENCE.sub(lambda one: "\n" * one.group(0).count("\n"), text)
+    blank = FENCE.sub(lambda one: "```" + "\n" * one.group(0).count("\n"), text)
     lines, at = blank.split("\n"), 0
     while at < len(lines):
         # indented after an empty line: by four, or inside an item of a list by four more than its text

@@ -48,10 +48,14 @@ def setup(app: object) -> None:
 
 
 def listed(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """The lines of a docstring that explain arguments or members, as a list."""
+    """The lines of a docstring that explain arguments or members, as a list; what is indented, as code."""
     made: list[str] = []
-    inside = False
+    inside = code = False
     for line in lines:
+        if line.startswith("    ") and made and not made[-1].strip() and not inside and not code:
+            made += [".. code-block:: python", ""]
+            code = True
+        code = code and (not line.strip() or line.startswith("    "))
         if WORDS.match(line):
             made += ([] if inside else [""]) + _items(line)
             inside = True
