@@ -341,7 +341,20 @@ def dispatch(command, rest):
     return 0  # setup
 
 
-COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "site", "bench", "database", "measures", "python", "setup")
+COMMANDS = (
+    "demo",
+    "run",
+    "test",
+    "lint",
+    "build",
+    "gallery",
+    "site",
+    "bench",
+    "database",
+    "measures",
+    "python",
+    "setup",
+)
 
 
 def main(arguments):

@@ -114,7 +114,9 @@ LYING = ((-0.34, -0.03, 0.12), (-0.31, 0.16, -0.04), (0.0, -0.09, 0.5))
 NEAR = (0.0, -0.62, 0.36), (1.29, 0.0, 0.0)  # camera of the picture from near, metres and radians
 
 
-def in_the_room(piece: Any, path: Path, *, size: tuple[int, int] = WIDE, near: bool = False, samples: int = SAMPLES) -> None:
+def in_the_room(
+    piece: Any, path: Path, *, size: tuple[int, int] = WIDE, near: bool = False, samples: int = SAMPLES
+) -> None:
     """The shade lit, above its panels; ``near`` shows its spirals."""
     import bpy
 
@@ -171,7 +173,9 @@ def icon(path: Path) -> None:
     from PIL import Image, ImageDraw
 
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    obj = api.show(api.spirals(api.load("shape:quad", edge=20, settings={"spiral.twist_min": 250, "spiral.width_max": 1.3})))
+    obj = api.show(
+        api.spirals(api.load("shape:quad", edge=20, settings={"spiral.twist_min": 250, "spiral.width_max": 1.3}))
+    )
     design = picture.stored_design(obj)
     assert design is not None
     with picture.studio((2 * ICON, 2 * ICON), 16) as place:

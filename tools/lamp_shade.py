@@ -20,7 +20,11 @@ AROUND, ROWS = 30, 11  # quads: of about 20 mm, few enough that cutting and join
 # (radius, height) in metres, a cubic Bezier curve from the lower to the upper rim; with the next two chosen by eye among eight
 # shapes that all ended within 1 % of the target, of which this one has its panels on one sheet
 PROFILE = np.array([[0.125, 0.0], [0.09, 0.05], [0.13, 0.17], [0.035, 0.185]])
-LOBES, DEPTH, TURN = 6, 0.08, 0.6  # waves round the shade, as a share of the radius; radians that they turn by from rim to rim
+LOBES, DEPTH, TURN = (
+    6,
+    0.08,
+    0.6,
+)  # waves round the shade, as a share of the radius; radians that they turn by from rim to rim
 HANGS = 0.10  # metres from the table to the lower rim
 
 

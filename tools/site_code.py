@@ -25,7 +25,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-FENCE = re.compile(r"^(?P<space> *)(?P<fence>```+|:::+)(?P<language>[^\n`]*)\n(?P<body>.*?)^(?P=space)(?P=fence)[ \t]*$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(
+    r"^(?P<space> *)(?P<fence>```+|:::+)(?P<language>[^\n`]*)\n(?P<body>.*?)^(?P=space)(?P=fence)[ \t]*$",
+    re.MULTILINE | re.DOTALL,
+)
 SPAN = re.compile(r"(?<!`)`([^`\n]+(?:\n(?!\n)[^`\n]+)?)`(?!`)")
 PYTHON, SHELL = {"python", "py"}, {"sh", "shell", "bash", "console"}
 PROGRAMS = ("blender", "flexmaps", "python3", "pip")
@@ -139,7 +142,9 @@ def _refused(words: list[str]) -> str:
         return ""
     if words[:2] == ["python3", "tools/dev.py"]:
         return _dev_refused(words[2:])
-    return "" if words[0] == "pip" and words[1:2] == ["install"] else f"{words[0]} is no command that these pages may use"
+    return (
+        "" if words[0] == "pip" and words[1:2] == ["install"] else f"{words[0]} is no command that these pages may use"
+    )
 
 
 def _dev_refused(words: list[str]) -> str:
@@ -172,7 +177,11 @@ def name_faults(text: str) -> list[str]:
 def _unknown(span: str) -> list[str]:
     from flexmaps import api
 
-    found = [f"there is no api.{name}" for name in re.findall(r"\bapi\.(?!py\b)([A-Za-z_]\w*)", span) if not hasattr(api, name)]
+    found = [
+        f"there is no api.{name}"
+        for name in re.findall(r"\bapi\.(?!py\b)([A-Za-z_]\w*)", span)
+        if not hasattr(api, name)
+    ]
     operators = "".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "operators").glob("*.py")))
     for name in re.findall(r"bpy\.ops\.flexmaps\.(\w+)", span):
         if f'"flexmaps.{name}"' not in operators:
@@ -187,7 +196,9 @@ def _unknown(span: str) -> list[str]:
             found.append(f"there is no command {command.group(1)}")
         else:
             known = there[command.group(1)]._option_string_actions
-            found += [f"no flag {flag}" for flag in re.findall(r"(?<!\S)--[a-z][\w-]*", command.group(2)) if flag not in known]
+            found += [
+                f"no flag {flag}" for flag in re.findall(r"(?<!\S)--[a-z][\w-]*", command.group(2)) if flag not in known
+            ]
     elif span.startswith("python3 tools/dev.py "):
         reason = _dev_refused(span.split()[2:]) if "NAME" not in span else ""
         found += [reason] if reason and " run" not in span[:24] else []
@@ -228,7 +239,9 @@ def _small_files() -> None:
 
     mesh = shapes.saddle(4)
     points = "".join(f"v {x} {z} {-y}\n" for x, y, z in mesh.vertices)  # y up, as .obj files are
-    Path("surface.obj").write_text(points + "".join("f " + " ".join(str(k + 1) for k in quad) + "\n" for quad in mesh.quads))
+    Path("surface.obj").write_text(
+        points + "".join("f " + " ".join(str(k + 1) for k in quad) + "\n" for quad in mesh.quads)
+    )
 
 
 def summary(paths: Iterable[Path]) -> tuple[dict[str, int], list[str]]:

@@ -94,7 +94,9 @@ def turned(text: str, source: str, folder: Path) -> str:
         elif source == "tools/website/documentation.md":
             return found.group(0)  # written for the site
         else:
-            raise NotOnTheSite(f"{source} links to {found.group(2)}, which is no page of the site; see PAGES in tools/site_pages.py")
+            raise NotOnTheSite(
+                f"{source} links to {found.group(2)}, which is no page of the site; see PAGES in tools/site_pages.py"
+            )
         return "](" + os.path.relpath(target, here.parent) + (found.group(3) or "") + ")"
 
     return LINK.sub(turn, text)
@@ -213,7 +215,15 @@ def licences() -> str:
         package = third_party.PACKAGES[name.lower().replace("-", "_")]
         lines.append(f"| {name} | {version} | {package.licence} | <{package.source}> |")
         libraries += [f"| {library} | {name} | {licence} |" for library, licence in package.libraries.items()]
-    lines += ["", "Compiled libraries inside them, on one system or another:", "", "| library | in | licence |", "|---|---|---|", *libraries, ""]
+    lines += [
+        "",
+        "Compiled libraries inside them, on one system or another:",
+        "",
+        "| library | in | licence |",
+        "|---|---|---|",
+        *libraries,
+        "",
+    ]
     lines += [
         "The report's page holds a part of three.js (MIT, <https://github.com/mrdoob/three.js>). This site was made with Sphinx (BSD-2-Clause),",
         "MyST-Parser (MIT) and Furo (MIT).",

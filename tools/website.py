@@ -27,7 +27,18 @@ WEBSITE = ROOT / "tools" / "website"
 # the front page's pictures, which no page of Sphinx's names, or not by these names
 FRONT = ("hero.jpg", "assembly.webp", "tutorial/shape.jpg", "tutorial/sheet.jpg", "gallery/canopy.jpg", "gallery/torus.jpg",
          "gallery/three-holes.jpg", "gallery/suzanne.jpg")  # fmt: skip
-SEEN = ("index", "quickstart", "tutorial", "guide", "gallery", "api", "settings", "commands", "glossary", "examples/16_four_widths")
+SEEN = (
+    "index",
+    "quickstart",
+    "tutorial",
+    "guide",
+    "gallery",
+    "api",
+    "settings",
+    "commands",
+    "glossary",
+    "examples/16_four_widths",
+)
 SIZES = ("wide", "phone")
 INSTALL = "install"  # folder of the site that holds a repository
 
@@ -97,7 +108,17 @@ def packages() -> Path:
         return folder
     print(f"Fetching what makes the site into {folder.name} (once, about 30 MB)", flush=True)
     shutil.rmtree(folder, ignore_errors=True)
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--no-input", "install", "-q", "--no-deps", "--target"]
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--no-input",
+        "install",
+        "-q",
+        "--no-deps",
+        "--target",
+    ]
     done = subprocess.run([*pip, str(folder), "-r", str(pins)], capture_output=True, text=True)
     if done.returncode:
         shutil.rmtree(folder, ignore_errors=True)
@@ -144,7 +165,11 @@ def _linked(source: str, target: str) -> None:
 
 def checked() -> list[Path]:
     """The Markdown pages whose code is checked; the examples are run by tests of their own."""
-    pages = [ROOT / name for name in site_pages.PAGES if name.endswith(".md") and not name.startswith(("tools/", "database/"))]
+    pages = [
+        ROOT / name
+        for name in site_pages.PAGES
+        if name.endswith(".md") and not name.startswith(("tools/", "database/"))
+    ]
     return [*pages, ROOT / "README.md"]
 
 
@@ -155,11 +180,23 @@ def code(run: bool) -> list[Row]:
     rows = [Row("shell blocks, and names of the program in the text", counts["shell"], tuple(faults))]
     if run:
         broken: list[str] = []
-        with_code = [page for page in pages if any(b.language == "python" for b in site_code.blocks(page.read_text(encoding="utf-8")))]
-        command = [sys.executable, str(ROOT / "tools" / "dev.py"), "python", str(ROOT / "tools" / "site_code.py"), *map(str, with_code)]
+        with_code = [
+            page
+            for page in pages
+            if any(b.language == "python" for b in site_code.blocks(page.read_text(encoding="utf-8")))
+        ]
+        command = [
+            sys.executable,
+            str(ROOT / "tools" / "dev.py"),
+            "python",
+            str(ROOT / "tools" / "site_code.py"),
+            *map(str, with_code),
+        ]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
-            broken = [line.strip() for line in done.stdout.splitlines() if line.startswith("  ")] or [done.stderr.strip()[-300:]]
+            broken = [line.strip() for line in done.stdout.splitlines() if line.startswith("  ")] or [
+                done.stderr.strip()[-300:]
+            ]
         rows.append(Row("Python blocks that were run", counts["python"], tuple(broken)))
     return rows
 
@@ -176,7 +213,9 @@ def looked_at(folder: Path, pictures: Path) -> list[Row]:
                     count += 1
                     where = f"{name}, {size}, {'dark' if dark else 'light'}"
                     said += [f"{where}: {text}" for text in page.messages]
-                    said += [f"{where} asks for {url}" for url in page.requests if not url.startswith(("file:", "data:"))]
+                    said += [
+                        f"{where} asks for {url}" for url in page.requests if not url.startswith(("file:", "data:"))
+                    ]
                     over = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
                     wide += [f"{where}: {over} pixels"] if over > 0 else []
                     kind = f"{Path(name).name}-{size}{'-dark' if dark else ''}"

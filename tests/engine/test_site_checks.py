@@ -30,12 +30,16 @@ def test_links(tools: dict[str, ModuleType], tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "c.html").write_text('<p id="two"><a href="../a.html">.</a><a href="../b/">.</a>')
     (tmp_path / "there.png").touch()
-    (tmp_path / "s.css").write_text("@font-face { src: url(https://fonts.example.org/f.woff2) } p { background: url('there.png') }")
+    (tmp_path / "s.css").write_text(
+        "@font-face { src: url(https://fonts.example.org/f.woff2) } p { background: url('there.png') }"
+    )
     found = tools["site_links"].check(tmp_path)
     assert found.broken == ("b/c.html: ../b/",)  # a folder without an index
     assert found.elsewhere == ("https://example.org/x",)
     assert found.loaded == ("https://cdn.example.org/y.js", "https://fonts.example.org/f.woff2")
-    (tmp_path / "b" / "index.html").write_text('<a href="c.html#three">.</a><a href="../../beyond.html">.</a><img src="no.png">')
+    (tmp_path / "b" / "index.html").write_text(
+        '<a href="c.html#three">.</a><a href="../../beyond.html">.</a><img src="no.png">'
+    )
     lost = tools["site_links"].check(tmp_path).broken
     assert lost == ("b/index.html: c.html#three", "b/index.html: ../../beyond.html", "b/index.html: no.png")
 
@@ -69,20 +73,38 @@ Then `api.optimise(piece)`, `api.optimize(piece)`, `bpy.ops.flexmaps.merge()`, `
 
 def test_shell_blocks_and_names(tools: dict[str, ModuleType], tmp_path: Path) -> None:
     code = tools["site_code"]
-    assert [(block.line, block.language) for block in code.blocks(PAGE)] == [(3, "shell"), (13, "shell"), (18, "python"), (21, "")]
+    assert [(block.line, block.language) for block in code.blocks(PAGE)] == [
+        (3, "shell"),
+        (13, "shell"),
+        (18, "python"),
+        (21, ""),
+    ]
     page = tmp_path / "page.md"
     page.write_text(PAGE)
     counts, faults = code.summary([page])
     assert counts == {"shell": 2, "python": 1, "": 1}
     for said, fault in zip(
-        ("--corner", "walk", "bench nothing", "rm is no command", "dance", "api.optimize", "flexmaps.submerge", "--watch"), faults, strict=True
+        (
+            "--corner",
+            "walk",
+            "bench nothing",
+            "rm is no command",
+            "dance",
+            "api.optimize",
+            "flexmaps.submerge",
+            "--watch",
+        ),
+        faults,
+        strict=True,
     ):
         assert said in fault
 
 
 def test_python_blocks_are_run(tools: dict[str, ModuleType], tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("```python\nx = api.load('surface.obj')\n```\n\n```python\nassert len(x.mesh.quads) == 16\nx.no_such_thing\n```\n")
+    page.write_text(
+        "```python\nx = api.load('surface.obj')\n```\n\n```python\nassert len(x.mesh.quads) == 16\nx.no_such_thing\n```\n"
+    )
     ran, faults = tools["site_code"].python_faults(page)
     assert ran == 2
     assert len(faults) == 1
@@ -93,7 +115,9 @@ def test_python_blocks_are_run(tools: dict[str, ModuleType], tmp_path: Path) -> 
 
 def test_the_pages_that_there_are(tools: dict[str, ModuleType]) -> None:
     """Every page of docs/ is on the site, and their shell lines and names are the program's."""
-    assert [path.name for path in (ROOT / "docs").glob("*.md") if f"docs/{path.name}" not in tools["site_pages"].PAGES] == []
+    assert [
+        path.name for path in (ROOT / "docs").glob("*.md") if f"docs/{path.name}" not in tools["site_pages"].PAGES
+    ] == []
     counts, faults = tools["site_code"].summary(tools["website"].checked())
     assert faults == []
     assert counts["shell"] > 5
