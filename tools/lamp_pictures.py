@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -111,6 +110,7 @@ def translucent(look: Any) -> Any:
 
 # where the panels lie on the table, metres, and how they are turned, radians; by eye
 LYING = ((-0.34, -0.03, 0.12), (-0.31, 0.16, -0.04), (0.0, -0.09, 0.5))
+SHADE = (810, 215, 1770, 755)  # where the shade is in the picture from afar, pixels
 NEAR = (0.0, -0.62, 0.36), (1.29, 0.0, 0.0)  # camera of the picture from near, metres and radians
 
 
@@ -227,8 +227,9 @@ def pages(piece: Any) -> None:
         step(piece, kind, folder / f"{kind}.png", STEP)
     sheet(folder / "sheet.png", STEP[0])
     lit(piece, LISTING)
-    for name, file in (("hero", "featured.png"), ("near", "preview-1-near.png")):
-        shutil.copyfile(LISTING / file, folder / f"{name}.png")
+    whole = Image.open(LISTING / "featured.png")
+    whole.save(folder / "hero.png")
+    whole.crop(SHADE).save(folder / "near.png")
     for path in sorted(folder.glob("*.png")):
         target = IMAGES / "hero.jpg" if path.stem == "hero" else IMAGES / "tutorial" / f"{path.stem}.jpg"
         target.parent.mkdir(exist_ok=True)
