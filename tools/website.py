@@ -66,8 +66,8 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
     try:
         rows = build(TARGET, wanted.repository)
-    except NoGenerator as reason:
-        print(f"No site: {reason}", file=sys.stderr)
+    except NoGenerator as error:
+        print(f"No site: {error}", file=sys.stderr)
         return 2
     links = site_links.check(TARGET)
     rows += [
