@@ -33,6 +33,7 @@ from . import (
     spirals,
     structure,
     together,
+    tutorial,
 )
 
 MODULES = (
@@ -59,6 +60,7 @@ MODULES = (
     render,
     export,
     together,
+    tutorial,
     calibrate,
     report,
     overlay,

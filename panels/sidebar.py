@@ -92,6 +92,7 @@ def _welcome(layout: Any, context: bpy.types.Context) -> None:
     button = layout.row()
     button.scale_y = EMPHASIS
     button.operator("flexmaps.example", icon="ADD")
+    layout.operator("flexmaps.tutorial", icon="LIGHT")
 
 
 def _next(layout: Any, context: bpy.types.Context, idname: str) -> None:

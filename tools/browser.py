@@ -24,8 +24,8 @@ OPTIONS = (
     "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
 )  # fmt: skip
-# what an iPhone of 390 x 844 points and a small notebook show
-SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
+# what an iPhone of 390 x 844 points, a small notebook and a usual desktop show
+SIZES = {"desktop": (1280, 800), "phone": (390, 844), "wide": (1440, 900)}
 PATIENCE = 120.0  # seconds for an answer: drawn by software, maybe on a busy machine
 
 

@@ -30,6 +30,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
                                                 lint, types and tests
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
   python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
+  python3 tools/dev.py site                     the documentation as a site in docs/site, its links and code checked
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
@@ -327,6 +328,8 @@ def dispatch(command, rest):
         return call("measures", rest)
     if command == "gallery":
         return call("gallery", rest)
+    if command == "site":
+        return call("website", rest)
     if command == "bench":
         if not rest or rest[0].startswith("-"):
             return call("bench_" + (rest[0] if rest else "NAME"), [])
@@ -338,7 +341,20 @@ def dispatch(command, rest):
     return 0  # setup
 
 
-COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "bench", "database", "measures", "python", "setup")
+COMMANDS = (
+    "demo",
+    "run",
+    "test",
+    "lint",
+    "build",
+    "gallery",
+    "site",
+    "bench",
+    "database",
+    "measures",
+    "python",
+    "setup",
+)
 
 
 def main(arguments):
