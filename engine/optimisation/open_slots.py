@@ -17,6 +17,7 @@ from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slot_estimate import Slots, SlotWidths
 from ..mechanics.arms.tip_motion import TipMotions
 from ..mechanics.assembly import Pose
+from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..spirals.blends import ANGLE, MATE_LEAN, MATE_WIDTH, MATE_WIND, NUMBERS, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..spirals.design import SpiralDesign
@@ -40,21 +41,23 @@ class Opening:
     """What slots of a design should be in space.
 
     width : metres that they should be wide; shapes : what the flat quads give to their arms
+    params : of the spirals
     """
 
     shapes: Shapes
     slots: Slots
     width: float
+    params: SpiralParams
 
     @classmethod
     def of(cls, design: SpiralDesign) -> Opening:
         p = design.params
         slots = Slots(p.blend, p.fillet, p.thickness, p.clockwise)
-        return cls(Shapes.of(design.flat), slots, OPEN * slot_needed(p))
+        return cls(Shapes.of(design.flat, p), slots, OPEN * slot_needed(p), p)
 
     def moved(self, flat: FlatPatches) -> Opening:
         """The same on other flat shapes of the same patches."""
-        return replace(self, shapes=Shapes.of(flat))
+        return replace(self, shapes=Shapes.of(flat, self.params))
 
     def at(self, model: ArmModel, pose: Pose) -> Closing:
         """Of the spirals of a model whose hubs stand in a pose."""
@@ -71,10 +74,12 @@ class Opening:
         shapes, assembly = self.shapes, model.assembly
         width, wind = assembly.width.ravel(), self.sign * np.repeat(assembly.twist, 4)
         out = np.empty((len(width), NUMBERS))
-        for own, mate, values in (
-            (OWN_WIDTH, MATE_WIDTH, width), (OWN_WIND, MATE_WIND, wind), (OWN_LEAN, MATE_LEAN, shapes.lean)
-        ):  # fmt: skip
-            out[:, own], out[:, mate] = values, values[shapes.mate]
+        for own, mate, values, sign in (
+            (OWN_WIDTH, MATE_WIDTH, width, 1.0),
+            (OWN_WIND, MATE_WIND, wind, shapes.sign),
+            (OWN_LEAN, MATE_LEAN, shapes.lean, shapes.sign),
+        ):
+            out[:, own], out[:, mate] = values, sign * values[shapes.mate]
         out[:, RADIUS], out[:, ANGLE] = shapes.radius, shapes.angle
         return out
 
@@ -143,6 +148,7 @@ class Closing:
         by, own = found.slopes[1], found.arms
         direct = np.stack([by[..., OWN_WIDTH], by[..., MATE_WIDTH], by[..., OWN_WIND], by[..., MATE_WIND]], axis=-1)
         direct[..., 2:] *= self.opening.sign
+        direct[..., 3] *= self.opening.shapes.sign[own]
         at = np.stack([own, mate[own], arms + own // 4, arms + mate[own] // 4], axis=-1)
         return self._rows(through, column, 5 * self.size) + self._rows(direct, at, 5 * self.size)
 
