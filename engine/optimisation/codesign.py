@@ -54,7 +54,7 @@ def refine(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
-    flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first)
+    flat = FlatRange.of(design.flat, SPAN, params.distortion_limit, SEAM, weight, first, design.rim is not None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     found = method(here.problem, here, params, trace, accepted, progress)

@@ -113,7 +113,7 @@ class Rim:
         reach = self.depth + 0.5 * self.width
         slope = np.tan(0.5 * turn)
         there, here = half[j] + reach * slope, half[i] + reach * slope  # from the nodes to where both straights meet
-        room = np.minimum(here, there)
+        room = np.minimum(here, there) - _clear(params)
         bends = np.abs(turn) > _STRAIGHT
         size = np.where(bends, np.abs(slope), 1.0)
         radius = np.where(bends, room / size, 0.0)
@@ -121,7 +121,7 @@ class Rim:
         cosine = np.cos(0.5 * turn)
         outside = (reach / cosine - 0.5 * self.width) / np.maximum(1.0 / cosine - 1.0, 1e-12)
         radius = np.where(turn > 0.0, np.minimum(radius, outside), radius)
-        tight = (bends & (radius < 0.5 * self.width + slot_needed(params))) | (room <= 0.5 * params.width_max)
+        tight = (bends & (radius < 0.5 * self.width + slot_needed(params))) | (room <= 0.0)
         if tight.any():
             raise FlexMapsError(
                 f"The border turns so sharply at {int(tight.sum())} places that a rim of {1e3 * self.width:g} mm has no room there; make it "
@@ -142,7 +142,7 @@ class Rim:
             inwards = -seams[:, k]
             slope = (inwards * np.conj(way)).real / np.maximum((inwards * np.conj(self.out)).real, 1e-9)
             lean = np.minimum(np.clip(slope, -_SLANT, _SLANT) * self.depth, np.clip(slope, -_SLANT, _SLANT) * (self.depth + self.width))
-            least = 0.5 * params.width_max + params.fillet
+            least = _clear(params)
             straight[:, k] = np.where(ends, np.maximum(half + lean - 0.5 * gap, least), straight[:, k])
         return replace(self, straight=straight)
 
@@ -292,6 +292,11 @@ class Rim:
             ends_of = np.array([[place.real - 0.5 * self.hole, place.imag], [place.real + 0.5 * self.hole, place.imag]])
             found.append((int(patch), Curve(ends_of, np.array([-1.0, -1.0]))))
         return found
+
+
+def _clear(params: SpiralParams) -> float:
+    """Metres: how far on both sides of a node the strip goes straight on, so that a neck and its fillets meet it there."""
+    return 1.02 * (0.5 * params.width_max + params.fillet)
 
 
 class _Path:
