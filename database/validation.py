@@ -128,13 +128,14 @@ def solid_of(case: Case, held: list[int]) -> DesignSolid:
 
 
 def _row(found: Balance, supports: Loads, material: Material) -> dict[str, Any]:
+    count = len(supports.fixed)  # the nodes of a rim are left out
     return {
         "fixed": supports.fixed,
         "force": supports.force,
-        "centres": found.centres * UNIT,
-        "turns": Rotation.from_matrix(found.rotations).as_rotvec(),
+        "centres": found.centres[:count] * UNIT,
+        "turns": Rotation.from_matrix(found.rotations[:count]).as_rotvec(),
         "energy": found.energy * material.youngs * UNIT**3,
-        "strain": found.strain,
+        "strain": found.strain[:count],
         "iterations": found.iterations,
     }
 

@@ -1,7 +1,7 @@
 """The rim as a part of an assembly: one body more for every arm at the border, and joints to it and between those bodies.
 
-A node of the strip is a rigid body like a hub. Its first arm is the neck, straight from the strip's inner edge to the arm's tip at
-the border; its second and its third are the halves of the strip to the following node and to the one before, from the node's centre to
+A node of the strip is a rigid body like a hub. One of its arms is the neck, straight from the strip's inner edge to the arm's tip at
+the border; the two beside it are the halves of the strip to the following node and to the one before, from the node's centre to
 the middle between both. So the strip is a chain of joints like all others: two arms in series, each of which is a beam
 whose 6 x 6 compliance is the integral along its middle line (Castigliano, with Timoshenko's shear), its holes taken away.
 """
@@ -16,7 +16,7 @@ from ..arrays import Complex, Float, Int
 from ..spirals.rim import Rim
 from .vectors import skew
 
-NECK, FORWARDS, BACKWARDS = 0, 1, 2  # arms of a node
+FORWARDS, NECK, BACKWARDS = 0, 1, 2  # arms of a node, counter-clockwise
 # pieces of a half of the strip, so that every hole is some pieces long: the compliance is within 1e-4 of that of 2000
 PIECES = 200
 NECK_PIECES = 24  # of a neck: within 3e-4 of its closed form
