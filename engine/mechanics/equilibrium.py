@@ -186,7 +186,8 @@ class _Balance:
 
 def force_measure(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
     """What makes forces of forces and moments (6,), and newtons, the size of the forces within the joints of a state."""
-    a, b = between(model.pairs, len(pose.centres)).T
+    pose = pose.whole
+    a, b = model.pairs.T
     length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
     stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
     inner = float(np.sqrt(2.0 * here.per_joint * stiffness).sum() / np.sqrt(len(stiffness)))

@@ -39,7 +39,7 @@ class Rim:
     depth : from the border to the strip, the length of the necks; width : of the strip
     straight : (B, 2) how far the strip goes straight on from the node, forwards and backwards, until it turns or ends
     turn : radians to the left between the node and the following one; radius : of that turn, 0 where there is none
-    hole : diameter; holes : (B,) number of those between the node and the following one; at_ends : (B, 2) those in free ends
+    hole : diameter; holes : (B,) number of those between the node and the following one; spacing : about how far apart these are
     """
 
     quad: Int[np.ndarray, " nodes"]
@@ -173,17 +173,23 @@ class Rim:
         return node, (rank + 0.5) / np.maximum(self.holes[node], 1) * self.length[node]
 
     @property
+    def end_bores(self) -> Float[np.ndarray, "nodes 2"]:
+        """How far beyond the node the hole in a free end lies, forwards and backwards; 0 where there is none.
+
+        As far from the end as from an edge, where the neck leaves room for it.
+        """
+        room = self.overhang > max(0.5 * self.width, self.hole) + 0.5 * self.width
+        return np.where(room & (self.hole > 0.0), self.overhang - 0.5 * self.width, 0.0)
+
+    @property
     def hole_places(self) -> tuple[Int[np.ndarray, " holes"], Complex[np.ndarray, " holes"]]:
         """The patch and the middle of every hole, those in free ends included."""
         node, way = self.hole_ways
         places, patches = [self.place(node, way)[0]], [self.patch[node]]
-        if self.hole > 0.0:
-            for k, sign in ((0, 1.0), (1, -1.0)):
-                long = self.overhang[:, k]
-                # as far from the end as from an edge
-                some = np.flatnonzero(long > max(0.5 * self.width, self.hole) + 0.5 * self.width)
-                places.append(self.centre[some] + sign * (long[some] - 0.5 * self.width) * self.along[some])
-                patches.append(self.patch[some])
+        for k, sign in ((0, 1.0), (1, -1.0)):
+            some = np.flatnonzero(self.end_bores[:, k])
+            places.append(self.centre[some] + sign * self.end_bores[some, k] * self.along[some])
+            patches.append(self.patch[some])
         return np.concatenate(patches), np.concatenate(places)
 
     @property
@@ -192,6 +198,9 @@ class Rim:
         length, bore = self.length, self.holes * 0.25 * np.pi * self.hole**2
         own = 0.5 * (length + np.where(self.before >= 0, length[self.before], 0.0)) + self.overhang.sum(axis=1)
         less = 0.5 * (bore + np.where(self.before >= 0, bore[self.before], 0.0))
+        # free ends are half round, and may have a hole
+        ends, bored = (self.overhang > 0.0).sum(axis=1), (self.end_bores > 0.0).sum(axis=1)
+        less += ends * (0.5 - 0.125 * np.pi) * self.width**2 + bored * 0.25 * np.pi * self.hole**2
         return own * self.width - less
 
     # -- outlines --------------------------------------------------------------------------------------------------

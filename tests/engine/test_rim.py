@@ -6,8 +6,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 import shapely
+import trimesh
+from flexmaps.engine.display import arrange, solids
+from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
@@ -191,3 +195,31 @@ def test_a_pose_without_nodes_finds_them_again():
 def test_the_rod_model_is_refused():
     with pytest.raises(FlexMapsError, match="arm model"):
         build_model(of_design(made()[0]), VERO, "rod", progress=SILENT)
+
+
+def test_drawn_bodies_are_closed_and_hold_what_is_cut():
+    whole, mesh = made()
+    pose = simulate(whole, mesh, VERO, SimulateParams()).equilibrium.pose
+    drawn, centres = panel_mesh(whole, DETAILS["FINE"]), arrange.side_by_side(whole.flat)
+    shown = solids.solid(whole, centres)
+    cut = sum(polygon(outline).area for outline in whole.outlines()) * whole.params.thickness
+    # the same where only the hubs' poses are known, as they are stored
+    arms = bent(whole, Pose(pose.centres, pose.rotations))
+    for points, corners, sizes in (
+        (drawn.placed(arms, pose), drawn.corners, drawn.sizes),
+        (drawn.flat(centres), drawn.corners, drawn.sizes),
+        (shown.vertices, shown.corners, shown.sizes),
+    ):
+        starts = np.cumsum(sizes) - sizes
+        faces = [
+            [corners[s], corners[s + k], corners[s + k + 1]]
+            for s, n in zip(starts, sizes, strict=True)
+            for k in range(1, n - 1)
+        ]
+        body = trimesh.Trimesh(points, faces, process=False)
+        assert body.is_watertight
+        assert body.volume == pytest.approx(cut, rel=0.02)
+    # necks and the halves of the strip meet where the elastic model has them
+    tips = arms.tips[0].reshape(-1, 4, 3)
+    hub, n = whole.rim.quad, len(whole.width)
+    assert tips[hub, whole.rim.side] == pytest.approx(tips[n:, 1], abs=1e-9)

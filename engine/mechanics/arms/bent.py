@@ -10,6 +10,7 @@ changes their length. Young's modulus has no part in it: only the poses count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import Yielding
+
+if TYPE_CHECKING:
+    from .bent_rim import RimPieces
 
 # pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
 # 8 miss by 1e-3
@@ -38,6 +42,8 @@ _LARGEST = 0.5  # radians that a joint turns at most in one round
 @dataclass(frozen=True, eq=False)
 class BentArms:
     """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations go from the hub, 0, to the tip, S.
+
+    Behind them come those of the rim's nodes, four for each, see ``mechanics.rim``.
 
     A point of the flat arm, P in the frame of its patch, that lies at right angles to the centre line c at t goes to
     x(t) + D(t) (P - c(t)).
@@ -73,6 +79,10 @@ class BentArms:
         # the hub's own part is rigid
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + times(turn, chord), turn @ half
+
+    def first(self, count: int) -> BentArms:
+        """The first arms alone."""
+        return BentArms(*(getattr(self, name)[:count] for name in self.__dataclass_fields__))
 
     @property
     def tips(self) -> tuple[np.ndarray, np.ndarray]:
@@ -157,13 +167,14 @@ class Bender:
     """What bending the arms of a design has in common for all poses.
 
     arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
-    size : metres, of a spiral
+    size : metres, of a spiral; rim : the joints of the rim, if there is one
     """
 
     pieces: _Pieces
     arm: Int[np.ndarray, "joints 2"]
     axes: Float[np.ndarray, "arms 3 3"]
     size: float
+    rim: RimPieces | None = None
 
     @classmethod
     def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
@@ -172,7 +183,18 @@ class Bender:
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
         axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
         axes[arm] = rest_joints(mesh, design.flat.corners)[1]
-        return cls(_pieces(design, axes, material), arm, axes, float(np.median(design.scale)))
+        size = float(np.median(design.scale))
+        if design.rim is None:
+            return cls(_pieces(design, axes, material), arm, axes, size)
+        from .bent_rim import rim_pieces
+
+        rim = rim_pieces(design, material)
+        axes = np.concatenate([axes, np.broadcast_to(np.eye(3), (4 * rim.nodes, 3, 3))])
+        axes[rim.arm] = rim.axes
+        own = _pieces(design, axes[: 4 * len(mesh.quads)], material)
+        more = rim.answer @ _both(axes[4 * len(mesh.quads) :])[:, None]
+        parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
+        return cls(_Pieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
 
     def bent(
         self,
@@ -188,9 +210,15 @@ class Bender:
         only : (F,) bool, quads whose arms are asked for; of the others' arms nothing but zeros comes back
         close : how near it brings the tips, relative to the size of a spiral, before the rest is spread along the arms
         """
-        load = np.zeros((len(self.axes), 6)) if wrench is None else wrench.copy()
+        load = np.zeros((len(self.axes), 6))
+        if wrench is not None:
+            load[: len(wrench)] = wrench
         both = self.arm if closed is None else self.arm[closed]
         some = np.arange(len(load))
+        if self.rim is not None:
+            both = np.concatenate([both, self.rim.arm])
+            pose = self.rim.settled(pose).whole
+            only = None if only is None else np.concatenate([only, only[self.rim.hub]])
         if only is not None:
             both = both[only[both // 4].any(axis=1)]
             some = np.union1d(some[np.repeat(only, 4)], both)
@@ -244,9 +272,14 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
         POISSON if material is None else material.poisson,
         grain,
     )
+    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _both(axes)[:, None])
+
+
+def _both(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
+    """Axes for forces and for moments."""
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
-    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ turned[:, None])
+    return turned
 
 
 def answers(

@@ -176,6 +176,13 @@ class ArmModel:
         """The model of the joints between spirals alone."""
         return self._of_joints(self.assembly.plain, np.arange(self.assembly.inner))
 
+    @property
+    def of_rim(self) -> ArmModel:
+        """The model of the rim's joints alone."""
+        whole, joints = self.assembly, np.arange(self.assembly.inner, len(self.pairs))
+        parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
+        return self._of_joints(replace(whole, **parts), joints)
+
     def _of_joints(self, assembly: Assembly, joints: np.ndarray) -> ArmModel:
         return replace(
             self,
@@ -204,9 +211,9 @@ class ArmModel:
         rim, n = self.assembly.rim, self.assembly.spirals
         assert rim is not None
         held = Loads(np.ones((n, 6), dtype=bool), np.zeros((n, 3)))
-        resting = replace(pose, nodes=Nodes.resting(rim.hub, rim.offset))
-        system = NewtonSystem(self.pairs, held.fixed)
-        return solve(self, resting, held, SimulateParams(), system=system).pose
+        resting, own = replace(pose, nodes=Nodes.resting(rim.hub, rim.offset)), self.of_rim
+        system = NewtonSystem(own.pairs, held.fixed)
+        return solve(own, resting, held, SimulateParams(), system=system).pose
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
         pose, motion = state.pose.moved(step), state.motion
