@@ -9,17 +9,23 @@ import numpy as np
 
 from ..engine.arrays import Complex, Float
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.rim import BACKWARDS, FORWARDS, NECK
+from ..engine.mechanics.rim import FORWARDS, NECK
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.rim import Rim
 
 OUTWARDS = 3  # the arm of a node that is none
 SLIVER = 0.03  # strip widths that it is long
-SKEW = 0.3  # by how much of an arm's width, or of half its length, its first section is skewed; as ``design_mesh.BESIDE``
+SKEW = (
+    0.3  # by how much of an arm's width, or of half its length, its first section is skewed; as ``design_mesh.BESIDE``
+)
 
 
 def plane_nodes(
-    design: SpiralDesign, quarters: np.ndarray, sections: np.ndarray, at: Float[np.ndarray, " stations"], share: np.ndarray
+    design: SpiralDesign,
+    quarters: np.ndarray,
+    sections: np.ndarray,
+    at: Float[np.ndarray, " stations"],
+    share: np.ndarray,
 ) -> Complex[np.ndarray, "nodes plane"]:
     """Plane nodes (metres, seen from the nodes' centres) of the hubs' ``quarters`` and of the arms' ``sections``.
 
@@ -56,7 +62,11 @@ def _edges(rim: Rim, arm: int, half: np.ndarray, at: np.ndarray) -> Complex[np.n
     """Right and left edge of an arm of all nodes at shares of its length."""
     if arm in (NECK, OUTWARDS):
         way = -rim.out if arm == NECK else rim.out
-        long, skew = (rim.depth, SKEW * half) if arm == NECK else (SLIVER * rim.width, np.full(len(half), 0.5 * SLIVER * rim.width))
+        long, skew = (
+            (rim.depth, SKEW * half)
+            if arm == NECK
+            else (SLIVER * rim.width, np.full(len(half), 0.5 * SLIVER * rim.width))
+        )
         begin, aside = 0.5 * rim.width, half
         skew = np.minimum(skew, 0.5 * long)
         return np.stack([
@@ -66,7 +76,9 @@ def _edges(rim: Rim, arm: int, half: np.ndarray, at: np.ndarray) -> Complex[np.n
     ends = rim.following < 0 if arm == FORWARDS else rim.before < 0
     node = np.arange(len(half)) if arm == FORWARDS else np.where(ends, np.arange(len(half)), rim.before)
     sign = 1.0 if arm == FORWARDS else -1.0
-    whole = rim.straight[:, 0 if arm == FORWARDS else 1] + np.where(ends, 0.0, 0.5 * rim.radius[node] * np.abs(rim.turn[node]))
+    whole = rim.straight[:, 0 if arm == FORWARDS else 1] + np.where(
+        ends, 0.0, 0.5 * rim.radius[node] * np.abs(rim.turn[node])
+    )
     skew = np.minimum(SKEW * rim.width, 0.5 * (whole - half))
     sides = []
     for s, edge in ((np.zeros_like(skew), -1.0), (skew, 1.0)):

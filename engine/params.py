@@ -258,10 +258,20 @@ class SpiralParams(Params):
         ),
     )
     rim_width: float = setting(
-        0.005, "Rim width", "Width of the strip along an open border; at least twice its holes", low=0.0005, high=0.1, unit="m"
+        0.005,
+        "Rim width",
+        "Width of the strip along an open border; at least twice its holes",
+        low=0.0005,
+        high=0.1,
+        unit="m",
     )
     rim_hole: float = setting(
-        0.002, "Rim holes", "Diameter of the holes in the rim, for a cord or rivets; 0 for none", low=0.0, high=0.05, unit="m"
+        0.002,
+        "Rim holes",
+        "Diameter of the holes in the rim, for a cord or rivets; 0 for none",
+        low=0.0,
+        high=0.05,
+        unit="m",
     )
     rim_spacing: float = setting(
         0.01,

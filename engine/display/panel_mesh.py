@@ -49,7 +49,7 @@ class PanelMesh:
     arm, t : arm 4 f + k and parameter of every section; line : metres, flat, from the hub's centre to the section
     sides : metres, flat, from there to its left and right edge
     rim_quad and rim : metres, the points of the hubs between the arms, as ``line``
-    used : the vertices that are there, of 4 a section (left and right above, left and right below) and 2 a point of
+    used : the vertices that are there but for those of the rim, of 4 a section (left and right above, left and right below) and 2 a point of
         a rim or a connector (above, below)
     heads : the points of the connectors; strip : those of the rim, whose vertices come last
     corners : vertex of every face corner; sizes : corners of every face; quad_of : the quad of every face
@@ -64,7 +64,7 @@ class PanelMesh:
     rim_quad: Int[np.ndarray, " rims"]
     rim: Float[np.ndarray, "rims 3"]
     heads: Heads
-    used: Int[np.ndarray, " vertices"]
+    used: Int[np.ndarray, " own"]
     corners: Int[np.ndarray, " corners"]
     sizes: Int[np.ndarray, " faces"]
     quad_of: Int[np.ndarray, " faces"]

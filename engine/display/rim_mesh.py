@@ -52,7 +52,7 @@ class RimMesh:
             points, triangles, walls = _plate(rim, node, float(half[node]))
             arm, t, line, side = _followed(rim, node, points)
             count = len(points)
-            centre = np.broadcast_to(_flat(rim.centre[node]), (count, 3))
+            centre = np.broadcast_to(_flat(rim.centre)[node], (count, 3))
             body = len(design.width) + node
             parts.append((
                 4 * body + arm, t, line, side, centre, np.full(count, rim.quad[node]), first + triangles, first + walls
@@ -101,7 +101,11 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
             radius = max(min(wide, long - half), 0.0)
             rest = shapely.box(min(0.0, sign * (long - radius)), -wide, max(0.0, sign * (long - radius)), wide)
             tip = rest.buffer(radius, quad_segs=2 * ROUND).intersection(shapely.box(-behind, -wide, ahead, wide))
-            shape = shape.intersection(tip.union(shapely.box(-behind if sign > 0 else -half, -wide - rim.depth, half if sign > 0 else ahead, wide)))
+            shape = shape.intersection(
+                tip.union(
+                    shapely.box(-behind if sign > 0 else -half, -wide - rim.depth, half if sign > 0 else ahead, wide)
+                )
+            )
     holes = [shapely.Point(s, 0.0).buffer(0.5 * rim.hole, quad_segs=ROUND) for s in _bores(rim, node)]
     shape = shape.difference(shapely.union_all(holes)).segmentize(FINEST)
     rings = [shape.exterior, *shape.interiors]
@@ -132,7 +136,9 @@ def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
     return np.concatenate(found) if found else np.empty(0)
 
 
-def _followed(rim: Rim, node: int, points: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _followed(
+    rim: Rim, node: int, points: Float[np.ndarray, "n 2"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Arm, t, line and side, in the flat frame, of a plate's points."""
     s, y = points.T
     ahead, behind = _halves(rim, node)
@@ -156,4 +162,4 @@ def _followed(rim: Rim, node: int, points: Float[np.ndarray, "n 2"]) -> tuple[np
 
 
 def _flat(numbers: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
-    return np.stack([np.real(numbers), np.imag(numbers), np.zeros(np.shape(numbers))], axis=-1)
+    return np.stack([numbers.real, numbers.imag, np.zeros(numbers.shape)], axis=-1)

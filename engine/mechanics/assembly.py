@@ -64,9 +64,7 @@ class Pose:
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Pose:
         """Only these hubs (k,) int."""
-        return Pose(
-            self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs)
-        )
+        return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
         """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""

@@ -38,7 +38,15 @@ class Beams:
     bore: Float[np.ndarray, "n pieces"]
 
     @classmethod
-    def of(cls, place: np.ndarray, way: np.ndarray, tip: np.ndarray, length: np.ndarray, width: np.ndarray, bore: np.ndarray) -> Beams:
+    def of(
+        cls,
+        place: np.ndarray,
+        way: np.ndarray,
+        tip: np.ndarray,
+        length: np.ndarray,
+        width: np.ndarray,
+        bore: np.ndarray,
+    ) -> Beams:
         """From complex places and directions (N, S) of the pieces and tips (N,)."""
         return cls(_flat(tip[:, None] - place), _flat(way), length, np.broadcast_to(width, length.shape), bore)
 

@@ -16,7 +16,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
-from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines, touching
+from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
 from .rim import Rim
 from .room import Room
 from .slots import (
@@ -32,6 +32,7 @@ from .slots import (
     width_range,
 )
 from .spiral import LEFT, RIGHT, Arms, alike, anisotropy, arms, edge, opposite_sides
+from .touching import touching
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 

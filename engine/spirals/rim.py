@@ -141,7 +141,10 @@ class Rim:
             way = (1.0 if k == 0 else -1.0) * self.along
             inwards = -seams[:, k]
             slope = (inwards * np.conj(way)).real / np.maximum((inwards * np.conj(self.out)).real, 1e-9)
-            lean = np.minimum(np.clip(slope, -_SLANT, _SLANT) * self.depth, np.clip(slope, -_SLANT, _SLANT) * (self.depth + self.width))
+            lean = np.minimum(
+                np.clip(slope, -_SLANT, _SLANT) * self.depth,
+                np.clip(slope, -_SLANT, _SLANT) * (self.depth + self.width),
+            )
             least = _clear(params)
             straight[:, k] = np.where(ends, np.maximum(half + lean - 0.5 * gap, least), straight[:, k])
         return replace(self, straight=straight)

@@ -245,7 +245,11 @@ class Room:
         columns = np.concatenate([hang, arms + hang // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]
         mates = self.shapes.sign[hang[:, [0, 2]].T]
-        twists = [sign * by[:, k] * s for by, m in ((one, mates[0]), (two, mates[1])) for k, s in ((OWN_WIND, 1.0), (MATE_WIND, m))]
+        twists = [
+            sign * by[:, k] * s
+            for by, m in ((one, mates[0]), (two, mates[1]))
+            for k, s in ((OWN_WIND, 1.0), (MATE_WIND, m))
+        ]
         data = np.stack(widths + twists, axis=1)
         start = np.arange(0, data.size + 1, data.shape[1])
         out = csr_array((data.ravel(), columns.ravel(), start), shape=(len(data), arms + arms // 4))

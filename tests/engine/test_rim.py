@@ -63,7 +63,12 @@ def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
         node, way = np.flatnonzero(rim.following >= 0), np.linspace(0.0, 1.0, 200)
         node = node[rim.patch[node] == own]
         lines = [rim.place(np.full(200, n), way * rim.length[n])[0] for n in node]
-        ends = [rim.centre[n] + s * o * rim.along[n] for n in np.flatnonzero(rim.patch == own) for s, o in ((1.0, rim.overhang[n, 0]), (-1.0, rim.overhang[n, 1])) if o]
+        ends = [
+            rim.centre[n] + s * o * rim.along[n]
+            for n in np.flatnonzero(rim.patch == own)
+            for s, o in ((1.0, rim.overhang[n, 0]), (-1.0, rim.overhang[n, 1]))
+            if o
+        ]
         lines += [np.array([rim.centre[np.abs(rim.centre - e).argmin()], e]) for e in ends]
         strip = shapely.union_all(
             [shapely.LineString(np.c_[z.real, z.imag]).buffer(0.0025, cap_style="flat") for z in lines]
@@ -108,7 +113,9 @@ def test_strips_and_necks_are_beams(flat_grid):
         assert found[4, 4] == pytest.approx(length / (youngs * outside), rel=1e-3)
         lateral = length**3 / (12.0 * youngs * inside) + 1.2 * length / (shear * wide * high)
         assert found[1, 1] == pytest.approx(lateral, rel=1e-3)
-        assert found[2, 2] == pytest.approx(length**3 / (12.0 * youngs * outside) + 1.2 * length / (shear * wide * high), rel=1e-3)
+        assert found[2, 2] == pytest.approx(
+            length**3 / (12.0 * youngs * outside) + 1.2 * length / (shear * wide * high), rel=1e-3
+        )
 
 
 def test_forces_and_stiffness_are_differences_of_the_energy():

@@ -10,28 +10,20 @@ changes their length. Young's modulus has no part in it: only the poses count.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...arrays import Bool, Float, Int
-from ...materials import Material, Orthotropy
+from ...materials import Material
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
-from .beams import SHEAR_FACTOR, torsion_constant
-from .grain import Yielding
+from .bent_rim import RimPieces, rim_pieces
+from .pieces import POISSON, STATIONS, Grain, answers
 
-if TYPE_CHECKING:
-    from .bent_rim import RimPieces
-
-# pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
-# 8 miss by 1e-3
-STATIONS = 16
 ROUNDS = 12  # of Newton's method; what is left then is spread along the arms
-POISSON = 0.35  # where no material is given: 0.25 and 0.45 move places by 8e-4 of an edge, on a dome and a torus
 # where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread
 CLOSE = 1e-6
 BATCH = 400  # joints at a time, so that they stay in the processor's cache
@@ -88,30 +80,6 @@ class BentArms:
     def tips(self) -> tuple[np.ndarray, np.ndarray]:
         """Places (A, 3) and turns (A, 3, 3) of the tips."""
         return self.place[:, -1], self.turn[:, -1]
-
-
-@dataclass(frozen=True)
-class Grain:
-    """The grain of a sheet: its moduli, its angle from the x axes of the flat frames, radians, and what counts as 1 Pa."""
-
-    known: Orthotropy
-    angle: float
-    unit: float
-
-    def yields(
-        self, tangent: np.ndarray, width: np.ndarray, height: float
-    ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Turn per moment, and stretch and shear per force, over a length: along the arm, across it, normal to the sheet."""
-        found = Yielding.of(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
-        turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
-        for out, diagonal, mixed in (
-            (turn, (found.twist, found.lift, found.bend), found.coupled),
-            (stretch, (found.stretch, found.slide, found.rise), found.mixed),
-        ):
-            for k, part in enumerate(diagonal):
-                out[..., k, k] = self.unit * part[0]
-            out[..., 0, 1] = out[..., 1, 0] = self.unit * mixed[0]
-        return turn, stretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,8 +154,6 @@ class Bender:
         size = float(np.median(design.scale))
         if design.rim is None:
             return cls(_pieces(design, axes, material), arm, axes, size)
-        from .bent_rim import rim_pieces
-
         rim = rim_pieces(design, material)
         axes = np.concatenate([axes, np.broadcast_to(np.eye(3), (4 * rim.nodes, 3, 3))])
         axes[rim.arm] = rim.axes
@@ -280,40 +246,6 @@ def _both(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
     return turned
-
-
-def answers(
-    lever: Float[np.ndarray, "arms stations 3"],
-    tangent: np.ndarray,
-    length: np.ndarray,
-    width: np.ndarray,
-    height: float,
-    poisson: float,
-    grain: Grain | None = None,
-) -> Float[np.ndarray, "arms stations 6 6"]:
-    """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
-
-    lever : (A, S, 3) metres, from the piece to the tip; grain : of sheets that have one
-    """
-    normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
-    aside = np.cross(normal, tangent)
-    frame = np.stack([tangent, aside, normal], axis=-1)
-    shear = 0.5 / (1.0 + poisson)
-    area = width * height
-    twisting = shear * torsion_constant(height / width)[0] * width**4
-    bending = np.stack([twisting, width * height**3 / 12.0, height * width**3 / 12.0], axis=-1)
-    sliding = np.stack([area, shear * area / SHEAR_FACTOR, shear * area / SHEAR_FACTOR], axis=-1)
-    back = np.swapaxes(frame, -1, -2)
-    if grain is None:
-        bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
-        slide = (frame * (length[..., None] / sliding)[..., None, :]) @ back
-    else:
-        bend, slide = (frame @ (length[..., None, None] * part) @ back for part in grain.yields(tangent, width, height))
-    out = np.zeros((*length.shape, 6, 6))
-    out[..., :3, :3] = bend @ skew(lever)
-    out[..., :3, 3:] = bend
-    out[..., 3:, :3] = slide
-    return out
 
 
 def _run(

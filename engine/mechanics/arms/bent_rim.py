@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,10 +11,10 @@ from ...arrays import Float, Int
 from ...materials import Material
 from ...spirals.design import SpiralDesign
 from ...spirals.rim import Rim
-from ..assembly import Nodes, Pose, of_design
+from ..assembly import Pose, of_design
 from ..rim import BACKWARDS, FORWARDS, NECK, Beams
-from .bent import POISSON, STATIONS, Grain, answers
 from .model import ArmModel
+from .pieces import POISSON, STATIONS, Grain, answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,9 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
     """Of a design with a rim."""
     rim, whole = design.rim, of_design(design).whole
     assert rim is not None and whole.rim is not None
-    known = Material("Any", 1e9, POISSON, 1000.0, 0.02, True, "none: ratios count alone") if material is None else material
+    known = (
+        Material("Any", 1e9, POISSON, 1000.0, 0.02, True, "none: ratios count alone") if material is None else material
+    )
     count = len(rim.quad)
     flat, answer = np.zeros((count, 4, STATIONS + 1, 3)), np.zeros((count, 4, STATIONS, 6, 6))
     share = np.linspace(0.0, 1.0, 2 * STATIONS + 1)
@@ -57,7 +59,7 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
     for arm in (FORWARDS, NECK, BACKWARDS):
         place, way, long = _line(rim, arm, share)
         line = np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
-        width = rim.width if arm != NECK else design.arms.joint_width[rim.quad, rim.side][:, None]
+        width = np.array(rim.width) if arm != NECK else design.arms.joint_width[rim.quad, rim.side][:, None]
         length = np.broadcast_to(long[:, None] / STATIONS, (count, STATIONS))
         beams = Beams.of(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
         flat[:, arm] = line[:, ::2]
@@ -75,7 +77,11 @@ def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray
     count = len(rim.quad)
     if arm == NECK:
         long = np.full(count, rim.depth + 0.5 * rim.width)
-        return -(long[:, None] * share) * rim.out[:, None], np.broadcast_to(-rim.out[:, None], (count, len(share))), long
+        return (
+            -(long[:, None] * share) * rim.out[:, None],
+            np.broadcast_to(-rim.out[:, None], (count, len(share))),
+            long,
+        )
     ends = (rim.following if arm == FORWARDS else rim.before) < 0
     sign, k = (1.0, 0) if arm == FORWARDS else (-1.0, 1)
     node = np.arange(count) if arm == FORWARDS else np.where(ends, np.arange(count), rim.before)

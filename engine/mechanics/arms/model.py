@@ -28,8 +28,8 @@ from . import stiffness
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .cut import TWIST, WIDTH, CutArms, believable, by_shapes, more_compliant, shapes
 from .grain import GrainBeams
-from .rim_beams import of_rim
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
+from .rim_beams import of_rim
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
 

@@ -8,8 +8,8 @@ from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly
 from ..rim import STEP, Beams, tip_compliance
-from .bent import Grain, answers
 from .cut import MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
+from .pieces import Grain, answers
 
 
 def of_rim(
