@@ -29,7 +29,7 @@ from .design_mesh import UNIT
 from .design_solid import Balance, DesignSolid
 from .elastic import orthotropic
 from .validation_cases import Case, Loading
-from .validation_grain import every_case
+from .validation_rim import every_case
 
 FOLDER = Path(__file__).resolve().parent / "validation"
 VERSION = 4  # of the stored solids

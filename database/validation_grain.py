@@ -50,8 +50,3 @@ def grained() -> list[Case]:
         Case("grain-ring", laid(lambda: ring(8, 3, 1.5, 250.0), 20.0), (Loading("free"),), material=three_plies()),
         Case("grain-saddle", saddle, (Loading("free"),), material=three_plies()),
     ]
-
-
-def every_case() -> list[Case]:
-    """All cases, those with a grain last."""
-    return cases() + grained()
