@@ -9,7 +9,7 @@ import numpy as np
 
 from ..engine.arrays import Complex, Float
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.rim import FORWARDS, NECK
+from ..engine.mechanics.rim import BACKWARDS, NECK
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.rim import Rim
 
@@ -73,23 +73,14 @@ def _edges(rim: Rim, arm: int, half: np.ndarray, at: np.ndarray) -> Complex[np.n
             (begin + s[:, None] + (long - s[:, None]) * at) * way[:, None] + sign * 1j * aside[:, None] * way[:, None]
             for s, sign in ((np.zeros_like(skew), -1.0), (skew, 1.0))
         ], axis=1)  # fmt: skip
-    ends = rim.following < 0 if arm == FORWARDS else rim.before < 0
-    node = np.arange(len(half)) if arm == FORWARDS else np.where(ends, np.arange(len(half)), rim.before)
-    sign = 1.0 if arm == FORWARDS else -1.0
-    whole = rim.straight[:, 0 if arm == FORWARDS else 1] + np.where(
-        ends, 0.0, 0.5 * rim.radius[node] * np.abs(rim.turn[node])
-    )
+    back = arm == BACKWARDS
+    whole = rim.reach[:, int(back)]
     skew = np.minimum(SKEW * rim.width, 0.5 * (whole - half))
     sides = []
     for s, edge in ((np.zeros_like(skew), -1.0), (skew, 1.0)):
         far = half[:, None] + s[:, None] + (whole - half - s)[:, None] * at
-        place, way = np.empty(far.shape, dtype=complex), np.empty(far.shape, dtype=complex)
-        for n in range(len(half)):
-            if ends[n]:
-                place[n], way[n] = sign * far[n] * rim.along[n], rim.along[n]
-            else:
-                along = far[n] if arm == FORWARDS else rim.length[node[n]] - far[n]
-                place[n], way[n] = rim.place(np.full(len(at), node[n]), along)
-                place[n] -= rim.centre[n]
-        sides.append(place + edge * 1j * sign * way * 0.5 * rim.width)
+        place, way = (
+            x.reshape(far.shape) for x in rim.half(np.repeat(np.arange(len(half)), len(at)), back, far.ravel())
+        )
+        sides.append(place + edge * 1j * (-way if back else way) * 0.5 * rim.width)
     return np.stack(sides, axis=1)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ..engine.materials import MATERIALS, Material
 from ..engine.spirals.design import SpiralDesign
-from .validation_cases import Case, Held, Loading, cantilever, cases, clamped, dome, ring, saddle, sheet, shells
+from .validation_cases import Case, Held, Loading, cantilever, clamped, dome, ring, saddle, sheet, shells
 
 FIVE_PLIES = MATERIALS["birch"]
 

@@ -23,7 +23,7 @@ import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf, svg
-from flexmaps.engine.params import SheetParams, Settings, SpiralParams
+from flexmaps.engine.params import Settings, SheetParams, SpiralParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh

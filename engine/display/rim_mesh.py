@@ -79,20 +79,11 @@ class RimMesh:
         return [above, above[:, ::-1] + 1, walls], np.concatenate([of, of, self.quad[self.walls[:, 0]]])
 
 
-def _halves(rim: Rim, node: int) -> tuple[float, float]:
-    """How far the plate of a node goes forwards and backwards."""
-    found = []
-    for k, (end, other) in enumerate(((rim.following[node] < 0, node), (rim.before[node] < 0, rim.before[node]))):
-        arc = 0.0 if end else 0.5 * rim.radius[other] * abs(rim.turn[other])
-        found.append(float(rim.straight[node, k] + arc))
-    return found[0], found[1]
-
-
 def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (n, 2) s and y of a plate, its triangles and its edges."""
     import shapely
 
-    ahead, behind = _halves(rim, node)
+    ahead, behind = rim.reach[node].tolist()
     wide = 0.5 * rim.width
     shape = shapely.box(-behind, -wide, ahead, wide).union(shapely.box(-half, -wide - rim.depth, half, -wide))
     # free ends are round
@@ -141,17 +132,10 @@ def _followed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Arm, t, line and side, in the flat frame, of a plate's points."""
     s, y = points.T
-    ahead, behind = _halves(rim, node)
-    ends, length = (rim.following[node] < 0, rim.before[node] < 0), float(rim.length[rim.before[node]])
-    middle, way = np.zeros(len(s), dtype=complex), np.full(len(s), rim.along[node])
-    for where, end, other, along in (
-        (s >= 0.0, ends[0], node, s), (s < 0.0, ends[1], int(rim.before[node]), length + s)
-    ):  # fmt: skip
-        if end:
-            middle[where] = s[where] * rim.along[node]
-        else:
-            place, direction = rim.place(np.full(int(where.sum()), other), along[where])
-            middle[where], way[where] = place - rim.centre[node], direction
+    ahead, behind = rim.reach[node].tolist()
+    middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)
+    for back, where in ((False, s >= 0.0), (True, s < 0.0)):
+        middle[where], way[where] = rim.half(np.full(int(where.sum()), node), back, np.abs(s[where]))
     neck = y < -0.5 * rim.width - 1e-9
     arm = np.where(neck, NECK, np.where(s >= 0.0, FORWARDS, BACKWARDS))
     reach = np.where(neck, rim.depth + 0.5 * rim.width, np.where(s >= 0.0, ahead, behind))

@@ -83,11 +83,11 @@ class RimJoints:
         lever = np.stack([rim.middle - hub, rim.middle - rim.centre], axis=1)
         first = np.flatnonzero(rim.following >= 0)
         then = rim.following[first]
-        middle, across = rim.place(first, 0.5 * (rim.straight[first, 0] + rim.length[first] - rim.straight[then, 1]))
+        middle, across = rim.place(first, rim.reach[first, 0])
         ends = np.stack([middle - rim.centre[first], middle - rim.centre[then]], axis=1)
         return cls(
             rim.quad, rim.side, _flat(lever), _axes(rim.out), np.stack([first, then], axis=1), _flat(ends), _axes(across),
-            _necks(rim), _strips(rim, first, then, middle), rim.width - rim.hole,
+            _necks(rim), _strips(rim, first, middle), rim.width - rim.hole,
         )  # fmt: skip
 
     @property
@@ -123,10 +123,10 @@ def _necks(rim: Rim) -> Beams:
     return Beams.of(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
 
 
-def _strips(rim: Rim, first: np.ndarray, then: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> Beams:
+def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> Beams:
     """Both halves of every strip, from its nodes to its middle."""
     share, whole = (np.arange(PIECES) + 0.5) / PIECES, rim.length[first]
-    half = 0.5 * (rim.straight[first, 0] + whole - rim.straight[then, 1])
+    half = rim.reach[first, 0]
     at = np.stack([half[:, None] * share, whole[:, None] - (whole - half)[:, None] * share], axis=1)
     place, way = rim.place(np.repeat(first, 2 * PIECES), at.ravel())
     way = way.reshape(at.shape) * np.array([1.0, -1.0])[:, None]

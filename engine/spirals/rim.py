@@ -169,6 +169,25 @@ class Rim:
         return self.centre[node] + np.minimum(way, first) * self.along[node] + chord + rest * direction, direction
 
     @property
+    def reach(self) -> Float[np.ndarray, "nodes 2"]:
+        """How far the strip goes from every node forwards and backwards, half way to its neighbours or to its end."""
+        half = 0.5 * self.radius * np.abs(self.turn)
+        return self.straight + np.stack([half, np.where(self.before >= 0, half[self.before], 0.0)], axis=1)
+
+    def half(
+        self, node: Int[np.ndarray, " n"], back: bool, gone: Float[np.ndarray, " n"]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the strip's middle line seen from nodes, so far from them forwards or backwards, and directions forwards."""
+        if not back:
+            place, way = self.place(node, gone)
+            return place - self.centre[node], way
+        before = self.before[node]
+        place, way = self.place(before, self.length[before] - gone)
+        ends = before < 0
+        along = self.along[node]
+        return np.where(ends, -gone * along, place - self.centre[node]), np.where(ends, along, way)
+
+    @property
     def hole_ways(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
         """The node of every hole between two nodes, and how far beyond it the hole lies."""
         node = np.repeat(np.arange(len(self.quad)), self.holes)

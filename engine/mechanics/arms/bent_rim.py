@@ -82,13 +82,8 @@ def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray
             np.broadcast_to(-rim.out[:, None], (count, len(share))),
             long,
         )
-    ends = (rim.following if arm == FORWARDS else rim.before) < 0
-    sign, k = (1.0, 0) if arm == FORWARDS else (-1.0, 1)
-    node = np.arange(count) if arm == FORWARDS else np.where(ends, np.arange(count), rim.before)
-    long = rim.straight[:, k] + np.where(ends, 0.0, 0.5 * rim.radius[node] * np.abs(rim.turn[node]))
+    back = arm == BACKWARDS
+    long = rim.reach[:, int(back)]
     gone = long[:, None] * share
-    along = gone if arm == FORWARDS else rim.length[node][:, None] - gone
-    place, way = (x.reshape(gone.shape) for x in rim.place(np.repeat(node, len(share)), along.ravel()))
-    straight = sign * gone * rim.along[:, None]
-    place = np.where(ends[:, None], straight, place - rim.centre[:, None])
-    return place, sign * np.where(ends[:, None], rim.along[:, None], way), long
+    place, way = rim.half(np.repeat(np.arange(count), len(share)), back, gone.ravel())
+    return place.reshape(gone.shape), (-way if back else way).reshape(gone.shape), long
