@@ -9,7 +9,7 @@ from ..engine.spirals.design import SpiralDesign, fitted
 from .validation_cases import PARAMS, Case, Loading, cantilever, cases, dome, saddle, sheet, shells
 from .validation_grain import grained
 
-RIM = replace(PARAMS, border="rim", rim_width=0.004, rim_hole=0.0)
+RIM = replace(PARAMS, border="rim", rim_width=0.004, rim_hole=0.0)  # metres: two and a half arms wide, as by default
 
 
 def rimmed(make: Callable[[], SpiralDesign]) -> Callable[[], SpiralDesign]:
