@@ -16,6 +16,7 @@ from ..engine.arrays import Complex, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, width_at
+from .rim_mesh import plane_nodes
 from .solid import ARMS, LOBATTO, lagrange
 
 UNIT = 1e-3  # metres, of the lengths in a mesh
@@ -118,7 +119,8 @@ def _through(plane: Int[np.ndarray, "*rows across"]) -> Int[np.ndarray, "*rows n
 
 @dataclass(frozen=True, eq=False)
 class DesignMesh:
-    """The solids of all spirals of a design, each in the frame of its patch with the centre of its quad at the origin.
+    """The solids of all spirals of a design, and behind them of its rim's nodes, each in the frame of its patch with the centre of
+    its quad, or its own, at the origin.
 
     nodes : ``UNIT``; the sheet lies on both sides of z = 0
     """
@@ -153,6 +155,10 @@ def make_mesh(design: SpiralDesign, resolution: Resolution) -> DesignMesh:
     plane = np.zeros((len(hub), numbering.size // LEVELS), dtype=complex)
     plane[:, numbering.quarters] = hub
     plane[:, numbering.plane[:, 1:]] = arms[:, :, 1:]
+    if design.rim is not None:
+        at = np.append((np.arange(numbering.pieces)[:, None] + LOBATTO[:3]).ravel() / numbering.pieces, 1.0)
+        rim = plane_nodes(design, numbering.quarters, numbering.plane, at, share)
+        plane, hub = np.concatenate([plane, rim]), np.zeros(len(plane) + len(rim))
     elements = plane[:, np.concatenate([numbering.hub, numbering.arms.reshape(-1, 4, 16)])[..., ::LEVELS] // LEVELS]
     folded = np.flatnonzero((_roundness(elements) <= 0.0).any(axis=1))
     if len(folded):

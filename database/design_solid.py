@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
-from ..engine.mechanics.assembly import Pose, rest_joints
+from ..engine.mechanics.assembly import Pose, of_design
 from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
@@ -84,10 +84,8 @@ class DesignSolid:
             raise FlexMapsError("A solid needs at least one held hub; hold any one of a free body")
         self.design, self.held, self.stiffness = design, held, stiffness
         self.mesh: DesignMesh = make_mesh(design, resolution or Resolution())
-        mesh = design.flat.layout.mesh
-        inner = np.flatnonzero(~mesh.border)
-        self.pairs, self.sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
-        self.lever, self.axes = rest_joints(mesh, design.flat.corners)
+        joints = of_design(design).whole
+        self.pairs, self.sides, self.lever, self.axes = joints.pairs, joints.sides, joints.lever, joints.axes
         n, count = self.mesh.numbering, len(self.mesh.nodes)
         self.tips = n.sections[:, -1]
         self.batches = [self._batch(i, min(i + TOGETHER, count), poisson) for i in range(0, count, TOGETHER)]
@@ -230,7 +228,7 @@ class DesignSolid:
         """Nodes for given poses of all hubs, metres: every joint half way between both hubs, arms bent as in the linear limit."""
         from scipy.spatial.transform import Rotation
 
-        n, nodes = self.mesh.numbering, self.mesh.nodes
+        n, nodes, pose = self.mesh.numbering, self.mesh.nodes, pose.whole
         tip = np.zeros((len(nodes), ARMS, *self.tips.shape[1:], 3))
         a, b = self.pairs.T
         frames = pose.rotations[self.pairs] @ self.axes
@@ -294,7 +292,7 @@ class DesignSolid:
     def pulled(self, force: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals nodes 3"]:
         """Nodal forces of dead forces at the hubs."""
         out = np.zeros_like(self.mesh.nodes)
-        for spiral, hub in enumerate(self.hubs):
+        for spiral, hub in enumerate(self.hubs[: len(force)]):
             out[spiral, hub.nodes] = hub.weights[:, None] * force[spiral]
         return out
 

@@ -100,6 +100,7 @@ class Case:
             "material": material,
             "thickness": PARAMS.thickness,
             "fillet": PARAMS.fillet,
+            **({"rim": self.design.params.rim_width} if self.design.params.border == "rim" else {}),
             **({"grain": self.design.params.grain} if self.material.orthotropy else {}),
         }
 

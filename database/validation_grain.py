@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ..engine.materials import MATERIALS, Material
 from ..engine.spirals.design import SpiralDesign
-from .validation_cases import Case, Held, Loading, cantilever, cases, clamped, dome, ring, saddle, sheet, shells
+from .validation_cases import Case, Held, Loading, cantilever, clamped, dome, ring, saddle, sheet, shells
 
 FIVE_PLIES = MATERIALS["birch"]
 
@@ -50,8 +50,3 @@ def grained() -> list[Case]:
         Case("grain-ring", laid(lambda: ring(8, 3, 1.5, 250.0), 20.0), (Loading("free"),), material=three_plies()),
         Case("grain-saddle", saddle, (Loading("free"),), material=three_plies()),
     ]
-
-
-def every_case() -> list[Case]:
-    """All cases, those with a grain last."""
-    return cases() + grained()

@@ -254,8 +254,47 @@ class SpiralParams(Params):
         choices=(
             ("stubs", "Stubs", "They are cut as all others, and end in the air"),
             ("left_out", "Left out", "They are not cut; their hubs have a round end in their place"),
+            ("rim", "Rim", "A strip along the border joins their tips, with holes for a cord or rivets"),
         ),
     )
+    rim_width: float = setting(
+        0.005,
+        "Rim width",
+        "Width of the strip along an open border; at least twice its holes",
+        low=0.0005,
+        high=0.1,
+        unit="m",
+    )
+    rim_hole: float = setting(
+        0.002,
+        "Rim holes",
+        "Diameter of the holes in the rim, for a cord or rivets; 0 for none",
+        low=0.0,
+        high=0.05,
+        unit="m",
+    )
+    rim_spacing: float = setting(
+        0.01,
+        "Hole spacing",
+        "About how far apart the holes of the rim are; they are spread evenly between two arms",
+        low=0.001,
+        high=1.0,
+        unit="m",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.border != "rim" or self.rim_hole == 0.0:
+            return
+        if self.rim_width < 2.0 * self.rim_hole * (1.0 - SLACK):
+            raise FlexMapsError(
+                f"A rim of {self.rim_width * 1e3:g} mm is too narrow for holes of {self.rim_hole * 1e3:g} mm; make it at least twice as wide as "
+                "its holes, or the holes smaller"
+            )
+        if self.rim_spacing < 2.0 * self.rim_hole * (1.0 - SLACK):
+            raise FlexMapsError(
+                f"Holes of {self.rim_hole * 1e3:g} mm cannot be {self.rim_spacing * 1e3:g} mm apart; make the hole spacing at least twice their diameter"
+            )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from flexmaps.engine.fabrication.panels import labels
 from flexmaps.engine.params import ConnectorParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals import design, touching
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 from rows import Row, at_most
@@ -66,7 +66,7 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
     yield spent("spirals")
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")
-    contours.touching(list(made.outlines))
+    touching.touching(list(made.outlines))
     spirals.measured()
     yield spent("proof")
     labels.make_labels(layout, spirals.arms, spirals.roots, params, made.taken)

@@ -115,7 +115,7 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
     """``WIRE`` points on each, metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
     from ...engine.mechanics.arms.bent import flat_centre
 
-    arm = np.repeat(np.arange(len(arms.hub)), WIRE)
+    arm = np.repeat(np.arange(4 * len(design.width)), WIRE)
     begin = np.where(design.absent, design.begin, 0.0).reshape(-1, 1)
     t = (begin + (1.0 - begin) * np.linspace(0.0, 1.0, WIRE)).ravel()
     flat = flat_centre(design, arm // 4, arm % 4, t[:, None])[:, 0]

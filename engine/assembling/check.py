@@ -172,7 +172,7 @@ def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulati
         return None
     mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
     wrench = np.zeros((len(mesh.edges), 6))
-    wrench[~mesh.border] = model.wrenches(model.start(rest.pose))
+    wrench[~mesh.border] = model.wrenches(model.start(rest.pose))[: model.assembly.inner]
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
     stress = joints.stresses(wrench, joints.necks(design, made), thickness)
     return np.column_stack([force, moment, stress / material.strength])

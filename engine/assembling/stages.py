@@ -119,10 +119,11 @@ class _Search:
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
+        self.pairs = of_design(design).pairs
         self.order = steps(self.layout)
         self.batches = [batches(self.layout, step) for step in self.order]
         self.bodies = _bodies(self.layout)
-        self.closed = np.ones(len(model.pairs), dtype=bool)
+        self.closed = np.ones(len(self.pairs), dtype=bool)
         self.now = Pose(pose.centres.copy(), pose.rotations.copy())
         self.before = self.closed.copy()  # where ``now`` rests
         self.skipped: list[tuple[str, str]] = []
@@ -133,7 +134,7 @@ class _Search:
         body, last = self.bodies[step.panel], k >= len(batches_) - 1
         patches = [p for p in step.there if self.bodies[p] == body]
         hubs = np.flatnonzero(np.isin(self.layout.patch_of, patches))
-        closed = self.closed & np.isin(self.layout.patch_of[self.model.pairs], patches).all(axis=1)
+        closed = self.closed & np.isin(self.layout.patch_of[self.pairs], patches).all(axis=1)
         counts = [len(joints) for _, joints in batches_]
         share = sum(counts[: k + 1]) / sum(counts) if counts else 1.0
         seam = batches_[k][0] if batches_ else ""
@@ -168,7 +169,7 @@ class _Search:
         loads, quiet = Loads.of(len(here.hubs)), progress.quiet()
         found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
         if not found.converged:
-            opened = self.before & ~self.closed & np.isin(self.model.pairs, here.hubs).all(axis=1)
+            opened = self.before & ~self.closed & np.isin(self.pairs, here.hubs).all(axis=1)
             joints, pose = np.flatnonzero(here.closed | opened), here.pose
             held = self.model.part(here.hubs, joints)
             for share in WEAKER:

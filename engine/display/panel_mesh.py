@@ -7,7 +7,7 @@ sections, for cutting a sheet with thousands of holes into triangles would take 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ..progress import SILENT, Progress
 from ..spirals.caps import Cap
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, opposite_sides
+from .rim_mesh import RimMesh
 
 DRAWING = "Drawing the arms"  # what the progress says
 
@@ -48,9 +49,9 @@ class PanelMesh:
     arm, t : arm 4 f + k and parameter of every section; line : metres, flat, from the hub's centre to the section
     sides : metres, flat, from there to its left and right edge
     rim_quad and rim : metres, the points of the hubs between the arms, as ``line``
-    used : the vertices that are there, of 4 a section (left and right above, left and right below) and 2 a point of
+    used : the vertices that are there but for those of the rim, of 4 a section (left and right above, left and right below) and 2 a point of
         a rim or a connector (above, below)
-    heads : the points of the connectors
+    heads : the points of the connectors; strip : those of the rim, whose vertices come last
     corners : vertex of every face corner; sizes : corners of every face; quad_of : the quad of every face
     vertex_quad : the quad of every vertex; section : vertices with the same number share a section
     """
@@ -63,12 +64,13 @@ class PanelMesh:
     rim_quad: Int[np.ndarray, " rims"]
     rim: Float[np.ndarray, "rims 3"]
     heads: Heads
-    used: Int[np.ndarray, " vertices"]
+    used: Int[np.ndarray, " own"]
     corners: Int[np.ndarray, " corners"]
     sizes: Int[np.ndarray, " faces"]
     quad_of: Int[np.ndarray, " faces"]
     vertex_quad: Int[np.ndarray, " vertices"]
     section: Int[np.ndarray, " vertices"]
+    strip: RimMesh | None = None
 
     @property
     def triangles(self) -> int:
@@ -87,7 +89,8 @@ class PanelMesh:
         alone_up[: len(rims)][rims] = pose.rotations[rim_quad, :, 2]
         head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
         alone[later], alone_up[later] = head + times(head_turn, heads.side[points]), head_turn[:, :, 2]
-        return self._thick(edges, up, alone, alone_up)
+        made = self._thick(edges, up, alone, alone_up)
+        return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.placed(arms))])
 
     def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
         """Metres: the vertices in the flat panels, every patch's origin at ``centres``, middle plane at z = 0."""
@@ -96,7 +99,15 @@ class PanelMesh:
         up = np.array([0.0, 0.0, 1.0])
         edges = (shape[self.arm // 4] + self.line)[:, None] + self.sides
         heads = shape[self.heads.arm // 4] + self.heads.line + self.heads.side
-        return self._thick(edges, up, np.concatenate([shape[self.rim_quad] + self.rim, heads]), up)
+        made = self._thick(edges, up, np.concatenate([shape[self.rim_quad] + self.rim, heads]), up)
+        if self.strip is None:
+            return made
+        moved = centres[self.design.flat.layout.patch_of[self.strip.quad]]
+        return np.concatenate([made, self._plates(self.strip.flat + np.c_[moved, np.zeros(len(moved))], up)])
+
+    def _plates(self, points: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+        lift = 0.5 * self.design.params.thickness * np.broadcast_to(up, points.shape)
+        return np.stack([points + lift, points - lift], axis=1).reshape(-1, 3)
 
     def _thick(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
         half = 0.5 * self.design.params.thickness
@@ -147,10 +158,28 @@ def panel_mesh(
     vertex_quad = np.concatenate(
         [np.repeat(arm // 4, 4), np.repeat(np.concatenate([rim_quad.ravel(), heads.arm // 4]), 2)]
     )
-    return PanelMesh(
+    made = PanelMesh(
         design, arm, t, line, sides, rim_quad.ravel(), rim.reshape(-1, 3), heads,
         used, index[corners], sizes, quad_of, vertex_quad[used], section[used],
     )  # fmt: skip
+    return _with_rim(made, RimMesh.of(design))
+
+
+def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
+    """The same with the plates of a rim."""
+    if strip is None:
+        return made
+    faces, quad_of = strip.faces(len(made.used))
+    beyond = int(made.section.max()) + 1
+    return replace(
+        made,
+        strip=strip,
+        corners=np.concatenate([made.corners, *(f.ravel() for f in faces)]),
+        sizes=np.concatenate([made.sizes, *(np.full(len(f), f.shape[1]) for f in faces)]),
+        quad_of=np.concatenate([made.quad_of, quad_of]),
+        vertex_quad=np.concatenate([made.vertex_quad, np.repeat(strip.quad, 2)]),
+        section=np.concatenate([made.section, beyond + np.repeat(np.arange(len(strip.quad)), 2)]),
+    )
 
 
 def _sections(

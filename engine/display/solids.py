@@ -16,6 +16,7 @@ from ..fabrication.writers.solids import places
 from ..spirals.caps import Cap
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
+from .rim_mesh import RimMesh
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
 # faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
@@ -63,7 +64,8 @@ def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] =
     corners = np.concatenate([loops.ravel(), plates.ravel(), heads.triangles.ravel()])
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
-    return Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True)
+    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True)
+    return _with_rim(made, design, centres)
 
 
 def solid(
@@ -100,7 +102,31 @@ def solid(
     used[corners] = True
     number = np.cumsum(used) - 1
     points = np.concatenate([bottom, top])[used]
-    return Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)))
+    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)))
+    return _with_rim(made, design, centres)
+
+
+def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
+    """The same with the plates of a rim, if the design has one."""
+    strip = RimMesh.of(design)
+    if strip is None:
+        return made
+    moved, count = centres[design.flat.layout.patch_of[strip.quad]], len(made.vertices)
+    above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
+    if made.flat:
+        points, faces, quad_of = above, [count + strip.triangles], strip.quad[strip.triangles[:, 0]]
+    else:
+        points = np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
+        faces, quad_of = strip.faces(count)
+    sizes = np.concatenate([np.full(len(f), f.shape[1]) for f in faces])
+    return Solid(
+        np.concatenate([made.vertices, points]),
+        np.concatenate([made.corners, *(f.ravel() for f in faces)]),
+        np.concatenate([made.sizes, sizes]),
+        np.concatenate([made.quad_of, quad_of]),
+        np.concatenate([made.seam_of, np.full(len(sizes), -1)]),
+        made.flat,
+    )
 
 
 def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:

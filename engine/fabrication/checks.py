@@ -10,8 +10,9 @@ from ..errors import FlexMapsError
 from ..materials import Material
 from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
-from ..spirals.contours import Outline, touching
+from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
+from ..spirals.touching import touching
 from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits
 from .panels.kerf import cut_paths

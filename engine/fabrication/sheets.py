@@ -11,9 +11,10 @@ import numpy as np
 from ..errors import FlexMapsError
 from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
 from ..progress import SILENT, Progress
-from ..spirals.contours import Outline, touching
+from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
+from ..spirals.touching import touching
 from .checks import check_kerf, check_mill, oversize, tight, without
 from .connectors.connect import Connections, connect
 from .nesting.nest import nest

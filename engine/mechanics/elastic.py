@@ -96,16 +96,16 @@ def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) ->
 
 
 class JointSum:
-    """Sums joints' blocks (m, 12, 2 K) into a matrix (6 n, K n): from K numbers a spiral to six a spiral.
+    """Sums joints' blocks (m, 12, 2 K) into a matrix (6 n, K n): from K numbers a spiral to six a spiral, or node of a rim.
 
     Where its entries are is worked out once for many sums.
     """
 
-    def __init__(self, pairs: Int[np.ndarray, "joints 2"], size: int, each: int):
-        """pairs : (m, 2) int, the spirals of every joint; size : n; each : K"""
-        row = (pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
-        column = (pairs[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
-        self._shape = (6 * size, each * size)
+    def __init__(self, assembly: Assembly, each: int):
+        """assembly : with its rim; each : K"""
+        row = (assembly.pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
+        column = (assembly.owners[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
+        self._shape = (6 * assembly.size, each * assembly.spirals)
         entries, self._slot = np.unique((row * self._shape[1] + column).ravel(), return_inverse=True)
         self._indices = (entries % self._shape[1]).astype(np.int32)
         starts = np.arange(self._shape[0] + 1) * self._shape[1]

@@ -33,7 +33,7 @@ from ..progress import SILENT, Progress
 from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
-from .loads import Loads
+from .loads import Loads, between
 from .newton_system import NewtonSystem
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
@@ -147,7 +147,7 @@ class _Balance:
     def expand(self, state: Any) -> Local:
         here = self.model.expand(state, ahead=True)
         gradient = here.gradient.copy()
-        gradient[:, :3] -= self.loads.force
+        gradient[: len(self.loads.force), :3] -= self.loads.force
         work = self.loads.work(state.pose.centres)
         residual = self._residual(here, gradient, state.pose)
         return Local(here.energy - work, gradient, residual, here.energy + abs(work), here)
@@ -203,6 +203,7 @@ class _Balance:
 
 def force_measure(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
     """What makes forces of forces and moments (6,), and newtons, the size of the forces within the joints of a state."""
+    pose = pose.whole
     a, b = model.pairs.T
     length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
     stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
@@ -260,6 +261,7 @@ def other_minima(
 
 def _inside_out(pose: Pose, held: np.ndarray) -> Pose:
     """Mirrored along the mean normal, at the middle of the hubs that are held; these stay."""
+    held = held[: len(pose.centres)]
     middle = pose.centres[held[:, 0]].mean(axis=0)
     normal = pose.rotations[:, :, 2].mean(axis=0)
     normal /= max(np.linalg.norm(normal), 1e-12)
@@ -285,7 +287,7 @@ BEND = 0.8  # radians, largest turn of the smallest bent start
 
 
 def _differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
-    placed = loads.laid(one, pairs, two)
+    placed, pairs = loads.laid(one, pairs, two), between(pairs, len(one.centres))
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()
     return bool(apart > 0.1 * spacing)

@@ -67,7 +67,7 @@ class Loads:
         Raises FlexMapsError with the faces of a piece that forces would carry away or turn.
         """
         held = self.fixed.copy()
-        for free in freedoms(self.fixed, pairs, centres):
+        for free in freedoms(self.fixed, between(pairs, len(held)), centres):
             work, most = free.work(centres, self.force)
             shifts = np.linalg.norm(free.motions[:, 3:], axis=1) == 0.0
             moving = np.abs(work) > np.where(shifts, CARRIED, TURNED) * most
@@ -78,13 +78,18 @@ class Loads:
 
     def laid(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
         """A pose whose pieces are moved, as far as the supports leave them free, to where they lie nearest to a target."""
-        for free in freedoms(self.fixed, pairs, pose.centres):
+        for free in freedoms(self.fixed, between(pairs, len(self.fixed)), pose.centres):
             pose = free.laid(pose, target.centres)
         return pose
 
     def work(self, centres: np.ndarray) -> float:
         """Joules: what the forces do up to here, against the origin."""
         return float((self.force * centres).sum())
+
+
+def between(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
+    """Those of joints (m, 2) int that join two of the first ``size`` bodies: hubs, and no nodes of a rim."""
+    return pairs[(pairs < size).all(axis=1)]
 
 
 def _unheld(free: Freedom, carried: bool) -> str:

@@ -18,9 +18,12 @@ class NewtonSystem:
     """Systems in the free increments of n hubs, which share one pattern and one symbolic factorisation.
 
     pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
+    Bodies that joints have beyond those n, the nodes of a rim, are free; fields (n, 6) may leave them out, which is 0 there.
     """
 
     def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None):
+        more = max(int(pairs.max(initial=-1)) + 1 - len(held), 0)
+        held = np.concatenate([held, np.zeros((more, 6), dtype=bool)]) if more else held
         self.held = held
         self.free = np.flatnonzero(~held.ravel())
         number = np.full(held.size, -1)
@@ -41,6 +44,8 @@ class NewtonSystem:
 
     def reduced(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
         """(free,) of a (n, 6) field."""
+        if len(field) < len(self.held):
+            field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
         return field.ravel()[self.free]
 
     def full(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:

@@ -8,7 +8,7 @@ them, and where they do, there is no equilibrium.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import qr
@@ -65,7 +65,7 @@ class Freedom:
             moved = part.placed(rotation, pivot - rotation @ pivot)
         centres, rotations = pose.centres.copy(), pose.rotations.copy()
         centres[self.members], rotations[self.members] = moved.centres, moved.rotations
-        return Pose(centres, rotations)
+        return replace(pose, centres=centres, rotations=rotations)
 
 
 def freedoms(

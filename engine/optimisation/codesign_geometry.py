@@ -24,11 +24,12 @@ STEP = 3e-5  # of the central differences, in radii and radians: what cutting of
 def by_geometry(
     model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
 ) -> Float[np.ndarray, "joints r 2 3"]:
-    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
+    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose; a rim's stays.
 
     By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian).
     measure : (m, r) of a model in which every joint has two spirals of its own, and of the pose of those
     """
+    model = model.without_rim
     spiral = model.pairs.ravel()
     alone, placed = model.varied(_taken_apart(model.assembly)), Pose(pose.centres[spiral], pose.rotations[spiral])
     parts = []

@@ -200,7 +200,8 @@ class FlatPoint(Point):
         bearing = None if self.strains is None else self.problem.bearing
         assert isinstance(self.model, ArmModel)
         # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
-        signs = np.sign(arm_wrenches(self.model.assembly, self.model.wrenches(self._state)))
+        own = self.model.without_rim
+        signs = np.sign(arm_wrenches(own.assembly, own.wrenches(own.start(self.equilibrium.pose))))
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
@@ -249,13 +250,15 @@ class FlatPoint(Point):
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
         entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
-        by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.size, 6 * len(pairs)))
+        by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.whole.size, 6 * len(pairs)))
         return csr_array(hstack([self._forces_by_spirals(), by_geometry @ self._by_flats]))
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         rows, e = super()._strain_rows(arms), arms // 2
         parts = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
-        by_geometry = self._by_geometry[e[:, None], parts]
+        rims = e >= len(self._by_geometry)
+        e = np.where(rims, 0, e)
+        by_geometry = np.where(rims[:, None, None], 0.0, self._by_geometry[e[:, None], parts])
         column = np.repeat(6 * e[:, None] + np.arange(6), 6, axis=0)
         start = np.arange(0, column.size + 1, 6)
         shape = (len(column), self._by_flats.shape[0])

@@ -62,7 +62,7 @@ class Problem:
 
     def factors(self, start: Pose) -> Factors:
         """For all points with the same supports, which are held alike so that their equilibria lie in the same place."""
-        fixed, pairs = self.loads.fixed, self.assembly.pairs
+        fixed, pairs = self.loads.fixed, self.assembly.whole.pairs
         for known in self.shared:
             if np.array_equal(known.fixed, fixed):
                 return known
@@ -78,7 +78,7 @@ class Problem:
     def joint_sum(self) -> JointSum:
         """For the change of the hubs' forces with the design."""
         if not self.sums:
-            self.sums.append(JointSum(self.assembly.pairs, self.assembly.size, self.space.each))
+            self.sums.append(JointSum(self.assembly.whole, self.space.each))
         return self.sums[0]
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
@@ -300,10 +300,10 @@ class Point:
     @cached_property
     def _slopes(self) -> Float[np.ndarray, "joints 2 5 _"]:
         """(m, 2, 5, K) of widths and twist (rows) by coordinates (columns) of both spirals of every joint."""
-        return self.problem.space.slopes(self.x)[self.problem.assembly.pairs]
+        return self.problem.space.slopes(self.x)[self.problem.assembly.whole.owners]
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) how the hubs move, to first order, when the coordinates change (eq. 8, forward)."""
+        """(n, 6) how the hubs, and the nodes of a rim, move, to first order, when the coordinates change (eq. 8, forward)."""
         return -self.system.solve((self._forces @ change).reshape(-1, 6))
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
@@ -314,12 +314,12 @@ class Point:
         """Derivatives of the six parts of the strains of some arms, 2 e + side of the joint e."""
         found, problem = self.strains, self.problem
         assert found is not None
-        e, side = arms // 2, arms % 2
-        pairs = np.repeat(problem.assembly.pairs[e], 6, axis=0)
-        hubs = _sparse(found.by_pose[e, side].reshape(-1, 2, 6), 6 * pairs, 6 * problem.assembly.size)
+        e, side, whole = arms // 2, arms % 2, problem.assembly.whole
+        pairs, owners = (np.repeat(of[e], 6, axis=0) for of in (whole.pairs, whole.owners))
+        hubs = _sparse(found.by_pose[e, side].reshape(-1, 2, 6), 6 * pairs, 6 * whole.size)
         by_spirals = found.by_design[e, side].transpose(0, 2, 1, 3) @ self._slopes[e]
         by_spirals = by_spirals.transpose(0, 2, 1, 3).reshape(len(pairs), 2, problem.space.each)
-        return Rows(hubs, _sparse(by_spirals, problem.space.each * pairs, problem.own))
+        return Rows(hubs, _sparse(by_spirals, problem.space.each * owners, problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
@@ -338,7 +338,7 @@ class Point:
 
     def _back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
         """By the coordinates, of what changes like this with hubs and coordinates."""
-        hubs, own = total(parts, len(self.problem.assembly.width), len(self.x))
+        hubs, own = total(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + own
 
 

@@ -16,7 +16,8 @@ from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slot_estimate import Slots, SlotWidths
 from ..mechanics.arms.tip_motion import TipMotions
-from ..mechanics.assembly import Pose
+from ..mechanics.assembly import Assembly, Pose
+from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..spirals.blends import ANGLE, MATE_LEAN, MATE_WIDTH, MATE_WIND, NUMBERS, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..spirals.design import SpiralDesign
@@ -40,41 +41,47 @@ class Opening:
     """What slots of a design should be in space.
 
     width : metres that they should be wide; shapes : what the flat quads give to their arms
+    params : of the spirals
     """
 
     shapes: Shapes
     slots: Slots
     width: float
+    params: SpiralParams
 
     @classmethod
     def of(cls, design: SpiralDesign) -> Opening:
         p = design.params
         slots = Slots(p.blend, p.fillet, p.thickness, p.clockwise)
-        return cls(Shapes.of(design.flat), slots, OPEN * slot_needed(p))
+        return cls(Shapes.of(design.flat, p), slots, OPEN * slot_needed(p), p)
 
     def moved(self, flat: FlatPatches) -> Opening:
         """The same on other flat shapes of the same patches."""
-        return replace(self, shapes=Shapes.of(flat))
+        return replace(self, shapes=Shapes.of(flat, self.params))
 
     def at(self, model: ArmModel, pose: Pose) -> Closing:
         """Of the spirals of a model whose hubs stand in a pose."""
         motions = TipMotions.of(model.assembly, model.compliance.values, model.compliance.by, model.at_joint, pose)
-        arm, known = 4 * model.assembly.pairs + model.assembly.sides, np.zeros((len(self.shapes.mate), 6))
-        known[arm] = motions.values
+        whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
+        arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
+        known[arm[own]] = motions.values[own]
         found = self.slots.below(self.width, self._numbers(model), known)
         joint = np.full(len(known), -1)
-        joint[arm.ravel()] = np.arange(arm.size)
-        return Closing(self, found, motions, joint[found.arms], model.assembly.pairs, model.assembly.size)
+        joint[arm[own]] = np.flatnonzero(own)
+        return Closing(self, found, motions, joint[found.arms], whole)
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
         """Of every arm, in the order of ``blends``."""
         shapes, assembly = self.shapes, model.assembly
-        width, wind = assembly.width.ravel(), self.sign * np.repeat(assembly.twist, 4)
+        n = assembly.spirals
+        width, wind = assembly.width[:n].ravel(), self.sign * np.repeat(assembly.twist[:n], 4)
         out = np.empty((len(width), NUMBERS))
-        for own, mate, values in (
-            (OWN_WIDTH, MATE_WIDTH, width), (OWN_WIND, MATE_WIND, wind), (OWN_LEAN, MATE_LEAN, shapes.lean)
-        ):  # fmt: skip
-            out[:, own], out[:, mate] = values, values[shapes.mate]
+        for own, mate, values, sign in (
+            (OWN_WIDTH, MATE_WIDTH, width, 1.0),
+            (OWN_WIND, MATE_WIND, wind, shapes.sign),
+            (OWN_LEAN, MATE_LEAN, shapes.lean, shapes.sign),
+        ):
+            out[:, own], out[:, mate] = values, sign * values[shapes.mate]
         out[:, RADIUS], out[:, ANGLE] = shapes.radius, shapes.angle
         return out
 
@@ -98,8 +105,7 @@ class Closing:
     found: SlotWidths
     motions: TipMotions
     joint: Int[np.ndarray, "k 2"]
-    pairs: Int[np.ndarray, "joints 2"]
-    size: int
+    assembly: Assembly
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
@@ -129,31 +135,33 @@ class Closing:
     def by_pose(self) -> csr_array:
         """(K, 6 n) of the widths by the increments of the hubs."""
         through = (self._by_motion @ self._at_tips(self.motions.by_pose))[:, :, 0]
-        column = 6 * self._spirals[..., None] + np.arange(6)
-        return self._rows(through.reshape(*column.shape), column, 6 * self.size)
+        column = 6 * self._of(self.assembly.pairs)[..., None] + np.arange(6)
+        return self._rows(through.reshape(*column.shape), column, 6 * self.assembly.size)
 
     @cached_property
     def by_design(self) -> csr_array:
         """(K, 5 n) of the widths by the widths of all arms, four of a spiral in a row, and then by all twists."""
-        found, mate, arms = self.found, self.opening.shapes.mate, 4 * self.size
+        found, mate, count = self.found, self.opening.shapes.mate, self.assembly.spirals
+        arms = 4 * count
         flat = self._at_tips(self.motions.by_design.reshape(*self.motions.by_design.shape[:3], 10))
         through = (self._by_motion @ flat)[:, :, 0].reshape(len(found.values), 2, 2, 5)
-        spiral = self._spirals[..., None]
+        spiral = self._of(self.assembly.owners)[..., None]
         column = np.concatenate([4 * spiral + np.arange(4), arms + spiral], axis=-1)
         by, own = found.slopes[1], found.arms
         direct = np.stack([by[..., OWN_WIDTH], by[..., MATE_WIDTH], by[..., OWN_WIND], by[..., MATE_WIND]], axis=-1)
         direct[..., 2:] *= self.opening.sign
+        direct[..., 3] *= self.opening.shapes.sign[own]
         at = np.stack([own, mate[own], arms + own // 4, arms + mate[own] // 4], axis=-1)
-        return self._rows(through, column, 5 * self.size) + self._rows(direct, at, 5 * self.size)
+        return self._rows(through, column, 5 * count) + self._rows(direct, at, 5 * count)
 
     def by_flat(self, by_geometry: Float[np.ndarray, "joints 12 6"], geometry_by_points: csr_array) -> csr_array:
         """(K, 2 P) of the widths by the flat points.
 
         by_geometry : (m, 12, 6) of both tips' motions by the rest geometry of their joint; geometry_by_points : (6 m, 2 P)
         """
-        tips = by_geometry.reshape(-1, 6, 6)
-        through = (self._by_motion @ np.where((self.joint >= 0)[..., None, None], tips[self.joint], 0.0))[:, :, 0]
-        column = 6 * (np.maximum(self.joint, 0) // 2)[..., None] + np.arange(6)
+        tips, joint = by_geometry.reshape(-1, 6, 6), np.where(self.joint < 2 * self.assembly.inner, self.joint, -1)
+        through = (self._by_motion @ np.where((joint >= 0)[..., None, None], tips[joint], 0.0))[:, :, 0]
+        column = 6 * (np.maximum(joint, 0) // 2)[..., None] + np.arange(6)
         out = self._rows(through, column, geometry_by_points.shape[0]) @ geometry_by_points
         for side in (0, 1):
             numbers = np.zeros((len(self.found.values), COUNT))
@@ -170,10 +178,9 @@ class Closing:
         chosen = values.reshape(-1, *values.shape[2:])[self.joint]
         return np.where((self.joint >= 0)[(..., *(None,) * (chosen.ndim - 2))], chosen, 0.0)
 
-    @property
-    def _spirals(self) -> Int[np.ndarray, "k 2 2"]:
-        """Both spirals of the joints of both arms."""
-        return self.pairs[np.maximum(self.joint, 0) // 2]
+    def _of(self, pairs: Int[np.ndarray, "joints 2"]) -> Int[np.ndarray, "k 2 2"]:
+        """What joints have on both sides, of the joints of both arms."""
+        return pairs[np.maximum(self.joint, 0) // 2]
 
     def _rows(self, values: np.ndarray, column: np.ndarray, columns: int) -> csr_array:
         """A row for every place, from values and columns (K, ...)."""

@@ -117,7 +117,7 @@ def _stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " qu
     both = np.stack([plane, simulation.equilibrium.per_joint], axis=1)
     total = np.zeros((simulation.assembly.size, 2))
     for side in (0, 1):
-        np.add.at(total, simulation.assembly.pairs[:, side], both)
+        np.add.at(total, model.assembly.owners[:, side], both)
     return total[:, 0] > STRETCHED * np.maximum(total[:, 1], 1e-300)
 
 

@@ -94,7 +94,8 @@ class Apart(Term):
         return Change(_shifts(self.mismatch.gradient), 0.0)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return Change(_shifts(self.mismatch.backward(self.mismatch.forward(moves[:, :3]))), 0.0)
+        shifts = moves[: len(self.mismatch.target.points), :3]
+        return Change(_shifts(self.mismatch.backward(self.mismatch.forward(shifts))), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,10 +218,11 @@ def turning(weight: float, moves: np.ndarray) -> Change:
 
 
 def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of changes, as (size, 6) and (coordinates,)."""
+    """Sums of changes, as (size, 6), the nodes of a rim included, and (coordinates,)."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:
-        hubs += part.hubs
+        if isinstance(part.hubs, np.ndarray):
+            hubs[: len(part.hubs)] += part.hubs  # some know nothing of a rim's nodes
         own += part.own
     return hubs, own
 

@@ -16,7 +16,7 @@ from ..choosing.judge import Piece
 from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
-from ..fabrication.standing.base import Base, make_base
+from ..fabrication.standing.base import Base, make_base, refuse_rim
 from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
@@ -104,6 +104,7 @@ def _straight(result: Result, settings: Settings) -> np.ndarray | None:
     """The spirals that are not to be wound, for they get feet; none without a base."""
     if settings.base.base == "none" or result.supports is None:
         return None
+    refuse_rim(settings.spiral)
     return footed(result.mesh, result.supports)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Float, Int
+from ..errors import FlexMapsError
 from ..materials import Material
 from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
@@ -63,8 +64,8 @@ class Simulation:
     @cached_property
     def energy(self) -> Float[np.ndarray, " quads"]:
         """(F,) joules of every spiral: half of each of its joints."""
-        halves = np.repeat(0.5 * self.equilibrium.per_joint, 2)
-        return np.bincount(self.assembly.pairs.ravel(), weights=halves, minlength=self.assembly.size)
+        halves, owners = np.repeat(0.5 * self.equilibrium.per_joint, 2), self.model.assembly.owners
+        return np.bincount(owners.ravel(), weights=halves, minlength=self.assembly.size)
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
@@ -79,7 +80,7 @@ class Simulation:
             / self.material.strain_limit
         )
         worst = np.zeros(self.assembly.size)
-        np.maximum.at(worst, self.assembly.pairs, found[:, None])
+        np.maximum.at(worst, self.model.assembly.owners, found[:, None])
         return worst
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
@@ -92,12 +93,12 @@ class Simulation:
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
-        pose, pairs = self.equilibrium.pose, self.assembly.pairs
+        pose, pairs = self.equilibrium.pose, self.model.pairs
         system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
         progress(0.0, "How the shape moves most easily")
         modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), progress=progress)
-        return modes[0], float(rise[0])
+        return modes[0][: self.assembly.size], float(rise[0])
 
     @cached_property
     def shortfalls(self) -> list[Shortfall]:
@@ -207,6 +208,10 @@ def build_model(
 ) -> ElasticModel:
     """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only."""
     if name == "rod":
+        if assembly.rim is not None:
+            raise FlexMapsError(
+                "The rod model knows no rim; take the arm model, or choose Stubs or Left out for the border"
+            )
         return RodModel.of(assembly, material)
     return ArmModel.of(assembly, material, curving=not quick, progress=progress)
 

@@ -19,6 +19,7 @@ from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .arcs import Curve, Fitted, fit
+from .rim import Rim
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
 
@@ -272,26 +273,29 @@ def outlines(
     tips: Tips | None = None,
     progress: Progress = SILENT,
     caps: Mapping[int, Curve] = {},
+    rim: tuple[Rim, float] | None = None,
 ) -> list[Outline]:
     """One outline per patch from the ``edges`` of all arms; ``tips`` at the cuts, or plain ends at the t ``plain``.
 
-    ``caps`` are curves, as in ``Tips.across``, at other arms that have no plain end. Raises ``FlexMapsError`` with the faces
+    ``caps`` are curves, as in ``Tips.across``, at other arms that have no plain end; ``rim`` joins arms at the border, with the fillets
+    of its necks in metres. Raises ``FlexMapsError`` with the faces
     of a patch that overlaps itself.
     """
     mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     begin = plain if tips is None else tips.begin
-    chains = _chains(mesh, joined)
-    across = {**caps, **({} if tips is None else tips.across)}
+    chains = _chains(mesh, joined, {} if rim is None else rim[0].onward())
+    across = {**caps, **({} if tips is None else tips.across), **({} if rim is None else _links(arms, *rim))}
     pieces = _pieces(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
+    found: list[tuple[int, Curve]] = []
     for number, chain in enumerate(chains):
         if number % 500 == 0:
             progress(0.4 + 0.6 * number / len(chains), "closing the outlines")
         points = np.concatenate([pieces[c][0] for c in chain])
         bulge = np.concatenate([pieces[c][1] for c in chain])
-        curve = Curve(points, bulge)
-        patch = int(patch_of[chain[0] // 4])
+        found.append((int(patch_of[chain[0] // 4]), Curve(points, bulge)))
+    for patch, curve in (*found, *([] if rim is None else rim[0].closed())):
         if curve.area > 0.0:
             if patch in outer:
                 raise FlexMapsError(
@@ -350,12 +354,24 @@ def _pieces(
     return pieces
 
 
-def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
-    """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot."""
+def _links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
+    """Of every arm at the rim the way along it, from its right edge to the left edge of the arm where the outline leaves it."""
+    half = 0.5 * arms.joint_width[rim.quad, rim.side]
+    number = (4 * rim.quad + rim.side).tolist()
+    return {arm: Curve(*rim.link(n, half, fillet), closed=False) for n, arm in enumerate(number)}
+
+
+def _chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
+    """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot.
+
+    ``onward`` names those that follow others instead.
+    """
     quad, side = opposite_sides(mesh)
     own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4
     # corner j starts side j; the neighbour's side runs the other way, so the same vertex is its corner side + 1
     following = np.where(joined, 4 * quad + (side + 1) % 4, own).ravel().tolist()
+    for slot, after in onward.items():
+        following[slot] = after
     seen = [False] * len(following)
     chains = []
     for first in range(len(following)):
@@ -368,32 +384,3 @@ def _chains(mesh: QuadMesh, joined: np.ndarray) -> list[list[int]]:
             at = following[at]
         chains.append(chain)
     return chains
-
-
-def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
-    """Patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
-    import shapely
-
-    found = []
-    for patch, outline in enumerate(drawn):
-        progress(patch / len(drawn), "checking the outlines")
-        rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
-        if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
-            continue
-        places = [_crossing(ring) for ring in np.array(rings)[~shapely.is_simple(rings)]]
-        one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
-        both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
-        at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
-        if not len(at):  # a hole outside the panel, say: no single place
-            at = shapely.get_coordinates(rings[0])[:1]
-        found.append(np.column_stack([np.full(len(at), patch), at]))
-    return np.concatenate(found) if found else np.empty((0, 3))
-
-
-def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
-    """A place where a closed line crosses or touches itself."""
-    import shapely
-
-    return shapely.Point(
-        *map(float, shapely.is_valid_reason(shapely.Polygon(ring)).partition("[")[2].rstrip("]").split())
-    )

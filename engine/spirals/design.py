@@ -16,7 +16,8 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
-from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines, touching
+from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
+from .rim import Rim
 from .room import Room
 from .slots import (
     CLEAR,
@@ -31,6 +32,7 @@ from .slots import (
     width_range,
 )
 from .spiral import LEFT, RIGHT, Arms, alike, anisotropy, arms, edge, opposite_sides
+from .touching import touching
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 
@@ -83,6 +85,11 @@ class SpiralDesign:
         return found
 
     @cached_property
+    def rim(self) -> Rim | None:
+        """The strip along the open border, if there is one."""
+        return Rim.of(self.flat, self.params)
+
+    @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
         """The t where every arm begins if it has no connector."""
         plain = ends(self.flat.layout, self.arms, slot_needed(self.params))
@@ -104,7 +111,8 @@ class SpiralDesign:
         given = self.flat.layout, self.arms, self.roots, self.begin
         fitted = edges(*given, tolerance, tips, progress.part(0.0, 0.7), known)
         capped = {cap.arm: cap.across for cap in self.caps}
-        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0), capped)
+        rim = None if self.rim is None else (self.rim, self.params.fillet)
+        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0), capped, rim)
         if tips is None:
             plain[tolerance] = fitted, drawn
         return drawn
@@ -116,7 +124,7 @@ class SpiralDesign:
 
     @cached_property
     def area(self) -> Float[np.ndarray, " quads"]:
-        """Square metres of material, by its outline from edge to edge; the fillets and the feet are left out."""
+        """Square metres of material, by its outline from edge to edge, with its part of the rim; the fillets and the feet are left out."""
         share = np.linspace(0.0, 1.0, 33)
         begin = np.where(self.absent, self.begin, 0.0)[..., None]
         inner = np.roll(self.roots.right, 1, axis=1)[..., None]
@@ -125,7 +133,12 @@ class SpiralDesign:
         round_about = np.concatenate([right, left], axis=2).reshape(len(self.width), -1, 2) - self.arms.centre[:, None]
         following = np.roll(round_about, -1, axis=1)
         area = 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
-        return area + (self.absent * 0.125 * np.pi * self.width**2).sum(axis=1)
+        area = area + (self.absent * 0.125 * np.pi * self.width**2).sum(axis=1)
+        rim = self.rim
+        if rim is not None:
+            neck = rim.depth * self.arms.joint_width[rim.quad, rim.side]
+            area += np.bincount(rim.quad, weights=rim.area + neck, minlength=len(area))
+        return area
 
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:

@@ -12,7 +12,7 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import leans
 from .lines import Lines
-from .spiral import opposite_sides, spokes
+from .spiral import mirrored, opposite_sides, spokes
 
 # Kinds of pairs: of one quad; an arm and those beside it across its joint; others of quads that share an edge or a vertex
 BESIDE, ACROSS, ROUND = range(3)
@@ -146,16 +146,16 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     """Metres: how far the centre lines of an arm reach from its quad's centre, whatever the design, along evenly spaced ways."""
     _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
-    lean = leans(flat.corners, angle)
+    lean, sign = leans(flat.corners, angle), mirrored(flat.layout.mesh, params)
     width = np.full((radius.size, 2), params.width_max)
-    both = np.stack([lean, lean[mate, side]], axis=-1).reshape(-1, 2)
+    both = np.stack([lean, sign * lean[mate, side]], axis=-1).reshape(-1, 2)
     t = np.broadcast_to(_REACHED, (radius.size, len(_REACHED)))
     i = np.broadcast_to(np.arange(radius.size)[:, None], t.shape)
     ways = np.exp(2j * np.pi / _WAYS * np.arange(_WAYS))
     out = np.full((radius.size, _WAYS), -np.inf)
-    zero, sign = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
+    zero, wound = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
     for own, other in product(_OWN, _MATES):
-        twist = sign * params.twist_max * np.broadcast_to([own, other], width.shape)
+        twist = wound * params.twist_max * np.stack([np.full(radius.size, own), other * sign.ravel()], axis=1)
         lines = Lines.of(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
         points = lines.points(i, t)
         for k, way in enumerate(ways):

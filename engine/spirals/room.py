@@ -102,7 +102,7 @@ class Room:
         slot at seams is asked for, but no more than half of what those straight arms leave.
         Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
         """
-        slot, shapes = _MORE * slot_needed(params), Shapes.of(flat)
+        slot, shapes = _MORE * slot_needed(params), Shapes.of(flat, params)
         wide = max(slot, _MORE * params.slot_seam)
         pairs = pairs_of(flat, params, wide + SUPPORT * slot)
         arms = len(shapes.mate)
@@ -121,7 +121,7 @@ class Room:
 
     def moved(self, flat: FlatPatches) -> Room:
         """The same where the flat points have moved a little; which arms could come near is not looked for again."""
-        return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat))
+        return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat, self.params))
 
     @property
     def slot(self) -> float:
@@ -218,7 +218,7 @@ class Room:
 
         Negative where arms run through each other.
         """
-        pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat)
+        pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat, params)
         pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), np.zeros(len(shapes.mate)))
         found = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
@@ -235,15 +235,21 @@ class Room:
 
     def _lines(self, width: np.ndarray, twist: np.ndarray) -> Lines:
         wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
-        width, wind, lean = (np.stack([x, x[s.mate]], axis=1) for x in (width.ravel(), wind, s.lean))
-        return Lines.of(s.centre, s.radius, s.angle, (width, wind, lean), self.params.blend)
+        widths = np.stack([width.ravel(), width.ravel()[s.mate]], axis=1)
+        winds, leans = (np.stack([x, s.sign * x[s.mate]], axis=1) for x in (wind, s.lean))
+        return Lines.of(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
     def _by_design(self, hang: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
         """(K, 5 F) of derivatives by the numbers of both arms."""
         sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.shapes.mate)
         columns = np.concatenate([hang, arms + hang // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]
-        twists = [sign * by[:, k] for by in (one, two) for k in (OWN_WIND, MATE_WIND)]
+        mates = self.shapes.sign[hang[:, [0, 2]].T]
+        twists = [
+            sign * by[:, k] * s
+            for by, m in ((one, mates[0]), (two, mates[1]))
+            for k, s in ((OWN_WIND, 1.0), (MATE_WIND, m))
+        ]
         data = np.stack(widths + twists, axis=1)
         start = np.arange(0, data.size + 1, data.shape[1])
         out = csr_array((data.ravel(), columns.ravel(), start), shape=(len(data), arms + arms // 4))

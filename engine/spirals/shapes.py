@@ -8,16 +8,18 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Complex, Float, Int
+from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, leans
 from .lines import CENTRE_X, CENTRE_Y
-from .spiral import opposite_sides, spokes
+from .spiral import mirrored, opposite_sides, spokes
 
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
     """A arms: centres of their quads (metres), spokes (metres, radians), leans (radians), and the arms across their joints.
 
+    sign : by which the wind and the lean of that arm count, see ``spiral.mirrored``
     corner : (A, 4) the flat points of their quads, from the first end of their own sides on
     corners : (A, 4) metres, where these are
     """
@@ -27,12 +29,13 @@ class Shapes:
     angle: Float[np.ndarray, " arms"]
     lean: Float[np.ndarray, " arms"]
     mate: Int[np.ndarray, " arms"]
+    sign: Float[np.ndarray, " arms"]
     corner: Int[np.ndarray, "arms 4"]
     corners: Complex[np.ndarray, "arms 4"]
     points: int
 
     @classmethod
-    def of(cls, flat: FlatPatches) -> Shapes:
+    def of(cls, flat: FlatPatches, params: SpiralParams) -> Shapes:
         centre, radius, angle = spokes(flat.corners)
         mate, side = opposite_sides(flat.layout.mesh)
         turned = (np.arange(4)[:, None] + np.arange(4)) % 4
@@ -43,6 +46,7 @@ class Shapes:
             angle.ravel(),
             leans(flat.corners, angle).ravel(),
             (4 * mate + side).ravel(),
+            mirrored(flat.layout.mesh, params).ravel(),
             corner,
             flat.points[corner] @ np.array([1.0, 1j]),
             len(flat.points),
@@ -57,7 +61,7 @@ class Shapes:
         g = by[:, RADIUS, None] * radial + (by[:, ANGLE] + by[:, OWN_LEAN])[:, None] * across
         g = g + 0.25 * (by[:, CENTRE_X] + 1j * by[:, CENTRE_Y])[:, None]
         g[:, :2] -= by[:, OWN_LEAN, None] * self._side(arm)
-        there, lean = self.mate[arm], by[:, MATE_LEAN, None]
+        there, lean = self.mate[arm], (self.sign[arm] * by[:, MATE_LEAN])[:, None]
         h = lean * (1j * np.exp(1j * self.angle[there]) / self.radius[there])[:, None] * weights
         h[:, :2] -= lean * self._side(there)
         return self._rows(

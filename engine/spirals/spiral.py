@@ -78,6 +78,11 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
     return np.where(border, own, quad), np.where(border, np.arange(4), side)
 
 
+def mirrored(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
+    """-1 at sides where an arm's mate is its own mirror image, 1 at others: so arms meet a rim at right angles."""
+    return np.where(mesh.border[mesh.quad_edges] & (params.border == "rim"), -1.0, 1.0)
+
+
 def alike(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
     """The widths of four arms that are all as wide as their spiral's number says."""
     return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
@@ -97,7 +102,9 @@ def arms(
     width, lean = np.asarray(width, dtype=float), leans(flat.corners, angle)
     quad, side = opposite_sides(flat.layout.mesh)
     every = np.broadcast_to(wind[:, None], width.shape)
-    widths, winds, both = (np.stack([own, own[quad, side]], axis=-1) for own in (width, every, lean))
+    sign = mirrored(flat.layout.mesh, params)
+    widths = np.stack([width, width[quad, side]], axis=-1)
+    winds, both = (np.stack([own, sign * own[quad, side]], axis=-1) for own in (every, lean))
     end = blends(widths, winds, both, radius, angle, params.blend)
     return Arms(centre, radius, angle, wind, width, end.width, _pairs(end.slope), end.share)
 

@@ -107,16 +107,16 @@ class Follower:
 
     def residual(self, here: Expansion, pose: Pose, factor: float) -> Float[np.ndarray, "spirals 6"]:
         out = here.gradient.copy()
-        out[:, :3] -= factor * self.action.at(pose)
+        out[: len(self.action.force), :3] -= factor * self.action.at(pose)
         return out
 
     def pull(self, here: Expansion, pose: Pose) -> Float[np.ndarray, "spirals 6"]:
         """Less the derivative of the residual by the factor; supports that move along count."""
-        out = np.zeros_like(here.gradient)
-        out[:, :3] = self.action.at(pose)
+        out, hubs = np.zeros_like(here.gradient), len(self.action.force)
+        out[:hubs, :3] = self.action.at(pose)
         if self.action.shift.any():
             moved = np.zeros_like(out)
-            moved[:, :3] = self.action.shift
+            moved[:hubs, :3] = self.action.shift
             ends = moved[self.model.pairs].reshape(-1, 12)
             forces = np.einsum("mij,mj->mi", here.hessian, ends)
             out -= summed(forces, self.model.pairs, len(out))
@@ -140,7 +140,7 @@ class Follower:
     def moved(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
         """Increments with those of the supports that a change of the factor moves."""
         out = way.copy()
-        out[:, :3] += factor * self.action.shift
+        out[: len(self.action.shift), :3] += factor * self.action.shift
         return out
 
     def size(self, way: np.ndarray) -> float:
@@ -204,8 +204,7 @@ class Follower:
 def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
     """(free, free): the derivative of -factor x pressure x normal by the turns of the hubs, which is not symmetric."""
     blocks = factor * action.pressure[:, None, None] * skew(pose.rotations[:, :, 2])
-    size = len(action.pressure)
-    hub = 6 * np.arange(size)[:, None, None]
+    hub, size = 6 * np.arange(len(action.pressure))[:, None, None], len(system.held)
     rows = np.broadcast_to(hub + np.arange(3)[:, None], blocks.shape).ravel()
     cols = np.broadcast_to(hub + 3 + np.arange(3), blocks.shape).ravel()
     whole = coo_array((blocks.ravel(), (rows, cols)), shape=(6 * size,) * 2).tocsr()

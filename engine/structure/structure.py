@@ -216,9 +216,9 @@ class _Strength:
             return Borne()
         state = model.start(pose)
         arms = model.strains(state, material).sum(axis=2) / strain
-        worst = np.zeros(model.assembly.size)
-        np.maximum.at(worst, model.assembly.pairs, arms)
-        wrench = model.wrenches(state)
+        worst = np.zeros(model.assembly.spirals)
+        np.maximum.at(worst, model.assembly.owners, arms)
+        wrench = model.wrenches(state)[: model.assembly.inner]
         stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Borne(worst, stress / (material.youngs * strain), force, moment)

@@ -15,7 +15,7 @@ from flexmaps.database.geometry import Spiral
 from flexmaps.database.linear import tip_compliance, unit_motions
 from flexmaps.database.statics import Model
 from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, box, dome, ring, sheet
-from flexmaps.database.validation_grain import every_case
+from flexmaps.database.validation_rim import every_case
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.newton import Local

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.mechanics.arms import slot_estimate
-from flexmaps.engine.mechanics.arms.bent import POISSON, answers
+from flexmaps.engine.mechanics.arms.pieces import POISSON, answers
 from flexmaps.engine.mechanics.arms.slot_estimate import Slots
 from flexmaps.engine.mechanics.arms.tip_beams import BentByTips, Pair, Pull, TipBeams
 from flexmaps.engine.spirals.blends import NUMBERS

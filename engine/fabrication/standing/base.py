@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
-from ...params import BaseParams, SheetParams
+from ...params import BaseParams, SheetParams, SpiralParams
 from ...spirals.arcs import Curve
 from ...spirals.design import SpiralDesign
 from ..nesting.packing import turn_that_fits
@@ -112,6 +112,7 @@ def make_base(
         raise FlexMapsError(
             "A base holds what is supported, and nothing is; name supports, such as the lowest spirals, or choose no base"
         )
+    refuse_rim(design.params)
     feet = make_feet(design, pose, supports, lowest, params)
     thickness, ground = design.params.thickness, lowest - params.base_height
     slots = np.array([foot.slot(thickness, clearance) for foot in feet])
@@ -120,6 +121,15 @@ def make_base(
     plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
     footed = replace(design, feet=tuple(foot.cap for foot in feet))
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
+
+
+def refuse_rim(params: SpiralParams) -> None:
+    """Raise where arms at the border cannot become feet, for a rim joins them."""
+    if params.border == "rim":
+        raise FlexMapsError(
+            "Feet begin from arms at the border, which a rim joins; choose Stubs or Left out for the border, or no base: a rim can "
+            "be screwed down through its holes"
+        )
 
 
 def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> None:

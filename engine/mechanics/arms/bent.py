@@ -14,20 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Bool, Float, Int
-from ...materials import Material, Orthotropy
+from ...materials import Material
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import exponential, rotation_vector, skew, times
-from .beams import SHEAR_FACTOR, torsion_constant
-from .grain import Yielding
+from .bent_rim import RimPieces, rim_pieces
+from .pieces import POISSON, STATIONS, Grain, answers
 
-# pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
-# 8 miss by 1e-3
-STATIONS = 16
 ROUNDS = 12  # of Newton's method; what is left then is spread along the arms
-POISSON = 0.35  # where no material is given: 0.25 and 0.45 move places by 8e-4 of an edge, on a dome and a torus
 # where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread
 CLOSE = 1e-6
 BATCH = 400  # joints at a time, so that they stay in the processor's cache
@@ -38,6 +34,8 @@ _LARGEST = 0.5  # radians that a joint turns at most in one round
 @dataclass(frozen=True, eq=False)
 class BentArms:
     """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations go from the hub, 0, to the tip, S.
+
+    Behind them come those of the rim's nodes, four for each, see ``mechanics.rim``.
 
     A point of the flat arm, P in the frame of its patch, that lies at right angles to the centre line c at t goes to
     x(t) + D(t) (P - c(t)).
@@ -74,34 +72,14 @@ class BentArms:
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + times(turn, chord), turn @ half
 
+    def first(self, count: int) -> BentArms:
+        """The first arms alone."""
+        return BentArms(*(getattr(self, name)[:count] for name in self.__dataclass_fields__))
+
     @property
     def tips(self) -> tuple[np.ndarray, np.ndarray]:
         """Places (A, 3) and turns (A, 3, 3) of the tips."""
         return self.place[:, -1], self.turn[:, -1]
-
-
-@dataclass(frozen=True)
-class Grain:
-    """The grain of a sheet: its moduli, its angle from the x axes of the flat frames, radians, and what counts as 1 Pa."""
-
-    known: Orthotropy
-    angle: float
-    unit: float
-
-    def yields(
-        self, tangent: np.ndarray, width: np.ndarray, height: float
-    ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Turn per moment, and stretch and shear per force, over a length: along the arm, across it, normal to the sheet."""
-        found = Yielding.of(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
-        turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
-        for out, diagonal, mixed in (
-            (turn, (found.twist, found.lift, found.bend), found.coupled),
-            (stretch, (found.stretch, found.slide, found.rise), found.mixed),
-        ):
-            for k, part in enumerate(diagonal):
-                out[..., k, k] = self.unit * part[0]
-            out[..., 0, 1] = out[..., 1, 0] = self.unit * mixed[0]
-        return turn, stretch
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,13 +135,14 @@ class Bender:
     """What bending the arms of a design has in common for all poses.
 
     arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
-    size : metres, of a spiral
+    size : metres, of a spiral; rim : the joints of the rim, if there is one
     """
 
     pieces: _Pieces
     arm: Int[np.ndarray, "joints 2"]
     axes: Float[np.ndarray, "arms 3 3"]
     size: float
+    rim: RimPieces | None = None
 
     @classmethod
     def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
@@ -172,7 +151,16 @@ class Bender:
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
         axes = np.broadcast_to(np.eye(3), (4 * len(mesh.quads), 3, 3)).copy()
         axes[arm] = rest_joints(mesh, design.flat.corners)[1]
-        return cls(_pieces(design, axes, material), arm, axes, float(np.median(design.scale)))
+        size = float(np.median(design.scale))
+        if design.rim is None:
+            return cls(_pieces(design, axes, material), arm, axes, size)
+        rim = rim_pieces(design, material)
+        axes = np.concatenate([axes, np.broadcast_to(np.eye(3), (4 * rim.nodes, 3, 3))])
+        axes[rim.arm] = rim.axes
+        own = _pieces(design, axes[: 4 * len(mesh.quads)], material)
+        more = rim.answer @ _both(axes[4 * len(mesh.quads) :])[:, None]
+        parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
+        return cls(_Pieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
 
     def bent(
         self,
@@ -188,9 +176,15 @@ class Bender:
         only : (F,) bool, quads whose arms are asked for; of the others' arms nothing but zeros comes back
         close : how near it brings the tips, relative to the size of a spiral, before the rest is spread along the arms
         """
-        load = np.zeros((len(self.axes), 6)) if wrench is None else wrench.copy()
+        load = np.zeros((len(self.axes), 6))
+        if wrench is not None:
+            load[: len(wrench)] = wrench
         both = self.arm if closed is None else self.arm[closed]
         some = np.arange(len(load))
+        if self.rim is not None:
+            both = np.concatenate([both, self.rim.arm])
+            pose = self.rim.settled(pose).whole
+            only = None if only is None else np.concatenate([only, only[self.rim.hub]])
         if only is not None:
             both = both[only[both // 4].any(axis=1)]
             some = np.union1d(some[np.repeat(only, 4)], both)
@@ -244,43 +238,14 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
         POISSON if material is None else material.poisson,
         grain,
     )
+    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _both(axes)[:, None])
+
+
+def _both(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
+    """Axes for forces and for moments."""
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
-    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ turned[:, None])
-
-
-def answers(
-    lever: Float[np.ndarray, "arms stations 3"],
-    tangent: np.ndarray,
-    length: np.ndarray,
-    width: np.ndarray,
-    height: float,
-    poisson: float,
-    grain: Grain | None = None,
-) -> Float[np.ndarray, "arms stations 6 6"]:
-    """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
-
-    lever : (A, S, 3) metres, from the piece to the tip; grain : of sheets that have one
-    """
-    normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
-    aside = np.cross(normal, tangent)
-    frame = np.stack([tangent, aside, normal], axis=-1)
-    shear = 0.5 / (1.0 + poisson)
-    area = width * height
-    twisting = shear * torsion_constant(height / width)[0] * width**4
-    bending = np.stack([twisting, width * height**3 / 12.0, height * width**3 / 12.0], axis=-1)
-    sliding = np.stack([area, shear * area / SHEAR_FACTOR, shear * area / SHEAR_FACTOR], axis=-1)
-    back = np.swapaxes(frame, -1, -2)
-    if grain is None:
-        bend = (frame * (length[..., None] / bending)[..., None, :]) @ back
-        slide = (frame * (length[..., None] / sliding)[..., None, :]) @ back
-    else:
-        bend, slide = (frame @ (length[..., None, None] * part) @ back for part in grain.yields(tangent, width, height))
-    out = np.zeros((*length.shape, 6, 6))
-    out[..., :3, :3] = bend @ skew(lever)
-    out[..., :3, 3:] = bend
-    out[..., 3:, :3] = slide
-    return out
+    return turned
 
 
 def _run(

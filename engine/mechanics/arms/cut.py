@@ -104,6 +104,9 @@ class CutArms:
             n, none = len(radius), np.zeros((len(radius), 4))
             pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
             return cls(*known, np.zeros(n), np.zeros(n), *pure, grain)
+        if assembly.nodes:
+            ties, twist = assembly.ties, twist.copy()
+            twist[ties, 1] = -twist[ties, 0]  # the mate of an arm at a rim is its mirror image
         widths, twists = (_with_mates(v) for v in (width, twist))
         end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
         slope_by, joint_by, share_by = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
@@ -127,6 +130,9 @@ def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.nda
     the joint (radians, in the sense of the spirals, see ``spirals.blends``); of sheets with a grain also the angle to it."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
+    if assembly.nodes:
+        ties = assembly.ties
+        lean[ties, 1], lean[ties.stop :] = -lean[ties, 0], 0.0
     found = np.column_stack([assembly.radius.ravel(), _with_mates(lean)])
     if material is None or material.orthotropy is None:
         return found

@@ -51,6 +51,7 @@ def joint_motion(
     rest: Float[np.ndarray, "joints 3"],
 ) -> JointMotion:
     """The motion of m joints in a pose; pairs (m, 2), lever (m, 2, 3), axes (m, 2, 3, 3) and rest (m, 3) as in ``ArmModel``."""
+    pose = pose.whole
     a, b = pairs.T
     first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
     turn = rotation_vector(np.swapaxes(first, 1, 2) @ second)

@@ -19,15 +19,17 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ...progress import SILENT, Progress
-from ..assembly import Assembly, Pose
+from ..assembly import Assembly, Nodes, Pose
 from ..beyond import Beyond
 from ..elastic import Expansion, summed
+from ..newton_system import NewtonSystem
 from ..vectors import skew, times
 from . import stiffness
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .cut import TWIST, WIDTH, CutArms, believable, by_shapes, more_compliant, shapes
 from .grain import GrainBeams
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
+from .rim_beams import of_rim
 from .sensitivity import JointChanges, arm_strains
 from .stiffness import tip_compliance
 
@@ -102,8 +104,9 @@ class ArmModel:
         cls, assembly: Assembly, material: Material, *, curving: bool = True, progress: Progress = SILENT
     ) -> ArmModel:
         """The model of an assembly of one material, with or without the strains' second order."""
-        found = arm_compliances(assembly, material)
-        return cls._with(assembly, found, _bends(assembly), material, curving, progress)
+        whole = assembly.whole
+        found = arm_compliances(whole, material)
+        return cls._with(whole, found, whole.bend[0], material, curving, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
         """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
@@ -112,7 +115,7 @@ class ArmModel:
         """
         change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
         compliance = self.compliance.varied(change, self._by_shapes) if change.any() else self.compliance
-        found = self._with(assembly, compliance, _bends(self.assembly), self.material, False)
+        found = self._with(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
     @cached_property
@@ -161,21 +164,56 @@ class ArmModel:
         return self.assembly.pairs
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ArmModel:
+        whole, rim = self.assembly, self.assembly.rim
+        own = replace(whole.plain, rim=rim).part(hubs, joints).whole
+        if whole.nodes and rim is not None:
+            nodes, strips = rim.kept(hubs)
+            joints = np.concatenate([joints, whole.inner + nodes, whole.ties.stop + strips])
+        return self._of_joints(own, joints)
+
+    @property
+    def without_rim(self) -> ArmModel:
+        """The model of the joints between spirals alone."""
+        return self._of_joints(self.assembly.plain, np.arange(self.assembly.inner))
+
+    @property
+    def of_rim(self) -> ArmModel:
+        """The model of the rim's joints alone."""
+        whole, joints = self.assembly, np.arange(self.assembly.inner, len(self.pairs))
+        parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
+        return self._of_joints(replace(whole, **parts), joints)
+
+    def _of_joints(self, assembly: Assembly, joints: np.ndarray) -> ArmModel:
         return replace(
             self,
-            assembly=self.assembly.part(hubs, joints),
+            assembly=assembly,
             compliance=self.compliance.part(joints),
             curving=None if self.curving is None else self.curving[joints],
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
 
     def weakened(self, share: np.ndarray) -> ArmModel:
-        factor = share[:, None, None]
+        factor = np.concatenate([share, np.ones(len(self.at_joint) - len(share))])[:, None, None]
         return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
 
     def start(self, pose: Pose) -> ArmState:
+        if self.assembly.nodes and pose.nodes is None:
+            pose = self._with_nodes(pose)
         motion = self.motion(pose)
         return ArmState(pose, motion, motion.vector)
+
+    def _with_nodes(self, pose: Pose) -> Pose:
+        """The pose with the rim's nodes at rest where the hubs stand still."""
+        from ...params import SimulateParams
+        from ..equilibrium import solve
+        from ..loads import Loads
+
+        rim, n = self.assembly.rim, self.assembly.spirals
+        assert rim is not None
+        held = Loads(np.ones((n, 6), dtype=bool), np.zeros((n, 3)))
+        resting, own = replace(pose, nodes=Nodes.resting(rim.hub, rim.offset)), self.of_rim
+        system = NewtonSystem(own.pairs, held.fixed)
+        return solve(own, resting, held, SimulateParams(), system=system).pose
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
         pose, motion = state.pose.moved(step), state.motion
@@ -211,9 +249,9 @@ class ArmModel:
     def beyond(self) -> list[Beyond]:
         known = self.assembly
         spiral = known.pairs.ravel()
-        return stiffness.beyond(
-            2.0 * known.radius.ravel(), known.arm_width.ravel(), known.twist[spiral], known.thickness, spiral
-        )
+        own = spiral < known.spirals
+        ratio, width = 2.0 * known.radius.ravel()[own], known.arm_width.ravel()[own]
+        return stiffness.beyond(ratio, width, known.twist[spiral[own]], known.thickness, spiral[own])
 
     def torsion(self, state: ArmState) -> np.ndarray:
         return state.motion.turn[:, 0]
@@ -293,11 +331,6 @@ def _in_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Fl
 BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
-def _bends(assembly: Assembly) -> Float[np.ndarray, "joints 2 2"]:
-    """(m, 2, 2) bend points of the arms, in their axes and radii."""
-    return assembly.bend[0][assembly.pairs]
-
-
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
     """(m, 2, 3) metres: from the hubs to the bend points (m, 2, 2) of the arms."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
@@ -331,6 +364,8 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
     by[:, TWIST] += found.by_twist
     both = assembly.pairs.shape
     by_grain = np.zeros_like(added) if found.by_grain is None else found.by_grain
+    if assembly.nodes:
+        of_rim(assembly, material, found.values, added, by)
     values, table, by_scale, by_grain = (
         v.reshape(*both, 6, 6) for v in (found.values + added, found.values, found.by_scale, by_grain)
     )

@@ -128,9 +128,15 @@ class StrainChanges:
         by_wrench = found.by_wrench.reshape(m, 2, 6, 1) * np.swapaxes(axes, 2, 3)
         through = by_wrench.reshape(m, 12, 6) @ changes.wrench_by_design.reshape(m, -1, 6).transpose(0, 2, 1)
         by_design = through.reshape(m, 2, 6, 2, PARAMETERS)
+        by_width, by_twist = found.by_width.reshape(m, 2, 6), found.by_twist.reshape(m, 2, 6)
+        if assembly.nodes:
+            # necks are as wide as the arms beyond; strips stay as they are
+            ties = assembly.ties
+            by_design[ties, 1, :, 0, WIDTH] += by_width[ties, 1]
+            by_width[ties, 1] = by_twist[ties, 1] = by_width[ties.stop :] = by_twist[ties.stop :] = 0.0
         for side in (0, 1):
-            by_design[:, side, :, side, WIDTH] += found.by_width.reshape(m, 2, 6)[:, side]
-            by_design[:, side, :, side, TWIST] += found.by_twist.reshape(m, 2, 6)[:, side]
+            by_design[:, side, :, side, WIDTH] += by_width[:, side]
+            by_design[:, side, :, side, TWIST] += by_twist[:, side]
         spread = of_spirals(by_design.transpose(0, 3, 4, 1, 2), assembly.sides).transpose(0, 3, 4, 1, 2)
         by_pose = (by_wrench.reshape(m, 12, 6) @ changes.wrench_by_pose).reshape(m, 2, 6, 12)
         return cls(found.parts.reshape(m, 2, 6), by_pose, spread)
@@ -180,7 +186,7 @@ def arm_strains(
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
     """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
-    change = assembly.bend[1][assembly.pairs[:, side]]
+    change = assembly.bend[1][:, side]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
 

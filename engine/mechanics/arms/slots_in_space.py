@@ -109,6 +109,7 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
 
     Arms that meet at a joint are no such pair.
     """
+    bent = bent.first(4 * len(design.width))
     count, stations = bent.place.shape[:2]
     widest = float(max(design.arms.width.max(), design.arms.joint_width.max()))
     piece = float(np.linalg.norm(np.diff(bent.place, axis=1), axis=2).max())

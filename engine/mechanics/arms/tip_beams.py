@@ -21,7 +21,7 @@ from ...arrays import Complex, Float, Int
 from ...spirals.blends import NUMBERS, OWN_WIDTH, OWN_WIND, RADIUS, ramp
 from ...spirals.lines import Lines
 from .beams import SHEAR_FACTOR, torsion_constant
-from .bent import POISSON
+from .pieces import POISSON
 
 _FARTHEST = 0.6  # radius of the hub at most, as a share of the arm's; no spiral that leaves a slot over its outer third has more
 

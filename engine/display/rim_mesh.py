@@ -1,0 +1,149 @@
+"""The rim as bodies that can be bent: of every node a plate with its neck and its holes, half way to the nodes beside it.
+
+Plates are cut into triangles in the coordinates of the straightened strip: s along its middle line from the node, y outwards. The points
+follow the node's arms of the bent piece (see ``mechanics.arms.bent``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Complex, Float, Int
+from ..fabrication.writers.solids import places
+from ..mechanics.arms.bent import BentArms
+from ..mechanics.rim import BACKWARDS, FORWARDS, NECK
+from ..mechanics.vectors import times
+from ..spirals.design import SpiralDesign
+from ..spirals.rim import Rim
+
+FINEST = 0.002  # metres between points along an edge, by eye
+ROUND = 6  # points on a quarter of a hole, by eye
+
+
+@dataclass(frozen=True, eq=False)
+class RimMesh:
+    """P points of all plates, each above and below, and the triangles between them.
+
+    arm : 4 body + arm of the bent piece's nodes; t : as of a section; line, side : metres, flat, from the node's centre to the arm's
+        middle line and from there to the point; centre : metres, of the node, flat
+    quad : the quad of every point; triangles : counter-clockwise, above; walls : edges of the plates, material on the left
+    """
+
+    arm: Int[np.ndarray, " points"]
+    t: Float[np.ndarray, " points"]
+    line: Float[np.ndarray, "points 3"]
+    side: Float[np.ndarray, "points 3"]
+    centre: Float[np.ndarray, "points 3"]
+    quad: Int[np.ndarray, " points"]
+    triangles: Int[np.ndarray, "triangles 3"]
+    walls: Int[np.ndarray, "walls 2"]
+
+    @classmethod
+    def of(cls, design: SpiralDesign) -> RimMesh | None:
+        """Of a design, None where it has no rim."""
+        rim = design.rim
+        if rim is None:
+            return None
+        half = 0.5 * design.arms.joint_width[rim.quad, rim.side]
+        parts, first = [], 0
+        for node in range(len(rim.quad)):
+            points, triangles, walls = _plate(rim, node, float(half[node]))
+            arm, t, line, side = _followed(rim, node, points)
+            count = len(points)
+            centre = np.broadcast_to(_flat(rim.centre)[node], (count, 3))
+            body = len(design.width) + node
+            parts.append((
+                4 * body + arm, t, line, side, centre, np.full(count, rim.quad[node]), first + triangles, first + walls
+            ))  # fmt: skip
+            first += count
+        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+    def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+        """Middle points and upward normals in space."""
+        place, turn = arms.at(self.arm, self.t, self.line)
+        return place + times(turn, self.side), turn[:, :, 2]
+
+    @property
+    def flat(self) -> Float[np.ndarray, "points 3"]:
+        """Metres, in the frames of the patches."""
+        return self.centre + self.line + self.side
+
+    def faces(self, base: int) -> tuple[list[np.ndarray], Int[np.ndarray, " faces"]]:
+        """Triangles and walls, and their quads; the points' vertices, above and below in turn, begin at ``base``."""
+        above = base + 2 * self.triangles
+        a, b = base + 2 * self.walls.T
+        walls = np.stack([a + 1, b + 1, b, a], axis=1)
+        of = self.quad[self.triangles[:, 0]]
+        return [above, above[:, ::-1] + 1, walls], np.concatenate([of, of, self.quad[self.walls[:, 0]]])
+
+
+def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points (n, 2) s and y of a plate, its triangles and its edges."""
+    import shapely
+
+    ahead, behind = rim.reach[node].tolist()
+    wide = 0.5 * rim.width
+    shape = shapely.box(-behind, -wide, ahead, wide).union(shapely.box(-half, -wide - rim.depth, half, -wide))
+    # free ends are round
+    for k, (long, sign) in enumerate(((ahead, 1.0), (behind, -1.0))):
+        if rim.overhang[node, k]:
+            radius = max(min(wide, long - half), 0.0)
+            rest = shapely.box(min(0.0, sign * (long - radius)), -wide, max(0.0, sign * (long - radius)), wide)
+            tip = rest.buffer(radius, quad_segs=2 * ROUND).intersection(shapely.box(-behind, -wide, ahead, wide))
+            shape = shape.intersection(
+                tip.union(
+                    shapely.box(-behind if sign > 0 else -half, -wide - rim.depth, half if sign > 0 else ahead, wide)
+                )
+            )
+    holes = [shapely.Point(s, 0.0).buffer(0.5 * rim.hole, quad_segs=ROUND) for s in _bores(rim, node)]
+    shape = shape.difference(shapely.union_all(holes)).segmentize(FINEST)
+    rings = [shape.exterior, *shape.interiors]
+    points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
+    found = shapely.constrained_delaunay_triangles(shape)
+    triangles = places(points, shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
+    a, b, c = points[triangles].transpose(1, 0, 2)
+    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    triangles[clockwise] = triangles[clockwise, ::-1]
+    # edges of one triangle alone
+    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    known = {(a, b) for a, b in edges.tolist()}
+    walls = np.array([(a, b) for a, b in edges.tolist() if (b, a) not in known])
+    # y goes outwards, to the right of s: the plate is seen from below
+    return points, triangles[:, ::-1], walls[:, ::-1]
+
+
+def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
+    """The s of all holes that reach into a plate, those beyond its ends included."""
+    found = []
+    for sign, other in ((1.0, node), (-1.0, int(rim.before[node]))):
+        if other >= 0 and rim.holes[other]:
+            count, long = int(rim.holes[other]), float(rim.length[other])
+            found.append(sign * (np.arange(count) + 0.5) / count * long)
+    for k, sign in ((0, 1.0), (1, -1.0)):
+        if rim.end_bores[node, k]:
+            found.append(np.array([sign * rim.end_bores[node, k]]))
+    return np.concatenate(found) if found else np.empty(0)
+
+
+def _followed(
+    rim: Rim, node: int, points: Float[np.ndarray, "n 2"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Arm, t, line and side, in the flat frame, of a plate's points."""
+    s, y = points.T
+    ahead, behind = rim.reach[node].tolist()
+    middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)
+    for back, where in ((False, s >= 0.0), (True, s < 0.0)):
+        middle[where], way[where] = rim.half(np.full(int(where.sum()), node), back, np.abs(s[where]))
+    neck = y < -0.5 * rim.width - 1e-9
+    arm = np.where(neck, NECK, np.where(s >= 0.0, FORWARDS, BACKWARDS))
+    reach = np.where(neck, rim.depth + 0.5 * rim.width, np.where(s >= 0.0, ahead, behind))
+    gone = np.where(neck, -y, np.abs(s))
+    line = np.where(neck, y * rim.out[node], middle)
+    side = np.where(neck, s * rim.along[node], -1j * way * y)
+    return arm, 1.0 - np.clip(gone / reach, 0.0, 1.0), _flat(line), _flat(side)
+
+
+def _flat(numbers: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
+    return np.stack([numbers.real, numbers.imag, np.zeros(numbers.shape)], axis=-1)

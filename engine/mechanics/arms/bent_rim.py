@@ -1,0 +1,89 @@
+"""The rim of an assembled piece for ``bent``: necks and halves of the strip as arms of its nodes, and where these are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...materials import Material
+from ...spirals.design import SpiralDesign
+from ...spirals.rim import Rim
+from ..assembly import Pose, of_design
+from ..rim import BACKWARDS, FORWARDS, NECK, Beams
+from .model import ArmModel
+from .pieces import POISSON, STATIONS, Grain, answers
+
+
+@dataclass(frozen=True, eq=False)
+class RimPieces:
+    """The rim's joints and its 4 B arms in pieces, as those of ``bent``; each fourth arm is none.
+
+    hub : (B,) int, of every node; arm : (k, 2) int, both arms of every joint; axes : of these, in the flat frame
+    """
+
+    design: SpiralDesign
+    material: Material
+    hub: Int[np.ndarray, " nodes"]
+    arm: Int[np.ndarray, "joints 2"]
+    axes: Float[np.ndarray, "joints 2 3 3"]
+    flat: Float[np.ndarray, "arms _ 3"]
+    answer: Float[np.ndarray, "arms stations 6 6"]
+
+    @property
+    def nodes(self) -> int:
+        return len(self.hub)
+
+    @cached_property
+    def _model(self) -> ArmModel:
+        return ArmModel.of(of_design(self.design), self.material, curving=False).of_rim
+
+    def settled(self, pose: Pose) -> Pose:
+        """The pose with nodes, at rest between the hubs where it has none."""
+        return pose if pose.nodes is not None else self._model.start(pose).pose
+
+
+def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
+    """Of a design with a rim."""
+    rim, whole = design.rim, of_design(design).whole
+    assert rim is not None and whole.rim is not None
+    known = (
+        Material("Any", 1e9, POISSON, 1000.0, 0.02, True, "none: ratios count alone") if material is None else material
+    )
+    count = len(rim.quad)
+    flat, answer = np.zeros((count, 4, STATIONS + 1, 3)), np.zeros((count, 4, STATIONS, 6, 6))
+    share = np.linspace(0.0, 1.0, 2 * STATIONS + 1)
+    grain = None if known.orthotropy is None else Grain(known.orthotropy, design.params.grain, known.youngs)
+    for arm in (FORWARDS, NECK, BACKWARDS):
+        place, way, long = _line(rim, arm, share)
+        line = np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
+        width = np.array(rim.width) if arm != NECK else design.arms.joint_width[rim.quad, rim.side][:, None]
+        length = np.broadcast_to(long[:, None] / STATIONS, (count, STATIONS))
+        beams = Beams.of(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
+        flat[:, arm] = line[:, ::2]
+        answer[:, arm] = answers(
+            beams.lever, beams.tangent, length, beams.width, design.params.thickness, known.poisson, grain
+        )
+    return RimPieces(
+        design, known, rim.quad, 4 * whole.pairs[whole.inner :] + whole.sides[whole.inner :],
+        whole.axes[whole.inner :], flat.reshape(-1, STATIONS + 1, 3), answer.reshape(-1, STATIONS, 6, 6),
+    )  # fmt: skip
+
+
+def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (B, k) from the nodes' centres and directions outwards at shares (k,) of an arm, and its lengths (B,)."""
+    count = len(rim.quad)
+    if arm == NECK:
+        long = np.full(count, rim.depth + 0.5 * rim.width)
+        return (
+            -(long[:, None] * share) * rim.out[:, None],
+            np.broadcast_to(-rim.out[:, None], (count, len(share))),
+            long,
+        )
+    back = arm == BACKWARDS
+    long = rim.reach[:, int(back)]
+    gone = long[:, None] * share
+    place, way = rim.half(np.repeat(np.arange(count), len(share)), back, gone.ravel())
+    return place.reshape(gone.shape), (-way if back else way).reshape(gone.shape), long

@@ -1,0 +1,70 @@
+"""Compliances of the rim's arms, in the places of those that the stiffness table has for spirals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Float
+from ...materials import Material
+from ..assembly import Assembly
+from ..rim import STEP, Beams, tip_compliance
+from .cut import MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
+from .pieces import Grain, answers
+
+
+def of_rim(
+    assembly: Assembly,
+    material: Material,
+    table: Float[np.ndarray, "n 6 6"],
+    added: Float[np.ndarray, "n 6 6"],
+    by: Float[np.ndarray, "n numbers 6 6"],
+) -> None:
+    """Put what the rim's arms are into the compliances of both arms of every joint, one joint after the other, in place.
+
+    An arm at the rim is blended with its mirror image, so that its own width and twist count as its mate's, too.
+    """
+    rim, ties = assembly.rim, assembly.ties
+    assert rim is not None
+    arm, neck = 2 * np.arange(ties.start, ties.stop), 2 * np.arange(ties.start, ties.stop) + 1
+    by[arm, WIDTH] += by[arm, MATE_WIDTH]
+    by[arm, TWIST] -= by[arm, MATE_TWIST]
+    by[arm, MATE_WIDTH] = by[arm, MATE_TWIST] = 0.0
+    strips = np.arange(2 * ties.stop, len(table))
+    width = assembly.arm_width[ties, 0]
+    values, slope = _necks(assembly, rim.necks, width, material)
+    for where, found in ((neck, values), (strips, _beams(assembly, rim.strips, material))):
+        back = _own_axes(assembly, where)
+        table[where], added[where], by[where] = back @ found @ np.swapaxes(back, 1, 2), 0.0, 0.0
+        if where is neck:
+            # a neck is as wide as the arm beyond its joint
+            by[neck, MATE_WIDTH] = back @ slope @ np.swapaxes(back, 1, 2)
+
+
+def _necks(assembly: Assembly, line: Beams, width: np.ndarray, material: Material) -> tuple[np.ndarray, np.ndarray]:
+    """Compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and their derivatives by the widths."""
+
+    def at(share: float) -> np.ndarray:
+        wide = np.broadcast_to((share * width)[:, None], line.length.shape)
+        return _beams(assembly, Beams(line.lever, line.tangent, line.length, wide, line.bore), material)
+
+    near, far = at(1.0 + STEP) - at(1.0 - STEP), at(1.0 + 2.0 * STEP) - at(1.0 - 2.0 * STEP)
+    return at(1.0), (8.0 * near - far) / (12.0 * STEP * width)[:, None, None]
+
+
+def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndarray, "n 6 6"]:
+    """Compliances of lines, SI, in the flat frame; a hole leaves two bars, which bend together in the plane."""
+    known, height = material.orthotropy, assembly.thickness
+    grain = None if known is None else Grain(known, assembly.grain, material.youngs)
+    left = line.width - line.bore
+    found = answers(line.lever, line.tangent, line.length, left, height, material.poisson, grain)
+    bend, slide = found[:, :, :3], found[:, :, 3:]
+    bend[:, :, 2] *= (left**3 / (line.width**3 - line.bore**3))[..., None]
+    return tip_compliance(bend, slide, line.lever) / material.youngs
+
+
+def _own_axes(assembly: Assembly, arms: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
+    """What takes shifts and turns from the flat frame to the axes of arms, 2 e + side of the joint e."""
+    e, side = np.divmod(arms, 2)
+    flat = np.zeros((len(arms), 6, 6))
+    flat[:, :3, :3] = flat[:, 3:, 3:] = np.swapaxes(assembly.axes[e, side], 1, 2)
+    return np.swapaxes(assembly.arm_axes[e, side], 1, 2) @ flat

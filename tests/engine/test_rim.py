@@ -1,0 +1,234 @@
+"""The rim along open borders: outlines judged by shapely, beams by closed forms, derivatives by finite differences."""
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from flexmaps.engine.display import arrange, solids
+from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.model import ArmModel
+from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.optimisation.codesign import movable
+from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
+from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.open_slots import Opening
+from flexmaps.engine.optimisation.terms import Bearing
+from flexmaps.engine.params import Settings, SimulateParams, SpiralParams
+from flexmaps.engine.progress import SILENT
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import build_model, simulate
+from flexmaps.engine.spirals import design as designs
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+VERO = MATERIALS["vero"]
+RIM = SpiralParams(border="rim")
+
+
+def polygon(outline):
+    return shapely.Polygon(outline.outer.sampled(1e-7), [h.sampled(1e-7) for h in outline.holes])
+
+
+@lru_cache(maxsize=4)
+def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
+    settings = dataclasses.replace(Settings(), spiral=RIM)
+    found = job.run(PolygonMesh.of(shapes.make(name, edge)), settings, edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+@pytest.mark.parametrize("degrees", [0, 200])
+def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
+    flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
+    whole = designs.uniform(flat, RIM, width=0.0015, twist=np.radians(degrees))
+    rim = whole.rim
+    assert rim is not None
+    for outline, own in zip(whole.outlines(1e-7), range(2), strict=True):
+        shape = polygon(outline)
+        assert shape.is_valid
+        holes = [h.sampled(1e-7) for h in outline.holes]
+        round_ = [h for h in holes if abs(shapely.Polygon(h).area - np.pi * 0.001**2) < 1e-9]
+        patches, places = rim.hole_places
+        assert len(round_) == (patches == own).sum() >= 10
+        # as much material as the strip that its middle line is buffered to, its holes and the necks
+        node, way = np.flatnonzero(rim.following >= 0), np.linspace(0.0, 1.0, 200)
+        node = node[rim.patch[node] == own]
+        lines = [rim.place(np.full(200, n), way * rim.length[n])[0] for n in node]
+        ends = [
+            rim.centre[n] + s * o * rim.along[n]
+            for n in np.flatnonzero(rim.patch == own)
+            for s, o in ((1.0, rim.overhang[n, 0]), (-1.0, rim.overhang[n, 1]))
+            if o
+        ]
+        lines += [np.array([rim.centre[np.abs(rim.centre - e).argmin()], e]) for e in ends]
+        strip = shapely.union_all(
+            [shapely.LineString(np.c_[z.real, z.imag]).buffer(0.0025, cap_style="flat") for z in lines]
+        )
+        strip = strip.difference(shapely.union_all([shapely.Point(z.real, z.imag).buffer(0.001) for z in places]))
+        assert strip.difference(shape.buffer(1e-6)).area < 0.02 * strip.area  # the ends are round
+        edge = shapely.union_all([shapely.LinearRing(shapely.Polygon(s).exterior) for s in [shape.exterior]])
+        for hole in round_:
+            assert shapely.distance(shapely.LinearRing(hole), edge) >= 0.001 - 1e-6
+
+
+@pytest.mark.parametrize("wrong", [{"rim_width": 0.003}, {"rim_spacing": 0.003}])
+def test_holes_that_have_no_room_are_refused(wrong):
+    with pytest.raises(FlexMapsError, match="at least twice"):
+        dataclasses.replace(RIM, **wrong)
+
+
+def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
+    flat = flat_grid(3, 3, without=lambda i, j: i + j == 4)
+    assert designs.uniform(flat, RIM, width=0.0015, twist=1.0).rim is not None
+    with pytest.raises(FlexMapsError, match="no room there; make it narrower") as error:
+        designs.uniform(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
+    assert set(error.value.faces) <= {5, 7}
+
+
+def test_strips_and_necks_are_beams(flat_grid):
+    flat = flat_grid(3, 1)
+    plain = dataclasses.replace(RIM, rim_hole=0.0)
+    model = ArmModel.of(of_design(designs.uniform(flat, plain, width=0.0015, twist=1.0)), VERO)
+    whole = model.assembly
+    straight = np.flatnonzero(np.abs(np.linalg.norm(whole.lever, axis=2).sum(axis=1) - 0.02) < 1e-9)
+    straight = straight[straight >= whole.ties.stop]
+    assert len(straight) >= 2
+    youngs, shear = VERO.youngs, VERO.youngs / (2.0 * (1.0 + VERO.poisson))
+    for e in straight:
+        length, wide, high = 0.02, plain.rim_width, plain.thickness
+        inside, outside = high * wide**3 / 12.0, wide * high**3 / 12.0
+        found = np.linalg.inv(model.at_joint[e])
+        # of both halves about their middle: a beam that is pulled, bent and sheared at its middle
+        assert found[0, 0] == pytest.approx(length / (youngs * wide * high), rel=1e-3)
+        assert found[5, 5] == pytest.approx(length / (youngs * inside), rel=1e-3)
+        assert found[4, 4] == pytest.approx(length / (youngs * outside), rel=1e-3)
+        lateral = length**3 / (12.0 * youngs * inside) + 1.2 * length / (shear * wide * high)
+        assert found[1, 1] == pytest.approx(lateral, rel=1e-3)
+        assert found[2, 2] == pytest.approx(
+            length**3 / (12.0 * youngs * outside) + 1.2 * length / (shear * wide * high), rel=1e-3
+        )
+
+
+def test_forces_and_stiffness_are_differences_of_the_energy():
+    whole, mesh = made()
+    model = build_model(of_design(whole), VERO, "arm")
+    rng = np.random.default_rng(1)
+    state = model.start(target_pose(mesh, whole.flat.corners))
+    state = model.start(state.pose.moved(rng.normal(size=(model.assembly.size, 6)) * np.repeat([1e-4, 0.05], 3)))
+    here, direction = model.expand(state), rng.normal(size=(model.assembly.size, 6)) * np.repeat([0.01, 1.0], 3)
+
+    def energy(t: float) -> float:
+        return model.energy(model.moved(state, t * direction))
+
+    h = 1e-3
+    slope = (8 * (energy(h) - energy(-h)) - energy(2 * h) + energy(-2 * h)) / (12 * h)
+    bend = (16 * (energy(h) + energy(-h)) - 30 * energy(0.0) - energy(2 * h) - energy(-2 * h)) / (12 * h * h)
+    both = direction[model.pairs].reshape(-1, 12)
+    assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+    assert bend == pytest.approx(float(np.einsum("mi,mij,mj->", both, here.hessian, both)), rel=1e-6)
+
+
+def problem(share: float, groups: int, opening: float | None) -> tuple[FlatProblem, Pose]:
+    whole, mesh = made()
+    assembly = of_design(whole)
+    space = DesignSpace.of(whole, assembly, groups)
+    found = FlatProblem(
+        assembly=assembly,
+        space=space,
+        target=Target(assembly.pairs, mesh.centroids),
+        loads=Loads.of(assembly.size),
+        build=lambda a, _: build_model(a, VERO, "arm", quick=True),
+        simulate=SimulateParams(tolerance=1e-11),
+        bearing=Bearing(VERO, share) if share else None,
+        room=Room.of(whole.flat, whole.params),
+        opening=None if opening is None else dataclasses.replace(Opening.of(whole), width=opening),
+        flat=FlatRange.of(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, movable(whole, space.free)),
+    )
+    return found, target_pose(mesh, whole.flat.corners)
+
+
+@pytest.mark.parametrize("options", [(0.0, 1, None), (0.3, 4, 0.0015)], ids=str)
+def test_the_optimisers_gradient_is_a_difference(options):
+    whole, pose = problem(*options)
+    rng = np.random.default_rng(4)
+    spirals = rng.uniform(0.2, 0.8, whole.space.each * whole.assembly.size)
+    x = np.concatenate([spirals, 0.5 + rng.uniform(-0.01, 0.01, 2 * len(whole.flat.span))])
+    here = whole.at(x, pose)
+    n, each = here.own, whole.space.each
+    assert here.equilibrium.converged
+    for name, part in {"widths": slice(0, n, each), "twists": slice(each - 1, n, each), "flat": slice(n, None)}.items():
+        direction = np.zeros_like(x)
+        direction[part] = rng.normal(size=direction[part].shape)
+
+        def value(t: float, d: np.ndarray = direction) -> float:
+            return whole.at(x + t * d, here.equilibrium.pose).value
+
+        h = 3e-6
+        found = float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))
+        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=2e-6), name
+
+
+def test_rooms_beside_arms_at_the_rim_follow_the_design():
+    whole, _ = made()
+    room, rng, size = Room.of(whole.flat, RIM), np.random.default_rng(2), whole.width.size
+    way = rng.normal(size=size + len(whole.twist)) * np.repeat([1e-3, 0.1], [size, len(whole.twist)])
+
+    def value(t: float) -> float:
+        return room.barrier(whole.width + t * way[:size].reshape(-1, 4), whole.twist + t * way[size:]).value
+
+    here, h = room.barrier(whole.width, whole.twist), 1e-6  # some rooms are nearly closed
+    slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
+    assert slope == pytest.approx(float(here.by_design @ way), rel=1e-5)
+
+
+def test_a_pose_without_nodes_finds_them_again():
+    whole, mesh = made()
+    found = simulate(whole, mesh, VERO, SimulateParams())
+    assert found.equilibrium.converged
+    pose = found.equilibrium.pose
+    again = found.model.start(Pose(pose.centres, pose.rotations))
+    assert again.pose.whole.centres == pytest.approx(pose.whole.centres, abs=1e-7)
+    assert found.model.energy(again) == pytest.approx(found.equilibrium.energy, rel=1e-6)
+
+
+def test_the_rod_model_is_refused():
+    with pytest.raises(FlexMapsError, match="arm model"):
+        build_model(of_design(made()[0]), VERO, "rod", progress=SILENT)
+
+
+def test_drawn_bodies_are_closed_and_hold_what_is_cut():
+    whole, mesh = made()
+    pose = simulate(whole, mesh, VERO, SimulateParams()).equilibrium.pose
+    drawn, centres = panel_mesh(whole, DETAILS["FINE"]), arrange.side_by_side(whole.flat)
+    shown = solids.solid(whole, centres)
+    cut = sum(polygon(outline).area for outline in whole.outlines()) * whole.params.thickness
+    # the same where only the hubs' poses are known, as they are stored
+    arms = bent(whole, Pose(pose.centres, pose.rotations))
+    for points, corners, sizes in (
+        (drawn.placed(arms, pose), drawn.corners, drawn.sizes),
+        (drawn.flat(centres), drawn.corners, drawn.sizes),
+        (shown.vertices, shown.corners, shown.sizes),
+    ):
+        starts = np.cumsum(sizes) - sizes
+        faces = [
+            [corners[s], corners[s + k], corners[s + k + 1]]
+            for s, n in zip(starts, sizes, strict=True)
+            for k in range(1, n - 1)
+        ]
+        body = trimesh.Trimesh(points, faces, process=False)
+        assert body.is_watertight
+        assert body.volume == pytest.approx(cut, rel=0.02)
+    # necks and the halves of the strip meet where the elastic model has them
+    tips = arms.tips[0].reshape(-1, 4, 3)
+    hub, n = whole.rim.quad, len(whole.width)
+    assert tips[hub, whole.rim.side] == pytest.approx(tips[n:, 1], abs=1e-9)
