@@ -7,6 +7,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import contours, design, slots, spiral
 from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.touching import touching
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
 TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] / 0.06, 0 * p[:, 1]])  # noqa: E731
@@ -175,8 +176,8 @@ def test_touching_places_are_found(flat_grid):
     flat = flat_grid(2, 2)
     made = design.uniform(flat, SpiralParams())
     outline = made.outlines()[0]
-    assert not len(contours.touching([outline]))
+    assert not len(touching([outline]))
     shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].moved(0.0, np.array([0.001, 0.0]))))
-    places = contours.touching([shifted])
+    places = touching([shifted])
     assert len(places) > 0
     assert (np.abs(places[:, 1:] - 0.02) < 0.02).all()

@@ -13,10 +13,10 @@ from flexmaps.engine.mechanics.arms.spiral_stiffness import renewed, stiffness
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.contours import touching
 from flexmaps.engine.spirals.design import SpiralDesign, outside, uniform
 from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, painted
 from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.touching import touching
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import symmetries
