@@ -100,9 +100,7 @@ def test_with_its_window(
     assert found["pictures"] == len(list(pictures.glob("*.png")))
 
 
-def test_live_mode_follows_a_hand_on_the_mouse(
-    real_blender: ModuleType, zip_file: Path, tmp_path: Path
-) -> None:
+def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     shutil.copy2(zip_file, tmp_path)
     pictures = ROOT / "out" / "window-live"
     with kept(real_blender, tmp_path, pictures):
