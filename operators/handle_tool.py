@@ -52,10 +52,15 @@ class HandleGizmos(bpy.types.GizmoGroup):
     def draw_prepare(self, context: bpy.types.Context) -> None:
         """Where they are now: a live piece moves between two changes."""
         self.refresh(context)
+        if not self._made:
+            return
+        # heads of arrows grow with their scale: an edge of a quad
+        edge, interface = edge_of(context.object), context.preferences.system.ui_scale or 1.0
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context), strict=False):
             one.matrix_basis = _frame(place, way)
             if kind != "held":
-                one.length = max(way.length, 1e-6)
+                one.scale_basis = edge / interface
+                one.length = max(way.length / edge, 1e-3)
 
 
 def _handles(context: bpy.types.Context) -> list[tuple[str, int, Any, Any]]:

@@ -185,4 +185,5 @@ ACTS: dict[str, Callable[[Hand], None]] = {
     "redone": Hand.redo,
     "saved": Hand.save,
 }
+# how often each of them: mostly strokes, and half as many steps back, so that most of what was done is seen twice; by eye
 WEIGHTS = (8, 2, 1, 1, 1, 2, 4, 2, 1)

@@ -22,6 +22,7 @@ GIVEN = {
     "edge",
     "height",
     "supports",
+    "wishes",
     "force",
     "groups",
     "protected",

@@ -83,10 +83,18 @@ def walk():
     yield from hands.type_in("thickness", "3")
     thicker = yield from moved("a number typed", since, first)
     yield from picture("thicker")
+    yield from handled(thicker)
+    yield from undone()
+    FOUND["slowest"] = following().slowest
+    hands.module("bridge.hosts.live").stop()
+
+
+def handled(vertices):
+    """The tool: a click holds, a drag pulls."""
     with hands.in_view():
         bpy.ops.wm.tool_set_by_id(name="flexmaps.handles")
     yield 0.5
-    quad = int(np.argmax(thicker[following().shape.quads].mean(axis=1)[:, 2]))  # on top, under the view from above
+    quad = int(np.argmax(vertices[following().shape.quads].mean(axis=1)[:, 2]))  # on top, under the view from above
     place = on_screen(quad)
     yield from hands.move(place)
     hands.xdotool("click", 1)
@@ -99,10 +107,9 @@ def walk():
     )
     expect(held == [quad], f"a click holds the spiral under the pointer: {held}, not {quad}")
     yield from picture("held")
-    before, other = (
-        following().shape.vertices,
-        int(np.argmax(np.linalg.norm(following().shape.centres - following().shape.centres[quad], axis=1))),
-    )
+    before, centres = following().shape.vertices, following().shape.centres
+    apart = np.linalg.norm(centres - centres[quad], axis=1)
+    other = int(np.argmin(np.abs(apart - 0.06)))  # three quads away, where nothing covers it
     place = on_screen(other)
     yield from hands.move(place)
     since = time.perf_counter()
@@ -114,14 +121,15 @@ def walk():
     yield from moved("a spiral pulled", since, before)
     expect("flexmaps_pull" in bpy.context.object.data.attributes, "a drag pulls at a spiral")
     yield from picture("pulled")
+
+
+def undone():
     for keys, there in ((("ctrl+z",), False), (("ctrl+shift+z",), True)):
         yield from hands.key(*keys)
         yield 1.0
         expect(("flexmaps_pull" in bpy.context.object.data.attributes) == there, f"{keys[0]} is one step")
         expect(following() is not None and following().problem == "", f"{keys[0]} leaves Live on")
     yield from picture("redone")
-    FOUND["slowest"] = following().slowest
-    hands.module("bridge.hosts.live").stop()
 
 
 hands.drive(walk(), FOUND)
