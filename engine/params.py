@@ -429,6 +429,8 @@ class BaseParams(Params):
             ("none", "None", "Nothing is made for the supports"),
             ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
             ("feet", "Feet", "A plate for every run of supported spirals side by side"),
+            ("frame", "Frame", "A closed ring of planks under the feet, which lock into each other"),
+            ("eyelets", "Eyelets", "The piece hangs: a hole in the hub of every supported spiral, for a cord or a hook"),
         ),
     )
     base_height: float = setting(
@@ -443,6 +445,19 @@ class BaseParams(Params):
         unit="m",
     )
     base_edge: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
+    eyelet: float = setting(
+        0.0008,
+        "Eyelet",
+        "Diameter of the holes by which a piece hangs; their hubs have to leave as much material round them",
+        low=0.0001,
+        high=0.1,
+        unit="m",
+    )
+
+    @property
+    def stands(self) -> bool:
+        """Whether there are feet."""
+        return self.base not in ("none", "eyelets")
 
 
 @dataclass(frozen=True)

@@ -55,9 +55,13 @@ class DesignSpace:
         groups: int = 1,
         progress: Progress = SILENT,
         straight: Int[np.ndarray, " some"] | None = None,
+        wide: Int[np.ndarray, " some"] | None = None,
     ) -> DesignSpace:
-        """The space of all designs in the same patches with the same settings; ``straight`` spirals are as good as not wound."""
+        """The space of all designs in the same patches with the same settings; ``straight`` spirals are as good as not wound, ``wide``
+        ones keep the widest arms that can be."""
         low, high = width_range(design.flat, design.params)
+        if wide is not None:
+            low[wide] = high[wide]
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
         # nor beyond the stiffness table, whose limit is that of the shortest arm

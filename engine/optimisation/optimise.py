@@ -133,11 +133,12 @@ def optimise(
     force: np.ndarray | None = None,
     prove: bool = True,
     straight: np.ndarray | None = None,
+    wide: np.ndarray | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
+    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, ``wide`` those whose arms stay as wide as may be. Starts from the given design, the curvature-adjusted one or the uniform one, whichever
     is nearest to the target. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
@@ -148,7 +149,7 @@ def optimise(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
         )
     work = Work.of(len(design.width), params.patience)
-    task = Task(target, material, params, physics, supports, force, work, straight)
+    task = Task(target, material, params, physics, supports, force, work, straight, wide)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)

@@ -65,7 +65,7 @@ NEAR, FARTHER = 0.2, 1.1
 @dataclass(frozen=True, eq=False)
 class Task:
     """What a search is given besides the design; ``work`` counts for all of its problems, ``straight`` are quads whose spirals
-    are not wound."""
+    are not wound, ``wide`` those whose arms stay as wide as may be."""
 
     target: QuadMesh
     material: Material
@@ -75,6 +75,7 @@ class Task:
     force: np.ndarray | None
     work: Work
     straight: np.ndarray | None = None
+    wide: np.ndarray | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes; by default with a space of its own."""
@@ -99,7 +100,7 @@ class Task:
         """The coordinates of designs in the same patches."""
         self.work.add(SPACE, len(design.width))
         groups = GROUPS[self.params.arms]
-        return DesignSpace.of(design, of_design(design), groups, progress, self.straight).including(design)
+        return DesignSpace.of(design, of_design(design), groups, progress, self.straight, self.wide).including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
         """The whole elastic model."""

@@ -17,6 +17,8 @@ from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
 from ..fabrication.standing.base import Base, make_base
+from ..fabrication.standing.early import check_hold
+from ..fabrication.standing.eyelets import make_eyelets, overloaded
 from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
@@ -86,15 +88,21 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     progress(0.0, "Measuring curvature")
     bends = curvature.rms_curvature(result.mesh)
-    made = design.from_curvature(result.flat, settings.spiral, bends, progress, straight=_straight(result, settings))
+    special = {"straight": _straight(result, settings), "wide": _hung(result, settings)}
+    made = design.from_curvature(result.flat, settings.spiral, bends, progress, **special)
     return replace(result, design=made)
 
 
 def _straight(result: Result, settings: Settings) -> np.ndarray | None:
     """The spirals that are not to be wound, for they get feet; none without a base."""
-    if settings.base.base == "none" or result.supports is None:
+    if not settings.base.stands or result.supports is None:
         return None
     return footed(result.mesh, result.supports)
+
+
+def _hung(result: Result, settings: Settings) -> np.ndarray | None:
+    """The spirals whose arms are to be as wide as may be, for their hubs get eyelets; none without."""
+    return result.supports if settings.base.base == "eyelets" else None
 
 
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -108,6 +116,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         supports=result.supports,
         force=result.force,
         straight=_straight(result, settings),
+        wide=_hung(result, settings),
         progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
@@ -178,6 +187,9 @@ def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     split.check_size(result.design.flat, settings.layout, settings.sheet)
     base = None if settings.base.base == "none" else _base(result, settings)
     made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut, base)
+    if base is not None:
+        more = overloaded(base.eyelets, base.thickness, settings.material.chosen)
+        made = replace(made, warnings=(*made.warnings, *more))
     return replace(result, sheets=made)
 
 
@@ -189,18 +201,20 @@ def _base(result: Result, settings: Settings) -> Base:
         raise FlexMapsError(
             "A base is made for the simulated shape, and there is none; press Simulate first, or choose no base"
         )
-    return standing(result.design, simulation.equilibrium.pose, result.supports, settings)
+    return standing(result.design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
 
 
-def standing(design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings) -> Base:
-    """What a design stands on whose hubs are in a pose, as the settings ask for it. Raises as ``make_base`` does."""
-    if not settings.simulate.clamped:
-        raise FlexMapsError(
-            "A base clamps the feet that stand in it, but the supports are simulated as hinges; clamp the supports, or "
-            "choose no base"
-        )
+def standing(
+    design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings, pull: np.ndarray | None = None
+) -> Base:
+    """What a design stands on, or hangs by, whose hubs are in a pose, as the settings ask for it; pull (F, 3) newtons with which they
+    are held. Raises as ``make_base`` does."""
+    check_hold(settings.base, settings.simulate)
     mesh = design.flat.layout.mesh
     lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())
+    if not settings.base.stands:
+        eyelets = make_eyelets(design, pose, supports, settings.base.eyelet, settings.cut, pull)
+        return Base(design, (), (), lowest, design.params.thickness, eyelets)
     clearance = settings.connect.clearance
     return make_base(design, pose, supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance)
 

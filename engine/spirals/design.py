@@ -188,11 +188,12 @@ def from_curvature(
     progress: Progress = SILENT,
     *,
     straight: Int[np.ndarray, " some"] | None = None,
+    wide: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
     curvature : RMS curvature, 1/m; straight : quads whose spirals are not wound all
-    the same, and whose arms at the border, from which feet begin, are as wide as may be. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
+    the same, and whose arms at the border, from which feet begin, are as wide as may be; wide : quads all of whose arms are. Raises ``FlexMapsError`` with the faces that are far too small for the smallest
     width.
     """
     width, twist = curvature_adjusted(params, curvature)
@@ -201,6 +202,8 @@ def from_curvature(
         twist[straight] = 0.0
         mesh = flat.layout.mesh
         arms[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, arms[straight])
+    if wide is not None:
+        arms[wide] = params.width_max
     return fitted(flat, params, arms, twist, progress=progress)
 
 
