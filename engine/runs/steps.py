@@ -22,6 +22,7 @@ from ..fabrication.standing.eyelets import make_eyelets, overloaded
 from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
+from ..optimisation.panel_grain import choose_grain
 from ..params import Settings
 from ..patches.layout import PatchLayout
 from ..patches.merging import merge
@@ -107,8 +108,9 @@ def _hung(result: Result, settings: Settings) -> np.ndarray | None:
 
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
+    begun = _grained(result, settings, progress.part(0.0, 0.1))
     found = optimise.optimise(
-        result.design,
+        begun,
         result.mesh,
         settings.material.chosen,
         settings.optimise,
@@ -117,9 +119,28 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         force=result.force,
         straight=_straight(result, settings),
         wide=_hung(result, settings),
-        progress=progress,
+        progress=progress if begun is result.design else progress.part(0.1, 1.0),
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
+
+
+def _grained(result: Result, settings: Settings, progress: Progress) -> SpiralDesign:
+    """The design with its panels turned to the grain that is best for each, if that is asked for and the material has one."""
+    assert result.design is not None
+    wanted, material = settings.optimise.grain, settings.material.chosen
+    if wanted == "common" or material.orthotropy is None:
+        return result.design
+    return choose_grain(
+        result.design,
+        result.mesh,
+        material,
+        wanted,
+        settings.simulate,
+        settings.sheet,
+        supports=result.supports,
+        force=result.force,
+        progress=progress,
+    ).design
 
 
 def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -198,8 +219,10 @@ def _base(result: Result, settings: Settings) -> Base:
     assert result.design is not None
     simulation = result.simulation
     if simulation is None or not simulation.equilibrium.converged:
+        failed = result.undone.get("simulate")
+        why = "" if failed is None else f" ({failed.message})"
         raise FlexMapsError(
-            "A base is made for the simulated shape, and there is none; press Simulate first, or choose no base"
+            f"A base is made for the simulated shape, and there is none; press Simulate first, or choose no base{why}"
         )
     return standing(result.design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
 

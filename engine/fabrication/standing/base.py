@@ -49,7 +49,7 @@ class Base:
 
     design : the design with its feet; feet : all of them
     ground : metres, height of the upper side of the plates; thickness : metres, theirs and the sheet's
-    eyelets : by which it hangs instead
+    eyelets : by which it hangs instead; framed : whether the plates are the planks of a frame
     """
 
     design: SpiralDesign
@@ -58,6 +58,7 @@ class Base:
     ground: float
     thickness: float
     eyelets: tuple[Eyelet, ...] = ()
+    framed: bool = False
 
     def holes(self, patch: int) -> tuple[Curve, ...]:
         """The eyelets of a panel."""
@@ -71,7 +72,7 @@ class Base:
         lean = np.degrees([foot.lean for foot in self.feet])
         reach = [1e3 * foot.shoulder for foot in self.feet]
         return {
-            "plates": len(self.plates),
+            ("planks" if self.framed else "plates"): len(self.plates),
             "feet": len(self.feet),
             "ground_mm": round(1e3 * self.ground, 3),
             "lean_deg": [round(float(x), 2) for x in (lean.min(), lean.max())],
@@ -125,7 +126,8 @@ def make_base(
     footed = replace(design, feet=tuple(foot.cap for foot in feet))
     if params.base == "frame":
         cut = planks(slots, params.base_edge, clearance, thickness, sheet)
-        return Base(footed, feet, tuple(_of(feet, slots, rows, outline, sheet) for outline, rows in cut), ground, thickness)
+        made = tuple(_of(feet, slots, rows, outline, sheet) for outline, rows in cut)
+        return Base(footed, feet, made, ground, thickness, framed=True)
     groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.base_edge)
     plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)

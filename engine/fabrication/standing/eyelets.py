@@ -20,7 +20,9 @@ from ...spirals.arcs import Curve
 from ...spirals.contours import hub_circles
 from ...spirals.design import SpiralDesign
 
-EDGE = 1.0  # diameters of material round a hole at the least: what handbooks ask for between a pin and the edge of a plate
+EDGE = (
+    1.0  # diameters of material round a hole at the least: what handbooks ask for between a pin and the edge of a plate
+)
 ROUNDED = 1e-3  # share of the hole by which the room of a hub may be smaller, for it is found by iteration
 
 

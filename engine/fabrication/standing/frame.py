@@ -19,13 +19,22 @@ from ..nesting.packing import turn_that_fits
 from .corners import rounded
 
 TURN = np.radians(75.0)  # how far a plank may turn before the next begins, so that it stays slender; by eye
-NECK, HEAD, DEEP = 0.3, 0.42, 0.25  # of a dovetail, as shares of the plank's width: narrowest, widest, and how deep; by eye
+NECK, HEAD, DEEP = (
+    0.3,
+    0.42,
+    0.25,
+)  # of a dovetail, as shares of the plank's width: narrowest, widest, and how deep; by eye
 WIDER = 1.4  # how much wider than between straight slots a ring may be at a cut: more is a corner, where a cut would run along it
 SMALLEST = 0.4  # share of that size to which dovetails may shrink where feet stand near to each other; by eye
 CORNER = 0.0006  # metres, rounding of corners, as those of feet
-CHORDS, STRAY = 12, 1e-5  # of a quarter round a slot's corner, before they are rounded again; and metres that these may stray
+CHORDS, STRAY = (
+    12,
+    1e-5,
+)  # of a quarter round a slot's corner, before they are rounded again; and metres that these may stray
 BEHIND = 1e-7  # metres by which what is cut goes on beyond an edge, so that nothing of no width is left
-ROUNDS = 60  # passes over all pairs of the search for the shortest way; rings of 200 slots took 8 at the most
+ROUNDS = (
+    60  # passes over all pairs of the search for the shortest way, which ends where none helps; a bound, not measured
+)
 LEAST = 3  # slots that a ring goes round
 
 
@@ -40,7 +49,9 @@ def planks(
     import shapely
 
     if len(slots) < LEAST:
-        raise FlexMapsError(f"A frame goes round at least {LEAST} feet; support more spirals, or choose a plate or feet")
+        raise FlexMapsError(
+            f"A frame goes round at least {LEAST} feet; support more spirals, or choose a plate or feet"
+        )
     order = shortest_round(slots.mean(axis=1))
     slots = slots[order]
     links = shapely.convex_hull(shapely.multipoints(np.concatenate([slots, np.roll(slots, -1, axis=0)], axis=1)))
@@ -54,7 +65,9 @@ def planks(
     ring = shapely.Polygon(ring.exterior, [max(inner, key=lambda one: one.area).exterior])
     parts = _cuts(slots, ring, margin, wall, sheet)
     if len(parts) < 2:
-        raise FlexMapsError("The feet stand too near to each other to cut a frame between them; choose a plate, or feet")
+        raise FlexMapsError(
+            "The feet stand too near to each other to cut a frame between them; choose a plate, or feet"
+        )
     return _pieces(slots, ring, parts, order, clearance, margin)
 
 
@@ -135,9 +148,7 @@ def _joint(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> 
     return _Cut(k, middle, way, width, size)
 
 
-def _cuts(
-    slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams
-) -> list[_Cut]:
+def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_Cut]:
     """Where the ring is cut: as seldom as planks stay slender and fit the sheet."""
     import shapely
 
@@ -152,7 +163,8 @@ def _cuts(
     # begin where the way turns most, so that corners of the ring become ends of planks
     start = max(places, key=lambda k: turns[k] + turns[k - 1])
     places = [k for k in places if k > start] + [k + count for k in places if k <= start]
-    found, since = [], start
+    parts: list[_Cut] = []
+    since = start
 
     def fits(first: int, last: int) -> bool:
         rows = np.arange(first + 1, last + 1) % count
@@ -166,9 +178,9 @@ def _cuts(
 
     for here, after in zip(places, [*places[1:], None], strict=True):
         if after is None or not fits(since, after):
-            found.append(open_[here % count])
+            parts.append(open_[here % count])
             since = here
-    return found
+    return parts
 
 
 def _pieces(
@@ -188,7 +200,9 @@ def _pieces(
         rows = np.arange(before + 1, last + 1 + (count if last <= before else 0)) % count
         own = [part for part in parts if part.covers(shapely.Point(slots[rows[0]].mean(axis=0)))]
         if len(parts) != len(cuts) or len(own) != 1:
-            raise FlexMapsError("The feet stand such that a frame between them would touch itself; choose a plate, or feet")
+            raise FlexMapsError(
+                "The feet stand such that a frame between them would touch itself; choose a plate, or feet"
+            )
         body = shapely.union_all([own[0], tongues[n]]).difference(sockets[n - 1])
         body = max(shapely.get_parts(body), key=lambda one: one.area)
         corners = shapely.get_coordinates(shapely.orient_polygons(body).exterior.simplify(1e-7))[:-1]
@@ -217,4 +231,3 @@ def _radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
     # what an arc takes of both sides is its radius times the tangent of half the turn
     most = 0.45 * sides / np.maximum(np.tan(0.5 * np.minimum(angle, 3.0)), 1e-6)
     return np.minimum(np.where(sharp, CORNER, margin), most)
-
