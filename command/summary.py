@@ -51,7 +51,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         sheets = described["sheets"]
         print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
         if "base" in sheets:
-            print(f"  a base of {sheets['base']['plates']} plates with slots for {sheets['base']['feet']} feet")
+            print(f"  {_held(sheets['base'])}")
         for warning in sheets["warnings"]:
             print(f"  warning: {warning}")
     out = getattr(args, "out", None)
@@ -102,3 +102,13 @@ def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
         span = "|".join(row["choices"]) or ("" if low is None and high is None else f"{low:g} to {high:g}")
         value = f"{row['default']:g}" if isinstance(row["default"], float) else str(row["default"])
         print(f"{name:28} {value + (' ' + row['unit'] if row['unit'] else ''):14} {span:24} {row['help']}")
+
+
+def _held(base: dict[str, Any]) -> str:
+    """What the piece stands on, or hangs by, in one sentence."""
+    if "eyelets" in base:
+        most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
+        bears = "" if most is None else f"; they bear up to {most:.3g} N"
+        return f"{base['eyelets']} eyelets of {base['eyelet_mm']:g} mm to hang it by{bears}"
+    under = f"a frame of {base['planks']} planks" if "planks" in base else f"a base of {base['plates']} plates"
+    return f"{under} with slots for {base['feet']} feet"

@@ -166,7 +166,7 @@ MATERIALS: dict[str, Material] = {
         Lasting(
             1.0 / 1.8,
             0.004,
-            "EN 1995-1-1, plywood in service class 1: k_def 0.80 (table 3.2, of decades rather than of a year, so on the safe side), k_mod 0.60 under "
+            "EN 1995-1-1, plywood of EN 636 part 1 in service class 1: k_def 0.80 (table 3.2, of decades rather than of a year, so on the safe side), k_mod 0.60 under "
             "permanent load (table 3.1). The strain is k_mod (1 + k_def) of the limit, at most the limit itself",
         ),
         Orthotropy(12.7e9, 4.8e9, 0.08, 0.62e9, 0.5e9, 0.4e9, (51e6, 29e6, 9.5e6)),
@@ -184,7 +184,7 @@ MATERIALS: dict[str, Material] = {
         Lasting(
             1.0 / 3.25,
             0.00325,
-            "EN 1995-1-1, MDF.LA in service class 1: k_def 2.25 (table 3.2, of decades), k_mod 0.20 under permanent load (table 3.1). The strain is "
+            "EN 1995-1-1, MDF.LA of EN 622-5 in service class 1: k_def 2.25 (table 3.2, of decades), k_mod 0.20 under permanent load (table 3.1). The strain is "
             "k_mod (1 + k_def) of the limit",
         ),
     ),

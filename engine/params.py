@@ -468,6 +468,12 @@ class BaseParams(Params):
             ("none", "None", "Nothing is made for the supports"),
             ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
             ("feet", "Feet", "A plate for every run of supported spirals side by side"),
+            ("frame", "Frame", "A closed ring of planks under the feet, which lock into each other"),
+            (
+                "eyelets",
+                "Eyelets",
+                "The piece hangs: a hole in the hub of every supported spiral, for a cord or a hook",
+            ),
         ),
     )
     base_height: float = setting(
@@ -482,6 +488,19 @@ class BaseParams(Params):
         unit="m",
     )
     base_edge: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
+    eyelet: float = setting(
+        0.0008,
+        "Eyelet",
+        "Diameter of the holes by which a piece hangs; their hubs have to leave as much material round them",
+        low=0.0001,
+        high=0.1,
+        unit="m",
+    )
+
+    @property
+    def stands(self) -> bool:
+        """Whether there are feet."""
+        return self.base not in ("none", "eyelets")
 
 
 @dataclass(frozen=True)
@@ -625,6 +644,16 @@ class OptimiseParams(Params):
             ("alike", "All alike", "All four arms of a spiral are as wide as each other, as published"),
             ("pairs", "In pairs", "Opposite arms are alike: a sheet may bend more easily one way than the other"),
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
+        ),
+    )
+    grain: str = setting(
+        "common",
+        "Grain of panels",
+        "Before the search, panels of a sheet with a grain may be turned on it, each for itself, where that brings the shape nearer to the target; lay them along the grain then",
+        choices=(
+            ("common", "All alike", "Every panel's grain as Grain says"),
+            ("crossed", "Along or across", "Panels may be turned by a quarter"),
+            ("free", "Any direction", "Panels may be turned by any multiple of 15 degrees"),
         ),
     )
     lies: float = setting(

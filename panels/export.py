@@ -14,6 +14,8 @@ from .stages import StagePanel, button, result
 
 SHEET = ("sheet_width", "sheet_height")  # what is always in sight; the rest is folded away
 CONNECT = ("connector",)
+# what is asked of every kind of base
+BASE = {"none": ("base",), "eyelets": ("base", "eyelet"), "feet": ("base", "base_height", "foot_width", "base_edge")}
 CUT = tuple(CutParams.__dataclass_fields__)  # the last one is the width of the holding tabs
 
 
@@ -44,8 +46,7 @@ class ExportPanel(StagePanel, bpy.types.Panel):
         more(layout, "flexmaps_sheet", settings.sheet, SheetParams, (*SHEET, "remnants"))
         body = fold(layout, "flexmaps_base", "Base")
         if body is not None:
-            names = tuple(BaseParams.__dataclass_fields__)
-            settings_rows(body, settings.base, BaseParams, names if settings.base.base != "none" else names[:1])
+            settings_rows(body, settings.base, BaseParams, BASE.get(settings.base.base, BASE["feet"]))
         body = fold(layout, "flexmaps_connect", "Connectors and kerf")
         if body is not None:
             settings_rows(body, settings.connect, ConnectorParams, CONNECT)
@@ -93,8 +94,9 @@ def _sheets(layout: Any, block: dict[str, Any]) -> None:
     if "cost" in block:
         number(grid, "Cost, about", f"{block['cost']['total']:.2f}")
     if "base" in block:
-        number(grid, "Feet", str(block["base"]["feet"]))
-        number(grid, "Plates", str(block["base"]["plates"]))
+        for key, name in (("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")):
+            if key in block["base"]:
+                number(grid, name, str(block["base"][key]))
     if block.get("glued"):
         number(grid, "For glue", str(len(block["glued"])))
     if block.get("unsolved"):

@@ -1,11 +1,13 @@
-"""What a piece stands on: its feet in the slots of its base, read back from the files that are cut.
+"""What a piece stands on, or hangs by: feet in the slots of plates and frames, and eyelets, read back from the files that are cut.
 
-python3 tools/dev.py bench standing [--only PATTERNS] [--json FILE]
+python3 tools/dev.py bench standing [--only PATTERNS] [--kinds feet,frame,eyelets] [--json FILE]
 
 ezdxf reads the sheets. Every foot is cut out of its panel's outline as it was read, made a solid as thick as the sheet by
 trimesh, brought to where its hub stands in the simulated shape, and cut open at the upper and at the lower side of the base.
 Shapely judges whether these sections lie within the slot that was read, and how far they are from filling it. Nothing of how feet
-and slots are drawn is used; where panels and plates lie on their sheets is taken from the packing.
+and slots are drawn is used; where panels and plates lie on their sheets is taken from the packing. Planks of frames are laid where they
+belong: shapely judges whether they close a ring and how far they are from each other. Of eyelets it measures where their middles come to
+lie, how large they are, and what is left round them; what they bear has to be the weight of the piece.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from typing import Any
 import ezdxf
 import numpy as np
 import shapely
+import shapely.affinity
 import trimesh
 import zoo
 from ezdxf.path import make_path
@@ -64,31 +67,148 @@ def main(arguments: list[str]) -> int:
     """Measure, print the table, write the rows; 0 whatever was measured."""
     parser = argparse.ArgumentParser(prog="dev.py bench standing")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
+    parser.add_argument("--kinds", default="feet,frame,eyelets", help="kinds of base, with commas between them")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args(arguments)
-    table, settings, stands = Table(30), changed(Settings(), {"base.base": "feet", "sheet.nesting": "FAST"}), 0
+    table, counts = Table(40), dict.fromkeys(("feet", "frame", "eyelets"), 0)
     for name, polygons in _surfaces().items():
         if not any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
             continue
-        try:
-            made = job.run(polygons, settings, edge=0.02, supports="lowest")
-        except FlexMapsError as error:
-            table.add(row(name, "no base", "", str(error)[:60], None))
-            continue
-        fit = read_back(made)
-        stands += 1
-        table.add(
-            row(name, "feet", "", fit.feet, None),
-            at_most(name, "tongue outside of slot (mm)", OFF, fit.outside),
-            at_most(name, "slot too wide (mm)", OFF, fit.loose),
-            at_most(name, "shoulders off the base (mm)", OFF, fit.high),
-            at_most(name, "slot turned (deg)", ASTRAY, fit.turned),
-            at_most(name, "slot leaning (deg)", ASTRAY, fit.leaning),
-        )
+        for kind in options.kinds.split(","):
+            try:
+                made = _made(polygons, kind)
+            except FlexMapsError as error:
+                table.add(row(name, f"no {kind}", "", str(error)[:60], None))
+                continue
+            (_hung if kind == "eyelets" else _stands)(table, f"{name} {kind}", made)
+            counts[kind] += 1
     if options.only == "*":
-        table.add(at_least("all", "open meshes that stand", 6, stands))
+        for kind in options.kinds.split(","):
+            table.add(at_least("all", f"open meshes with {kind}", 6, counts[kind]))
     table.finish(options.json)
     return 0
+
+
+def _made(polygons: PolygonMesh, kind: str) -> Result:
+    """The sheets of a piece on its lowest spirals, or hung by its highest ones with its weight."""
+    settings = changed(Settings(), {"base.base": kind, "sheet.nesting": "FAST"})
+    if kind != "eyelets":
+        return job.run(polygons, settings, edge=0.02, supports="lowest")
+    height = job.begin(polygons, edge=0.02).mesh.centroids[:, 2]
+    top = np.flatnonzero(height >= height.max() - 0.005)
+    settings = changed(settings, {"simulate.clamped": False, "simulate.gravity": True})
+    return job.run(polygons, settings, edge=0.02, supports=top.tolist())
+
+
+def _stands(table: Table, name: str, made: Result) -> None:
+    """Rows of a piece on feet, and of its frame where that is what it stands on."""
+    fit = read_back(made)
+    table.add(
+        row(name, "feet", "", fit.feet, None),
+        at_most(name, "tongue outside of slot (mm)", OFF, fit.outside),
+        at_most(name, "slot too wide (mm)", OFF, fit.loose),
+        at_most(name, "shoulders off the base (mm)", OFF, fit.high),
+        at_most(name, "slot turned (deg)", ASTRAY, fit.turned),
+        at_most(name, "slot leaning (deg)", ASTRAY, fit.leaning),
+    )
+    assert made.sheets is not None
+    assert made.sheets.base is not None
+    if made.sheets.base.framed:
+        ring = read_frame(made)
+        table.add(
+            row(name, "planks", "", ring.planks, None),
+            at_most(name, "planks overlap (mm2)", 0.0, ring.overlap),
+            at_most(name, "joint off its clearance (mm)", OFF, ring.off),
+            at_least(name, "rings that the planks close", 1, ring.holes),
+            at_least(name, "planks that come apart by no pull", ring.planks, ring.locked),
+        )
+
+
+def _hung(table: Table, name: str, made: Result) -> None:
+    """Rows of a piece that hangs."""
+    fit = read_eyelets(made)
+    table.add(
+        row(name, "eyelets", "", fit.eyelets, None),
+        at_most(name, "eyelet off its point (mm)", OFF, fit.off),
+        at_most(name, "eyelet's diameter off (mm)", 0.02, fit.large),
+        at_least(name, "material round it (diameters)", 1.0, fit.edge),
+        at_most(name, "forces off the cut panels' weight (share)", 0.02, fit.weight),
+    )
+
+
+@dataclass(frozen=True)
+class Ring:
+    """planks : how many; overlap : mm2 that two of them share; off : mm between their distance and the clearance, the worst of all
+    joints; holes : rings that they close; locked : planks whose neighbours hold them when they are pulled along the ring"""
+
+    planks: int
+    overlap: float
+    off: float
+    holes: int
+    locked: int
+
+
+def read_frame(made: Result) -> Ring:
+    """The planks of a frame, as they are read, where they belong."""
+    assert made.sheets is not None
+    plates, clearance = parts(made.sheets)[1], 1e3 * made.sheets.connections.clearance
+    solid = [shapely.Polygon(plate.exterior) for plate in plates]
+    near = [(i, j) for i in range(len(solid)) for j in range(i) if solid[i].distance(solid[j]) < 2.0 * clearance + OFF]
+    overlap = max(solid[i].intersection(solid[j]).area for i, j in near)
+    off = max(abs(solid[i].distance(solid[j]) - clearance) for i, j in near)
+    closed = shapely.union_all([one.buffer(0.5 * clearance + 0.01) for one in solid])
+    # one that is shifted by a millimetre any way in its plane runs into a neighbour
+    ways = 1.0 * np.column_stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)])
+    locked = 0
+    for k, one in enumerate(solid):
+        others = shapely.union_all([solid[j] for j in range(len(solid)) if j != k])
+        locked += all(shapely.affinity.translate(one, *way.tolist()).intersection(others).area > 1e-3 for way in ways)
+    inside = [shapely.Polygon(ring) for part in shapely.get_parts(closed) for ring in part.interiors]
+    rings = sum(one.area > sum(plank.area for plank in solid) / len(solid) ** 2 for one in inside)
+    return Ring(len(solid), overlap, off, rings, locked)
+
+
+@dataclass(frozen=True)
+class Hung:
+    """eyelets : how many; off : mm from where the hub is held in the simulation; large : mm, diameters; edge : diameters of material
+    round the worst; weight : share by which the forces in all of them differ from the weight"""
+
+    eyelets: int
+    off: float
+    large: float
+    edge: float
+    weight: float
+
+
+def read_eyelets(made: Result) -> Hung:
+    """The eyelets of a piece, as they are read."""
+    assert made.sheets is not None
+    assert made.sheets.base is not None
+    assert made.simulation is not None
+    assert made.design is not None
+    assert made.supports is not None
+    panels, pose, wanted = parts(made.sheets)[0], made.simulation.equilibrium.pose, 0.8
+    off = large = 0.0
+    edge = np.inf
+    for quad in made.supports.tolist():
+        panel, centre = (
+            panels[int(made.design.flat.layout.patch_of[quad])],
+            1e3 * made.design.flat.corners[quad].mean(axis=0),
+        )
+        holes = [shapely.Polygon(ring) for ring in panel.interiors]
+        hole = min(holes, key=lambda one: one.distance(shapely.Point(centre)))
+        middle = np.array([hole.centroid.x, hole.centroid.y]) - centre
+        there = 1e3 * pose.centres[quad] + pose.rotations[quad, :, :2] @ middle
+        off = max(off, float(np.linalg.norm(there - 1e3 * made.simulation.target.centroids[quad])))
+        large = max(large, abs(2.0 * np.sqrt(hole.area / np.pi) - wanted))
+        others = [panel.exterior, *(ring for ring, one in zip(panel.interiors, holes, strict=True) if one is not hole)]
+        edge = min(edge, min(hole.distance(ring) for ring in others) / wanted)
+    told = np.array(made.sheets.base.report["forces_N"]).sum(axis=0)
+    # of the panels as they are read
+    mass = (
+        sum(panel.area for panel in panels.values()) * 1e-6 * made.sheets.thickness * made.simulation.material.density
+    )
+    return Hung(len(made.supports), off, large, float(edge), abs(float(told[2]) / (9.81 * mass) - 1.0))
 
 
 def _surfaces() -> dict[str, PolygonMesh]:
@@ -106,7 +226,8 @@ def read_back(made: Result) -> Fit:
     assert made.simulation is not None
     assert made.design is not None
     base, pose, arms = made.sheets.base, made.simulation.equilibrium.pose, made.design.arms
-    panels, slots = parts(made.sheets)
+    panels, plates = parts(made.sheets)
+    slots = [shapely.Polygon(ring) for plate in plates for ring in plate.interiors]
     ground, sheet = 1e3 * base.ground, 1e3 * base.thickness
     clearance = 1e3 * made.sheets.connections.clearance
     tree, worst = shapely.STRtree(slots), np.zeros(5)
@@ -145,8 +266,8 @@ def read_back(made: Result) -> Fit:
 
 
 def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
-    """The panels by their patches, in the frames of these, and the slots of all plates in space seen from above; in mm."""
-    panels, slots = {}, []
+    """The panels by their patches, in the frames of these, and all plates in space seen from above; in mm."""
+    panels, plates = {}, []
     with tempfile.TemporaryDirectory() as folder:
         for index in range(sheets.count):
             path = Path(folder) / "sheet.dxf"
@@ -166,8 +287,8 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
                 if panel.patch >= 0:
                     panels[panel.patch] = moved
                 else:
-                    slots += [shapely.Polygon(ring) for ring in moved.interiors]
-    return panels, slots
+                    plates.append(moved)
+    return panels, plates
 
 
 def _back(points: np.ndarray, turn: float, shift: np.ndarray) -> np.ndarray:

@@ -101,7 +101,7 @@ def build(
 
     began = time.perf_counter()
     arms = bent(design, pose, progress=progress.part(0.0, 0.4))
-    below = None if base is None else base_mesh(base)
+    below = None if base is None or not base.plates else base_mesh(base)
     if detail == "LINES":
         return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began, below)
     design = design if base is None else base.design

@@ -14,7 +14,8 @@ from ..patches.flattening.flatten import FlatPatches
 from ..spirals.arcs import Curve
 from .order import Join, Step
 
-INK, PALE = "#1c1e24", "#e4e6e9"
+WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # metres, of a page (A4)
+INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
 LIFT = 0.35  # how far the view looks down, as the tangent of the angle
 LOOKED_AT = 24  # quads of a panel of which it is found out whether they can be seen
 NUMBER = (0.0065, 0.004)  # metres of paper that a panel's number takes

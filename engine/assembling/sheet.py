@@ -12,19 +12,32 @@ from ..colours import hexadecimal, of_patches, of_seams
 from ..fabrication.estimates import Estimates, duration
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.sheets import CutSheets
-from ..fabrication.standing.base import Base, foot_name
 from ..fabrication.writers.pdf import Page, document, text_width
 from ..files import NewFile, replacing
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .check import AssemblyCheck
+from .holding import held_page
 from .order import Join, Step, steps
-from .pictures import INK, PALE, Box, Look, best_view, camera, line, middle, model, panel
+from .pictures import (
+    GREY,
+    HEIGHT,
+    INK,
+    MARGIN,
+    PALE,
+    WIDTH,
+    Box,
+    Look,
+    best_view,
+    camera,
+    line,
+    middle,
+    model,
+    panel,
+)
 
-WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # metres
 ROWS = 3  # steps on a page
-GREY = "#7a7f87"
 BAY = 0.006  # metres; narrower gaps between the arms on an outline are left out of small pictures
 SMALL = 0.005  # metres on paper; of smaller panels a picture shows the hull, and no number
 # Quads that all pictures of steps together may show, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
@@ -84,7 +97,7 @@ def pages(
         found.append(page)
     found += _in_words(order, drawn, look, progress)
     if sheets.base is not None:
-        found.append(_standing(sheets.base))
+        found.append(held_page(sheets.base))
     for number, page in enumerate(found, start=1):
         page.text(f"{title}  -  {number} of {len(found)}", (0.5 * WIDTH, 0.007), 0.0028, GREY, middle=True)
     return found
@@ -274,31 +287,6 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step
         view,
     )
     panel(page, Box(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
-
-
-def _standing(base: Base) -> Page:
-    """The last step: the plates as they lie, seen from above, with the numbers of the feet that enter their slots."""
-    page = Page(WIDTH, HEIGHT)
-    page.text("Put the feet into the slots of the base", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
-    words = (
-        "Every foot bears the number of its slot. They stand on their shoulders; glue them, or wedge them from below."
-    )
-    page.text(words, (MARGIN, HEIGHT - MARGIN - 0.013), 0.0029, GREY)
-    outlines = [plate.outline.sampled(1e-4) for plate in base.plates]
-    low, high = (f(np.concatenate(outlines), axis=0) for f in (np.min, np.max))
-    room = np.array([WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN - 0.03])
-    scale = min(1.0, float((room / (high - low)).min()))
-    shift = np.array([MARGIN, HEIGHT - MARGIN - 0.02]) - scale * np.array([low[0], high[1]])
-    for plate, outline in zip(base.plates, outlines, strict=True):
-        page.fill(scale * outline + shift, PALE, INK)
-        for foot, corners in zip(plate.feet, plate.slots, strict=True):
-            page.fill(scale * corners + shift, GREY)
-            size = min(0.0029, scale * 0.5 * foot.width)
-            inwards = 0.5 * (low + high) - corners.mean(axis=0)
-            beside = corners.mean(axis=0) + 0.9 * foot.width * inwards / max(float(np.linalg.norm(inwards)), 1e-9)
-            x, y = (scale * beside + shift).tolist()
-            page.text(foot_name(foot), (x, y), size, INK, middle=True)
-    return page
 
 
 def _in_words(order: list[Step], first: int, look: Look, progress: Progress) -> list[Page]:

@@ -19,7 +19,6 @@ from ..patches.tracing.trace import make_disks
 from ..progress import SILENT, Progress
 from ..simulation.shortfall import curvature_within
 from ..spirals.design import curvature_adjusted, fitted
-from ..spirals.spiral import alike
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.symmetry import Symmetry, keeping
@@ -164,8 +163,7 @@ def judge(
     params = replace(params, patience=patience)
     try:
         if piece.spirals is None:
-            width, twist = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-            spirals = alike(width), twist
+            spirals = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
         else:
             spirals = piece.spirals
         design = fitted(laid.flat, settings.spiral, *spirals, prove=not quick, progress=progress.quiet())

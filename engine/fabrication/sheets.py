@@ -124,7 +124,7 @@ def make_sheets(
         )
     progress(0.5, "labels")
     labels = engraved(design, made, params, base, progress=progress.part(0.5, 0.6))
-    panels = _panels(design, drawn, labels, progress.part(0.6, 0.6))
+    panels = _panels(design, drawn, labels, base, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
         raise FlexMapsError(
@@ -132,6 +132,7 @@ def make_sheets(
             f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
         )
     slot, bridge = design.measured(progress.part(0.65, 0.7))
+    bridge = min([bridge, made.bridge, *(one.edge for one in (() if base is None else base.eyelets))])
     turn = along_grain(design, params)
     warnings = [
         *oversize(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
@@ -149,7 +150,7 @@ def make_sheets(
     packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
     return CutSheets(
         panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
-        slot, min(bridge, made.bridge), design.params.thickness, cut, made, base,
+        slot, bridge, design.params.thickness, cut, made, base,
     )  # fmt: skip
 
 
@@ -165,7 +166,10 @@ def engraved(
     if not params.labels:
         return Labels(((),) * len(made.outlines), 0, 0)
     taken = np.where(design.absent, np.inf, made.taken)
-    labels = make_labels(design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark)
+    pierced = [] if base is None else [one.quad for one in base.eyelets]
+    labels = make_labels(
+        design.flat.layout, design.arms, design.roots, params, taken, progress, mark=mark, pierced=pierced
+    )
     more = {} if base is None else base.foot_labels(params, mark)
     return replace(labels, strokes=tuple((*s, *more.get(i, ())) for i, s in enumerate(labels.strokes)))
 
@@ -175,12 +179,15 @@ def along_grain(design: SpiralDesign, params: SheetParams) -> float:
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 
-def _panels(design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, progress: Progress) -> tuple[Panel, ...]:
-    """One panel a patch."""
+def _panels(
+    design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, base: Base | None, progress: Progress
+) -> tuple[Panel, ...]:
+    """One panel a patch, with the eyelets that it hangs by."""
     holds, panels = _holds(design, progress), []
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
-        area = o.outer.area + sum(h.area for h in o.holes)
-        panels.append(Panel(i + 1, i, o.outer, o.holes, labels.strokes[i], area, holds[i]))
+        pierced = (*o.holes, *(() if base is None else base.holes(i)))
+        area = o.outer.area + sum(h.area for h in pierced)
+        panels.append(Panel(i + 1, i, o.outer, pierced, labels.strokes[i], area, holds[i]))
     return tuple(panels)
 
 

@@ -71,12 +71,16 @@ class DesignSpace:
         progress: Progress = SILENT,
         straight: Int[np.ndarray, " some"] | None = None,
         kept: Int[np.ndarray, " some"] | None = None,
+        wide: Int[np.ndarray, " some"] | None = None,
     ) -> DesignSpace:
         """The space of all designs in the same patches with the same settings.
 
-        ``straight`` spirals are as good as not wound, and those that are ``kept`` as they are in the given design.
+        ``straight`` spirals are as good as not wound, ``wide`` ones keep the widest arms that can be, and those that are ``kept`` are
+        as they are in the given design.
         """
         low, high = width_range(design.flat, design.params)
+        if wide is not None:
+            low[wide] = high[wide]
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
         # nor beyond the stiffness table, whose limit is that of the shortest arm

@@ -15,7 +15,6 @@ from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, carried
 from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
-from ..spirals.spiral import alike
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
@@ -142,14 +141,15 @@ def optimise(
     straight: np.ndarray | None = None,
     kept: np.ndarray | None = None,
     wishes: Wishes | None = None,
+    wide: np.ndarray | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, ``kept`` those that stay exactly as they are,
-    the flat shapes of their quads too, ``wishes`` places where some shall come to. Starts from the given design, the
-    curvature-adjusted one or the uniform one, whichever is nearest to the target; from a painted one always. With ``codesign``
-    and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, ``wide`` those whose arms stay as wide as may
+    be, ``kept`` those that stay exactly as they are, the flat shapes of their quads too, ``wishes`` places where some shall come
+    to. Starts from the given design, the curvature-adjusted one or the uniform one, whichever is nearest to the target; from a
+    painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
@@ -163,7 +163,7 @@ def optimise(
     if wishes is not None:
         wishes.check(len(design.width))
     work = Work.of(len(design.width), params.patience)
-    task = Task(target, material, params, physics, supports, force, work, straight, kept, wishes)
+    task = Task(target, material, params, physics, supports, force, work, straight, kept, wishes, wide)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
@@ -273,8 +273,7 @@ def starts(
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
     if params.restart and not design.painted:
-        width, twist = curvature_adjusted(design.params, curvature.rms_curvature(target))
-        places["curvature"] = space.coordinates(alike(width), twist)
+        places["curvature"] = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         places["uniform"] = space.filled(0.5, 0.5)
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):

@@ -66,7 +66,7 @@ NEAR, FARTHER = 0.2, 1.1
 @dataclass(frozen=True, eq=False)
 class Task:
     """What a search is given besides the design; ``work`` counts for all of its problems, ``straight`` are quads whose spirals
-    are not wound; ``kept`` are quads that stay as they are."""
+    are not wound, ``wide`` those whose arms stay as wide as may be, ``kept`` those that stay as they are."""
 
     target: QuadMesh
     material: Material
@@ -78,6 +78,7 @@ class Task:
     straight: np.ndarray | None = None
     kept: np.ndarray | None = None
     wishes: Wishes | None = None
+    wide: np.ndarray | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes; by default with a space of its own."""
@@ -107,7 +108,7 @@ class Task:
         """The coordinates of designs in the same patches."""
         self.work.add(SPACE, len(design.width))
         groups = GROUPS[self.params.arms]
-        space = DesignSpace.of(design, of_design(design), groups, progress, self.straight, self.kept)
+        space = DesignSpace.of(design, of_design(design), groups, progress, self.straight, self.kept, self.wide)
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:

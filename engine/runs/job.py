@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import Float
 from ..errors import FlexMapsError
+from ..fabrication.standing.early import check_early
 from ..mechanics import loads
 from ..params import LayoutParams, Settings, refuse_crossed
 from ..patches.flattening import flatten
@@ -197,7 +198,13 @@ def _could(stage: Stage, result: Result) -> bool:
     return ready and any(getattr(result, member) is None for member in stage.makes)
 
 
+# stages before which it is looked whether the piece can stand: those that take long and lead to a base, and that which makes it
+HELD = {"choose", "optimise", "sheets"}
+
+
 def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
+    if HELD.intersection(wanted):
+        check_early(result.mesh, result.supports, settings.base, settings.simulate)
     for name in wanted:
         with stage(name) as part:
             result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])

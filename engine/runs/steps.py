@@ -17,9 +17,12 @@ from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
 from ..fabrication.standing.base import Base, make_base, refuse_rim
+from ..fabrication.standing.early import check_hold
+from ..fabrication.standing.eyelets import make_eyelets, overloaded
 from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
+from ..optimisation.panel_grain import choose_grain
 from ..params import Settings
 from ..patches.layout import PatchLayout
 from ..patches.merging import merge
@@ -86,11 +89,9 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     progress(0.0, "Measuring curvature")
     bends = curvature.rms_curvature(result.mesh)
-    straight, chosen = _straight(result, settings), _chosen(result)
-    if chosen is None:
-        made = design.from_curvature(result.flat, settings.spiral, bends, progress, straight=straight)
-    else:
-        made = design.from_spirals(result.flat, settings.spiral, *chosen, progress, straight=straight)
+    width, twist = _chosen(result) or design.curvature_adjusted(settings.spiral, bends)
+    straight, wide = _straight(result, settings), _hung(result, settings)
+    made = design.from_spirals(result.flat, settings.spiral, width, twist, progress, straight=straight, wide=wide)
     return replace(result, design=made)
 
 
@@ -102,16 +103,22 @@ def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
 
 def _straight(result: Result, settings: Settings) -> np.ndarray | None:
     """The spirals that are not to be wound, for they get feet; none without a base."""
-    if settings.base.base == "none" or result.supports is None:
+    if not settings.base.stands or result.supports is None:
         return None
     refuse_rim(settings.spiral)
     return footed(result.mesh, result.supports)
 
 
+def _hung(result: Result, settings: Settings) -> np.ndarray | None:
+    """The spirals whose arms are to be as wide as may be, for their hubs get eyelets; none without."""
+    return result.supports if settings.base.base == "eyelets" else None
+
+
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
+    begun = _grained(result, settings, progress.part(0.0, 0.1))
     found = optimise.optimise(
-        result.design,
+        begun,
         result.mesh,
         settings.material.chosen,
         settings.optimise,
@@ -121,9 +128,33 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         straight=_straight(result, settings),
         kept=result.protected,
         wishes=result.wishes,
-        progress=progress,
+        wide=_hung(result, settings),
+        progress=progress if begun is result.design else progress.part(0.1, 1.0),
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
+
+
+def _grained(result: Result, settings: Settings, progress: Progress) -> SpiralDesign:
+    """The design with its panels turned to the grain that is best for each, if that is asked for and the material has one."""
+    assert result.design is not None
+    wanted, material = settings.optimise.grain, settings.material.chosen
+    if wanted == "common" or material.orthotropy is None:
+        return result.design
+    if result.design.rim is not None:
+        raise FlexMapsError(
+            "Panels with a rim are not turned to a grain of their own; choose All alike for the grain, or Stubs or Left out for the border"
+        )
+    return choose_grain(
+        result.design,
+        result.mesh,
+        material,
+        wanted,
+        settings.simulate,
+        settings.sheet,
+        supports=result.supports,
+        force=result.force,
+        progress=progress,
+    ).design
 
 
 def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -191,6 +222,9 @@ def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
     split.check_size(result.design.flat, settings.layout, settings.sheet)
     base = None if settings.base.base == "none" else _base(result, settings)
     made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut, base)
+    if base is not None:
+        more = overloaded(base.eyelets, base.thickness, settings.material.chosen)
+        made = replace(made, warnings=(*made.warnings, *more))
     return replace(result, sheets=made)
 
 
@@ -199,21 +233,25 @@ def _base(result: Result, settings: Settings) -> Base:
     assert result.design is not None
     simulation = result.simulation
     if simulation is None or not simulation.equilibrium.converged:
+        failed = result.undone.get("simulate")
+        why = "" if failed is None else f" ({failed.message})"
         raise FlexMapsError(
-            "A base is made for the simulated shape, and there is none; press Simulate first, or choose no base"
+            f"A base is made for the simulated shape, and there is none; press Simulate first, or choose no base{why}"
         )
-    return standing(result.design, simulation.equilibrium.pose, result.supports, settings)
+    return standing(result.design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
 
 
-def standing(design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings) -> Base:
-    """What a design stands on whose hubs are in a pose, as the settings ask for it. Raises as ``make_base`` does."""
-    if not settings.simulate.clamped:
-        raise FlexMapsError(
-            "A base clamps the feet that stand in it, but the supports are simulated as hinges; clamp the supports, or "
-            "choose no base"
-        )
+def standing(
+    design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings, pull: np.ndarray | None = None
+) -> Base:
+    """What a design stands on, or hangs by, whose hubs are in a pose, as the settings ask for it; pull (F, 3) newtons with which they
+    are held. Raises as ``make_base`` does."""
+    check_hold(settings.base, settings.simulate)
     mesh = design.flat.layout.mesh
     lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())
+    if not settings.base.stands:
+        eyelets = make_eyelets(design, pose, supports, settings.base.eyelet, settings.cut, pull)
+        return Base(design, (), (), lowest, design.params.thickness, eyelets)
     clearance = settings.connect.clearance
     return make_base(design, pose, supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance)
 

@@ -158,6 +158,12 @@ class Simulation:
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
         return found
 
+    @cached_property
+    def reactions(self) -> Float[np.ndarray, "quads 3"]:
+        """(F, 3) newtons with which the supports hold the spirals; 0 where nothing is held."""
+        gradient = self.model.expand(self.model.start(self.equilibrium.pose)).gradient
+        return np.where(self.loads.fixed[:, :3], gradient[:, :3] - self.loads.force, 0.0)
+
     @property
     def size(self) -> float:
         """Metres, the diagonal of the target's bounding box: what percentages refer to."""

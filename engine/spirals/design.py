@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
@@ -17,6 +16,7 @@ from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
 from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
+from .opening import opened
 from .rim import Rim
 from .room import Room
 from .slots import (
@@ -203,14 +203,14 @@ def from_curvature(
     progress: Progress = SILENT,
     *,
     straight: Int[np.ndarray, " some"] | None = None,
+    wide: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m; straight : as in ``from_spirals``
+    curvature : RMS curvature, 1/m; straight, wide : as in ``from_spirals``
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    width, twist = curvature_adjusted(params, curvature)
-    return from_spirals(flat, params, alike(width), twist, progress, straight=straight)
+    return from_spirals(flat, params, *curvature_adjusted(params, curvature), progress, straight=straight, wide=wide)
 
 
 def from_spirals(
@@ -221,11 +221,12 @@ def from_spirals(
     progress: Progress = SILENT,
     *,
     straight: Int[np.ndarray, " some"] | None = None,
+    wide: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """A start with these widths in metres and twists in radians, as far as they can be cut.
 
     straight : quads whose spirals are not wound all the same, and whose arms at the border, from which feet begin, are as wide as
-        may be
+        may be; wide : quads all of whose arms are
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     if straight is not None:
@@ -233,12 +234,15 @@ def from_spirals(
         twist[straight] = 0.0
         mesh = flat.layout.mesh
         width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
+    if wide is not None:
+        width = width.copy()
+        width[wide] = params.width_max
     return fitted(flat, params, width, twist, progress=progress)
 
 
 def curvature_adjusted(
     params: SpiralParams, curvature: Float[np.ndarray, " quads"]
-) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
+) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
     """Widths in metres and twists in radians that go with an RMS curvature in 1/m, whether they can be cut or not.
 
     Both are linear in c = C / C_max, where C_max is a high percentile of the curvature (``params.curvature_top``; 100 is the
@@ -248,7 +252,7 @@ def curvature_adjusted(
     top = float(np.percentile(curvature, params.curvature_top))
     c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
     width = params.width_max - c * (params.width_max - params.width_min)
-    return width, params.twist_min + c * (params.twist_max - params.twist_min)
+    return alike(width), params.twist_min + c * (params.twist_max - params.twist_min)
 
 
 def fitted(
@@ -274,8 +278,8 @@ def fitted(
     shut = room.closed(width, twist) & free
     if shut.any():  # a good guess for those that are wound much too far
         twist = np.where(shut, twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    opened = _opened(room, width_range(flat, params)[0], width, twist, free, progress.part(0.2, 0.6))
-    design = SpiralDesign(flat, params, *opened)
+    found = opened(room, width_range(flat, params)[0], width, twist, free, progress.part(0.2, 0.6))
+    design = SpiralDesign(flat, params, *found)
     return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
 
 
@@ -343,69 +347,7 @@ def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int
     return np.unique(np.concatenate(found))
 
 
-def _opened(
-    room: Room,
-    low: np.ndarray,
-    width: np.ndarray,
-    twist: np.ndarray,
-    free: Bool[np.ndarray, " quads"],
-    progress: Progress = SILENT,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Widths and twists near those given whose rooms are all open; those given where they are.
-
-    Every closed room asks for the smallest unwinding that opens it, or for thinner arms where nothing is left to unwind, and every
-    spiral does what is asked most of it, all four arms alike. What that has not opened in some rounds is unwound and made thinner
-    until it is.
-    """
-    least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
-    for turn in range(_ASKED):
-        progress(turn / _ROUNDS, "room between the arms")
-        terms = room.terms(width, twist, below=0.0, quads=quads)
-        if not len(terms.value):
-            return width, twist
-        short = _SPARE_ROOM - terms.value
-        wound = _falling(terms.by_design[:, width.size :], free & (twist > 0.0))
-        idle = wound.power(2).sum(axis=1) < _IDLE**2
-        unwound = _asked(wound, np.where(idle, 0.0, short))
-        thinner = _asked(
-            _falling(terms.by_design[:, : width.size], (free[:, None] & (width > least)).ravel()),
-            np.where(idle, short, 0.0),
-        )
-        share = (thinner.reshape(-1, 4) / width).min(axis=1, keepdims=True)
-        width = np.maximum((1.0 + np.maximum(share, -_THINNER)) * width, least)
-        twist = np.maximum(twist + np.maximum(unwound, -_UNWOUND), 0.0)
-        quads = np.zeros(len(twist), dtype=bool)
-        quads[terms.arms // 4] = True
-    for turn in range(_ASKED, _ROUNDS):
-        progress(turn / _ROUNDS, "room between the arms")
-        quads = room.closed(width, twist, quads) & free
-        thin = quads & (twist == 0.0)
-        width = np.where(thin[:, None], np.maximum((1.0 - _THINNER) * width, least), width)
-        twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
-        if not quads.any():
-            break
-    return width, twist
-
-
-def _falling(slopes: csr_array, free: np.ndarray) -> csr_array:
-    """Slopes of rooms by what is free to fall and widens them by that."""
-    return csr_array(slopes.minimum(0.0).multiply(free))
-
-
-def _asked(slopes: csr_array, short: np.ndarray) -> np.ndarray:
-    """By how much every parameter has to fall at most, if each room widens by what it is ``short`` of with the smallest change."""
-    size = slopes.power(2).sum(axis=1)
-    return csr_array(slopes.multiply((short / np.maximum(size, 1e-12))[:, None])).min(axis=0).toarray().ravel()
-
-
 TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
-# Rounds in which rooms ask for changes, of 19 surfaces' random designs mostly under 10, and all with those in which spirals are just
-# unwound and made thinner
-_ASKED, _ROUNDS = 25, 90
-_SPARE_ROOM = 0.02  # rooms that a closed one asks for, so that few rounds close it again
-_IDLE = 0.02  # rooms per radian; where all twists together widen a gap by less, arms become thinner
-# What one round takes at most: radians of the twist, share of the width
-_UNWOUND, _THINNER = 0.4, 0.1
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:

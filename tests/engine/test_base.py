@@ -1,4 +1,4 @@
-"""Feet and the base that they stand in: read back from files, and against the simulated pose, by ezdxf, trimesh and shapely."""
+"""Feet and the plates and frames that they stand in, and eyelets to hang by: read back from files, and against the simulated pose, by ezdxf, trimesh and shapely."""
 
 from dataclasses import replace
 
@@ -7,12 +7,14 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.standing import corners
+from flexmaps.engine.fabrication.standing.frame import shortest_round
 from flexmaps.engine.fabrication.writers import parts
 from flexmaps.engine.params import Settings, changed
-from flexmaps.engine.runs import job, report, stages
+from flexmaps.engine.runs import job, report, stages, steps
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 QUICK = {"sheet.nesting": "FAST", "base.base": "feet"}
+HANGING = {"base.base": "eyelets", "sheet.nesting": "FAST", "simulate.clamped": False, "simulate.gravity": True}
 
 
 def _arch(columns=5, rows=8, sweep=np.pi, lean=0.0, edge=0.02):
@@ -144,3 +146,97 @@ def test_rounded_corners_touch_their_sides():
     notch = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0], [0.0, 2.0]])
     inner = shapely.Polygon(corners.rounded(notch, np.array([0, 0, 0, 0, 0.5, 0])).sampled(1e-6))
     assert inner.area == pytest.approx(12.0 + (1 - np.pi / 4) * 0.25, abs=1e-5)
+
+
+def test_the_planks_of_a_frame_lock_into_a_ring_under_the_feet(bench):
+    settings = changed(Settings(), {"base.base": "frame", "sheet.nesting": "FAST"})
+    made = job.run(_arch(), settings, supports="lowest")
+    fit, ring = bench.read_back(made), bench.read_frame(made)
+    assert fit.feet == 10
+    assert max(fit.outside, fit.loose, fit.high, fit.turned, fit.leaning) < 0.01  # mm and degrees
+    assert ring.planks == made.sheets.base.report["planks"] >= 2
+    assert ring.holes == 1
+    assert ring.overlap == 0.0
+    assert ring.off < 0.001
+    assert ring.locked == ring.planks
+    # there is the edge that was asked for round every slot, but where rounded corners cut it
+    for plate in made.sheets.base.plates:
+        slots = shapely.MultiPolygon([shapely.Polygon(corners) for corners in plate.slots])
+        assert shapely.Polygon(plate.outline.sampled(1e-6)).covers(slots.buffer(0.002))
+
+
+def test_an_arch_hangs_by_holes_in_its_hubs_that_bear_its_weight(bench):
+    made = job.run(_arch(rows=6), changed(Settings(), HANGING), supports=[2, 3, 14, 15, 26, 27])
+    fit = bench.read_eyelets(made)
+    assert fit.eyelets == 6
+    assert fit.off < 0.001  # mm from where the simulation holds the hubs
+    assert fit.large < 0.001
+    assert fit.edge > 1.0
+    assert fit.weight < 0.02
+    material, weight = (
+        made.simulation.material,
+        made.design.area.sum() * 0.002 * 9.81 * made.simulation.material.density,
+    )
+    told = np.array(made.sheets.base.report["forces_N"])
+    assert told.sum(axis=0) == pytest.approx([0.0, 0.0, weight], abs=1e-3 * weight)
+    assert not made.sheets.warnings
+    one = made.sheets.base.eyelets[0]
+    assert one.stress(0.002) == pytest.approx(np.linalg.norm(told[0]) / 0.002 / 0.0008, rel=1e-3)
+    assert one.stress(0.002) < material.strength
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"simulate.clamped": True}, "hinge the supports"),
+        ({"base.eyelet": 4.0}, "too small for eyelets of 4 mm"),
+        (
+            {"cut.kerf_holes": 0.9, "spiral.fillet": 0.5, "spiral.slot_min": 1.0},
+            "no larger than what the cutter takes away",
+        ),
+    ],
+)
+def test_what_cannot_hang_gets_one_clear_error(more, words):
+    with pytest.raises(FlexMapsError, match=words):
+        job.run(_arch(columns=3, rows=4), changed(Settings(), HANGING | more), supports=[1, 2, 9, 10])
+
+
+def test_a_piece_that_would_swing_about_its_eyelets_says_so():
+    with pytest.raises(FlexMapsError, match=r"no base \(Not simulated: Weight or forces swing .* hinges in a line"):
+        job.run(_arch(columns=3, rows=4), changed(Settings(), HANGING), supports=[1, 5])
+
+
+@pytest.mark.parametrize(
+    ("polygons", "supports", "more", "words"),
+    [
+        (_arch(), [11], {}, "do not lie at an open border"),
+        (_arch(), [0, 1], {}, "does not lie below"),
+        (_arch(sweep=0.3), [0, 7, 8, 15], {}, "too flat"),
+        (_arch(), None, {}, "nothing is; name supports"),
+        (_arch(), None, {"base.base": "eyelets", "simulate.clamped": False}, "such as the highest"),
+        (_arch(), "lowest", {"simulate.clamped": False}, "clamps the feet"),
+    ],
+)
+def test_what_cannot_stand_is_refused_before_anything_is_made(polygons, supports, more, words, monkeypatch):
+    def never(*_):
+        raise AssertionError("a stage ran")
+
+    for name in steps.STEPS:
+        monkeypatch.setitem(steps.STEPS, name, never)
+    settings = changed(Settings(), {"base.base": "feet"} | more)
+    with pytest.raises(FlexMapsError, match=words):
+        job.run(polygons, settings, supports=supports, optimised=True)
+
+
+def test_the_way_round_points_is_the_shortest_of_a_circle_and_never_crosses_itself():
+    rng = np.random.default_rng(1)
+    angle = np.arange(12) * np.pi / 6
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    mixed = rng.permutation(12)
+    steps_ = np.diff(mixed[shortest_round(circle[mixed])]) % 12
+    assert set(steps_.tolist()) == {1}  # counter-clockwise
+    for _ in range(20):
+        points = rng.normal(size=(9, 2))
+        ring = shapely.LinearRing(points[shortest_round(points)])
+        assert ring.is_simple
+        assert ring.is_ccw

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from ...params import SheetParams
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ...spirals.contours import Hubs
+from ...spirals.contours import Hubs, hub_circles
 from ...spirals.spiral import Arms, centre_line, width_at
 from .lettering import along, length, straight
 
@@ -80,13 +80,16 @@ def make_labels(
     taken: Float[np.ndarray, "quads 4"] | None = None,
     progress: Progress = SILENT,
     mark: str = "",
+    pierced: Sequence[int] = (),
 ) -> Labels:
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
-    ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``.
+    ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``;
+    ``pierced`` are quads whose hubs have a hole.
     """
     taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
     lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
+    lines.hub[list(pierced)] = 0.0
     strokes: list[list[Curve]] = [[] for _ in layout.patches]
     placed = left_out = 0
     names = seam_labels(layout)
@@ -139,7 +142,7 @@ class _Lines:
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre
         # the hub is at least as wide as the circle inside its four fillets
-        self.hub = (np.linalg.norm(hubs.centre - arms.centre[:, None], axis=-1) - hubs.fillet).min(axis=1)
+        self.hub = hub_circles(arms, hubs)
 
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
         """Metres: how high the letters of a text along this arm may be."""

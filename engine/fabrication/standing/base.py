@@ -17,7 +17,9 @@ from ...spirals.design import SpiralDesign
 from ..nesting.packing import turn_that_fits
 from ..panels.lettering import length, straight
 from .corners import hull
+from .eyelets import Eyelet, eyelets_report
 from .feet import Foot, make_feet
+from .frame import planks
 
 FILL = 0.62  # height of a foot's number as a share of its foot's width, as along arms
 BESIDE = 0.001  # metres between a slot and its number
@@ -47,6 +49,7 @@ class Base:
 
     design : the design with its feet; feet : all of them
     ground : metres, height of the upper side of the plates; thickness : metres, theirs and the sheet's
+    eyelets : by which it hangs instead; framed : whether the plates are the planks of a frame
     """
 
     design: SpiralDesign
@@ -54,14 +57,22 @@ class Base:
     plates: tuple[Plate, ...]
     ground: float
     thickness: float
+    eyelets: tuple[Eyelet, ...] = ()
+    framed: bool = False
+
+    def holes(self, patch: int) -> tuple[Curve, ...]:
+        """The eyelets of a panel."""
+        return tuple(one.hole for one in self.eyelets if one.patch == patch)
 
     @property
     def report(self) -> dict[str, Any]:
         """The figures of report.json."""
+        if self.eyelets:
+            return eyelets_report(self.eyelets)
         lean = np.degrees([foot.lean for foot in self.feet])
         reach = [1e3 * foot.shoulder for foot in self.feet]
         return {
-            "plates": len(self.plates),
+            ("planks" if self.framed else "plates"): len(self.plates),
             "feet": len(self.feet),
             "ground_mm": round(1e3 * self.ground, 3),
             "lean_deg": [round(float(x), 2) for x in (lean.min(), lean.max())],
@@ -117,9 +128,13 @@ def make_base(
     thickness, ground = design.params.thickness, lowest - params.base_height
     slots = np.array([foot.slot(thickness, clearance) for foot in feet])
     _refuse_touching(feet, slots, thickness)
+    footed = replace(design, feet=tuple(foot.cap for foot in feet))
+    if params.base == "frame":
+        cut = planks(slots, params.base_edge, clearance, thickness, sheet)
+        made = tuple(_of(feet, slots, rows, outline, sheet) for outline, rows in cut)
+        return Base(footed, feet, made, ground, thickness, framed=True)
     groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.base_edge)
     plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
-    footed = replace(design, feet=tuple(foot.cap for foot in feet))
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
 
 
@@ -130,6 +145,12 @@ def refuse_rim(params: SpiralParams) -> None:
             "Feet begin from arms at the border, which a rim joins; choose Stubs or Left out for the border, or no base: a rim can "
             "be screwed down through its holes"
         )
+
+
+def _of(feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, outline: Curve, sheet: SheetParams) -> Plate:
+    """A plate of this outline with some of the slots."""
+    some = tuple(feet[k] for k in rows.tolist())
+    return Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))
 
 
 def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> None:
@@ -177,8 +198,7 @@ def _plate(
     outline = hull(slots[rows].reshape(-1, 2), margin)
     size = sheet.sheet_width, sheet.sheet_height
     if turn_that_fits(outline.sampled(1e-4), size, sheet.margin, sheet.rotation) is not None:
-        some = tuple(feet[k] for k in rows.tolist())
-        return [Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))]
+        return [_of(feet, slots, rows, outline, sheet)]
     middles = slots[rows].mean(axis=1)
     along = np.linalg.svd(middles - middles.mean(axis=0))[2][0]
     order = np.argsort(middles @ along)

@@ -116,34 +116,46 @@ def make_feet(
 def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
     """The side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch: down the slope."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
-    inside = np.setdiff1d(supports, footed(mesh, supports))
-    if len(inside):
-        raise FlexMapsError(
-            f"{len(inside)} supports do not lie at an open border, so that no foot can leave the piece there; take them out "
-            "of the supports, or choose no base",
-            faces=inside,
-        )
+    refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
     way = -rotations[:, 2, :2]  # minus z, seen in the plane of the hub
     slope = np.linalg.norm(way, axis=1)
-    flat = supports[slope < np.sin(FLATTEST)]
-    if len(flat):
-        raise FlexMapsError(
-            f"{len(flat)} supported spirals lie too flat for their feet to reach the ground: they have to stand at "
-            f"{np.degrees(FLATTEST):.0f} degrees or more; support the piece elsewhere, turn it, or choose no base",
-            faces=flat,
-        )
+    refuse_flat(supports[slope < np.sin(FLATTEST)])
     way /= slope[:, None]
     aside = design.arms.angle[supports] - np.arctan2(way[:, 1], way[:, 0])[:, None]
     aside = np.abs((aside + np.pi) % (2.0 * np.pi) - np.pi)
     aside[~mesh.border[mesh.quad_edges[supports]]] = np.inf
-    astray = supports[aside.min(axis=1) > SIDEWAYS]
-    if len(astray):
-        raise FlexMapsError(
-            f"The open border of {len(astray)} supported spirals does not lie below them, so that their feet cannot reach the "
-            "ground; support the piece where its border is lowest, or choose no base",
-            faces=astray,
-        )
+    refuse_sideways(supports[aside.min(axis=1) > SIDEWAYS])
     return aside.argmin(axis=1), way
+
+
+def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
+    """Raise ``FlexMapsError`` with supports away from the open border, if there are any."""
+    if len(faces):
+        raise FlexMapsError(
+            f"{len(faces)} supports do not lie at an open border, so that no foot can leave the piece there; take them out "
+            "of the supports, or choose no base",
+            faces=faces,
+        )
+
+
+def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
+    """The same with supports that lie too flat."""
+    if len(faces):
+        raise FlexMapsError(
+            f"{len(faces)} supported spirals lie too flat for their feet to reach the ground: they have to stand at "
+            f"{np.degrees(FLATTEST):.0f} degrees or more; support the piece elsewhere, turn it, or choose no base",
+            faces=faces,
+        )
+
+
+def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
+    """The same with supports whose open border does not lie below them."""
+    if len(faces):
+        raise FlexMapsError(
+            f"The open border of {len(faces)} supported spirals does not lie below them, so that their feet cannot reach the "
+            "ground; support the piece where its border is lowest, or choose no base",
+            faces=faces,
+        )
 
 
 def _cap(

@@ -118,6 +118,10 @@ class ArmModel:
         found = self._with(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found if self.curving is None else found.with_curving(self.curving_at_joint)
 
+    def with_compliance(self, compliance: ArmCompliances) -> ArmModel:
+        """The model of the same spirals, whose arms have these compliances; without the strains' second order."""
+        return self._with(self.assembly, compliance, self.assembly.bend[0], self.material, False)
+
     @cached_property
     def _by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         return by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material)

@@ -1,0 +1,233 @@
+"""The frame: a closed ring of planks under the feet, instead of a whole plate; planks lock into each other with a dovetail.
+
+The ring goes from slot to slot on the shortest way round, which never crosses itself. It is as wide as a plate is round its slots: the
+union of the convex hulls of neighbouring slots, with a margin. It is cut between slots, where the way has turned or the sheet ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Float
+from ...errors import FlexMapsError
+from ...params import SheetParams
+from ...spirals.arcs import Curve
+from ..nesting.packing import turn_that_fits
+from .corners import rounded
+
+TURN = np.radians(75.0)  # how far a plank may turn before the next begins, so that it stays slender; by eye
+NECK, HEAD, DEEP = (
+    0.3,
+    0.42,
+    0.25,
+)  # of a dovetail, as shares of the plank's width: narrowest, widest, and how deep; by eye
+WIDER = 1.4  # how much wider than between straight slots a ring may be at a cut: more is a corner, where a cut would run along it
+SMALLEST = 0.4  # share of that size to which dovetails may shrink where feet stand near to each other; by eye
+CORNER = 0.0006  # metres, rounding of corners, as those of feet
+CHORDS, STRAY = (
+    12,
+    1e-5,
+)  # of a quarter round a slot's corner, before they are rounded again; and metres that these may stray
+BEHIND = 1e-7  # metres by which what is cut goes on beyond an edge, so that nothing of no width is left
+ROUNDS = (
+    60  # passes over all pairs of the search for the shortest way, which ends where none helps; a bound, not measured
+)
+LEAST = 3  # slots that a ring goes round
+
+
+def planks(
+    slots: Float[np.ndarray, "slots 4 2"], margin: float, clearance: float, wall: float, sheet: SheetParams
+) -> list[tuple[Curve, np.ndarray]]:
+    """Outlines of the planks, counter-clockwise, metres, and the rows of the slots in each.
+
+    slots : their corners; margin : metres of material round them; clearance : metres all round a dovetail; wall : metres that
+    have to be left between a slot and a dovetail. Raises ``FlexMapsError`` where slots make no ring, or it cannot be cut.
+    """
+    import shapely
+
+    if len(slots) < LEAST:
+        raise FlexMapsError(
+            f"A frame goes round at least {LEAST} feet; support more spirals, or choose a plate or feet"
+        )
+    order = shortest_round(slots.mean(axis=1))
+    slots = slots[order]
+    links = shapely.convex_hull(shapely.multipoints(np.concatenate([slots, np.roll(slots, -1, axis=0)], axis=1)))
+    ring = shapely.union_all(shapely.buffer(links, margin, quad_segs=CHORDS)).simplify(STRAY)
+    inner = [shapely.Polygon(hole) for hole in ring.interiors]
+    if not inner:
+        raise FlexMapsError(
+            "The feet stand so near to each other that a frame under them has no hole; choose a plate, or a narrower edge"
+        )
+    # only the ring's own hole; slivers between links are filled
+    ring = shapely.Polygon(ring.exterior, [max(inner, key=lambda one: one.area).exterior])
+    parts = _cuts(slots, ring, margin, wall, sheet)
+    if len(parts) < 2:
+        raise FlexMapsError(
+            "The feet stand too near to each other to cut a frame between them; choose a plate, or feet"
+        )
+    return _pieces(slots, ring, parts, order, clearance, margin)
+
+
+def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
+    """The order of points on a short closed way that does not cross itself: 2-opt (Croes 1958) from their order round the middle."""
+    seen = points - points.mean(axis=0)
+    order = np.argsort(np.arctan2(seen[:, 1], seen[:, 0]))
+    count = len(order)
+    for _ in range(ROUNDS):
+        before = order.copy()
+        for i in range(count - 1):
+            for j in range(i + 2, count - (i == 0)):
+                a, b, c, d = points[order[[i, i + 1, j, (j + 1) % count]]]
+                gain = np.linalg.norm(a - b) + np.linalg.norm(c - d) - np.linalg.norm(a - c) - np.linalg.norm(b - d)
+                if gain > 1e-9:
+                    order[i + 1 : j + 1] = order[i + 1 : j + 1][::-1].copy()
+        if (order == before).all():
+            break
+    p = points[order]
+    area = 0.5 * (p[:, 0] * np.roll(p[:, 1], -1) - p[:, 1] * np.roll(p[:, 0], -1)).sum()
+    return order if area > 0.0 else order[::-1].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """A place where the ring may be cut, after a slot: its middle and the way ahead there, metres its width and its dovetail's size."""
+
+    after: int
+    middle: Float[np.ndarray, " 2"]
+    way: Float[np.ndarray, " 2"]
+    width: float
+    size: float
+
+    @property
+    def aside(self) -> Float[np.ndarray, " 2"]:
+        return np.array([-self.way[1], self.way[0]])
+
+    def dovetail(self, behind: float) -> Any:
+        """Shapely's: a tongue from ``behind`` the cut to ahead of it."""
+        import shapely
+
+        neck, head, deep = 0.5 * NECK * self.size, 0.5 * HEAD * self.size, DEEP * self.size
+        rows = [(-behind, -neck), (0.0, -neck), (deep, -head), (deep, head), (0.0, neck), (-behind, neck)]
+        return shapely.Polygon([self.middle + u * self.way + v * self.aside for u, v in rows])
+
+
+def _joint(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _Cut | None:
+    """Where the ring may be cut between slot k and the next; None where there is no room."""
+    import shapely
+
+    pair = shapely.polygons(slots[[k, (k + 1) % len(slots)]])
+    line = shapely.shortest_line(*pair)
+    one, two = shapely.get_coordinates(line)
+    gap = float(np.linalg.norm(two - one))
+    middles = slots[[k, (k + 1) % len(slots)]].mean(axis=1)
+    way = middles[1] - middles[0]
+    way /= max(float(np.linalg.norm(way)), 1e-12)
+    middle, aside = 0.5 * (one + two), np.array([-way[1], way[0]])
+    reach = 4.0 * (margin + float(np.ptp(slots[k], axis=0).max())) * aside
+
+    def across(point: np.ndarray) -> np.ndarray:
+        lines = shapely.get_parts(shapely.LineString([point - reach, point + reach]).intersection(ring))
+        near = [shapely.get_coordinates(one) for one in lines if one.distance(shapely.Point(point)) < 1e-9]
+        return near[0] if near else np.zeros((2, 2))
+
+    width, room = float(np.linalg.norm(np.ptp(across(middle), axis=0))), gap - 2.0 * wall
+    size = min(width, room / DEEP)
+    # what the ring is wide where it is straight
+    usual = 2.0 * margin + float(np.ptp(slots[[k, (k + 1) % len(slots)]] @ aside, axis=1).max())
+    if not 0.0 < width < WIDER * usual or size < SMALLEST * width:
+        return None
+    # the dovetail reaches ahead only, so the cut lies nearer to the slot behind
+    ends = across(middle - 0.5 * DEEP * size * way)
+    there = float(np.linalg.norm(np.ptp(ends, axis=0)))
+    if not 0.0 < there < WIDER * usual:
+        return None
+    middle = ends.mean(axis=0)
+    return _Cut(k, middle, way, width, size)
+
+
+def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_Cut]:
+    """Where the ring is cut: as seldom as planks stay slender and fit the sheet."""
+    import shapely
+
+    count, size = len(slots), (sheet.sheet_width, sheet.sheet_height)
+    open_ = {k: found for k in range(count) if (found := _joint(slots, k, ring, margin, wall)) is not None}
+    if len(open_) < 2:
+        return []
+    way = np.roll(slots.mean(axis=1), -1, axis=0) - slots.mean(axis=1)
+    angle = np.arctan2(way[:, 1], way[:, 0])
+    turns = np.abs((np.roll(angle, -1) - angle + np.pi) % (2.0 * np.pi) - np.pi)
+    places = sorted(open_)
+    # begin where the way turns most, so that corners of the ring become ends of planks
+    start = max(places, key=lambda k: turns[k] + turns[k - 1])
+    places = [k for k in places if k > start] + [k + count for k in places if k <= start]
+    parts: list[_Cut] = []
+    since = start
+
+    def fits(first: int, last: int) -> bool:
+        rows = np.arange(first + 1, last + 1) % count
+        if turns[rows[:-1]].sum() > TURN:
+            return False
+        ends = open_[first % count], open_[last % count]
+        points = np.concatenate([slots[rows].reshape(-1, 2), [end.middle for end in ends]])
+        around = shapely.convex_hull(shapely.multipoints(points)).buffer(margin + DEEP * ends[1].size)
+        around = shapely.get_coordinates(around)
+        return turn_that_fits(around, size, sheet.margin, sheet.rotation) is not None
+
+    for here, after in zip(places, [*places[1:], None], strict=True):
+        if after is None or not fits(since, after):
+            parts.append(open_[here % count])
+            since = here
+    return parts
+
+
+def _pieces(
+    slots: np.ndarray, ring: Any, cuts: list[_Cut], order: np.ndarray, clearance: float, margin: float
+) -> list[tuple[Curve, np.ndarray]]:
+    """The ring cut into planks: each has a dovetail at its end, and a socket for that of the plank before it at its beginning."""
+    import shapely
+
+    count = len(slots)
+    tongues = [cut.dovetail(2.0 * clearance + BEHIND) for cut in cuts]
+    sockets = [tongue.buffer(clearance, join_style="mitre") for tongue in tongues]
+    gates = [_gate(cut, ring, clearance) for cut in cuts]
+    parts = shapely.get_parts(ring.difference(shapely.union_all(gates)))
+    found = []
+    for n, cut in enumerate(cuts):
+        before, last = cuts[n - 1].after, cut.after
+        rows = np.arange(before + 1, last + 1 + (count if last <= before else 0)) % count
+        own = [part for part in parts if part.covers(shapely.Point(slots[rows[0]].mean(axis=0)))]
+        if len(parts) != len(cuts) or len(own) != 1:
+            raise FlexMapsError(
+                "The feet stand such that a frame between them would touch itself; choose a plate, or feet"
+            )
+        body = shapely.union_all([own[0], tongues[n]]).difference(sockets[n - 1])
+        body = max(shapely.get_parts(body), key=lambda one: one.area)
+        corners = shapely.get_coordinates(shapely.orient_polygons(body).exterior.simplify(1e-7))[:-1]
+        cutting = shapely.union_all([tongues[n], gates[n], sockets[n - 1], gates[n - 1]])
+        sharp = shapely.distance(shapely.points(corners), cutting) < CORNER
+        found.append((rounded(corners, _radii(corners, sharp, margin)), order[rows]))
+    return found
+
+
+def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
+    """The gap between two planks: a strip across the ring in its own place, which ends where the ring does."""
+    import shapely
+
+    reach = 4.0 * cut.width * cut.aside
+    strip = shapely.LineString([cut.middle - reach, cut.middle + reach]).buffer(0.5 * clearance, cap_style="flat")
+    inside = min(shapely.get_parts(strip.intersection(ring)), key=lambda one: one.distance(shapely.Point(cut.middle)))
+    return inside.buffer(BEHIND, join_style="mitre")
+
+
+def _radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
+    """Of every corner: ``CORNER`` where planks meet, else as large as its sides allow, up to the margin."""
+    ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
+    angle = np.arctan2(turn[:, 1], turn[:, 0])
+    angle = np.abs((angle - np.roll(angle, 1) + np.pi) % (2.0 * np.pi) - np.pi)
+    # what an arc takes of both sides is its radius times the tangent of half the turn
+    most = 0.45 * sides / np.maximum(np.tan(0.5 * np.minimum(angle, 3.0)), 1e-6)
+    return np.minimum(np.where(sharp, CORNER, margin), most)
