@@ -54,12 +54,11 @@ class HandleGizmos(bpy.types.GizmoGroup):
         self.refresh(context)
         if not self._made:
             return
-        # heads of arrows grow with their scale: an edge of a quad
-        edge, interface = edge_of(context.object), context.preferences.system.ui_scale or 1.0
+        # heads of arrows grow with their frame: an edge of a quad
+        edge = edge_of(context.object)
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context), strict=False):
-            one.matrix_basis = _frame(place, way)
+            one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)
             if kind != "held":
-                one.scale_basis = edge / interface
                 one.length = max(way.length / edge, 1e-3)
 
 
@@ -96,11 +95,11 @@ def _handles(context: bpy.types.Context) -> list[tuple[str, int, Any, Any]]:
     return found
 
 
-def _frame(place: Any, way: Any) -> Any:
+def _frame(place: Any, way: Any, size: float) -> Any:
     from mathutils import Matrix
 
     turn = way.to_track_quat("Z", "Y").to_matrix().to_4x4() if way.length else Matrix.Identity(4)
-    return Matrix.Translation(place) @ turn
+    return Matrix.Translation(place) @ turn @ Matrix.Scale(size, 4)
 
 
 class _HandleTool:

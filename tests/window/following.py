@@ -111,6 +111,8 @@ def handled(vertices):
     apart = np.linalg.norm(centres - centres[quad], axis=1)
     other = int(np.argmin(np.abs(apart - 0.06)))  # three quads away, where nothing covers it
     place = on_screen(other)
+    pixel = np.linalg.norm(centres[other] - centres[quad]) / np.linalg.norm(np.subtract(place, on_screen(quad)))
+    wanted = pixel * np.hypot(60, 20) / 0.02
     yield from hands.move(place)
     since = time.perf_counter()
     hands.xdotool("mousedown", 1)
@@ -119,7 +121,13 @@ def handled(vertices):
         yield from hands.move((place[0] + 12 * k, place[1] + 4 * k))
     hands.xdotool("mouseup", 1)
     yield from moved("a spiral pulled", since, before)
-    expect("flexmaps_pull" in bpy.context.object.data.attributes, "a drag pulls at a spiral")
+    stored = bpy.context.object.data.attributes.get("flexmaps_pull")
+    expect(stored is not None, "a drag pulls at a spiral")
+    if stored is not None:  # as many newtons as edges of 20 mm
+        newtons = max(value.vector.length for value in stored.data)
+        # but for what the pointer moves until Blender calls it a drag
+        expect(0.5 * wanted < newtons < 1.1 * wanted, f"a drag of {wanted:.2f} edges pulls with {newtons:.2f} N")
+        FOUND["newtons"] = [wanted, newtons]
     yield from picture("pulled")
 
 
