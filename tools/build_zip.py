@@ -81,12 +81,20 @@ def own_line() -> str:
     return next(name for name in USUAL if LINES[name].python == here)
 
 
-def build(platform: str, line: str) -> Path:
-    """Make and validate one zip; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
+def build(platform: str, line: str, folder: Path = DIST) -> Path:
+    """Make and validate one zip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
     something would ship whose licence nobody looked up."""
     wheels = fetch(platform, LINES[line].python)
     stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
+    try:
+        return _staged(platform, line, wheels, stage, folder)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _staged(platform: str, line: str, wheels: list[Path], stage: Path, folder: Path) -> Path:
+    """Put together in ``stage`` what ships, and make the zip of it."""
     for name in _sources():
         target = stage / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -99,12 +107,11 @@ def build(platform: str, line: str) -> Path:
     (stage / "THIRD_PARTY.md").write_text(third_party.page(shipped), encoding="utf-8")
     text = manifest(platform, line, [wheel.name for wheel in shipped])
     (stage / "blender_manifest.toml").write_text(text, encoding="utf-8")
-    DIST.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     version = re.search(r'^version = "(.+)"', text, re.MULTILINE).group(1)  # type: ignore[union-attr]
-    target = DIST / f"flexmaps-{version}-{line}-{platform}.zip"
+    target = folder / f"flexmaps-{version}-{line}-{platform}.zip"
     blender_ext("build", "--source-dir", str(stage), "--output-filepath", str(target))
     blender_ext("validate", str(target))
-    shutil.rmtree(stage)
     return target
 
 

@@ -29,6 +29,8 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py test [engine|database|blender|install|page|window ...] [-k NAME]
                                                 lint, types and tests
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
+  python3 tools/dev.py release VERSION [--dry-run]
+                                                the version everywhere, all zips, repository and package, tried
   python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
@@ -323,6 +325,8 @@ def dispatch(command, rest):
         return call("checks", [command] + rest)
     if command == "build":
         return call("build_zip", rest)
+    if command == "release":
+        return call("release", rest)
     if command == "measures":
         return call("measures", rest)
     if command == "gallery":
@@ -338,7 +342,20 @@ def dispatch(command, rest):
     return 0  # setup
 
 
-COMMANDS = ("demo", "run", "test", "lint", "build", "gallery", "bench", "database", "measures", "python", "setup")
+COMMANDS = (
+    "demo",
+    "run",
+    "test",
+    "lint",
+    "build",
+    "release",
+    "gallery",
+    "bench",
+    "database",
+    "measures",
+    "python",
+    "setup",
+)
 
 
 def main(arguments):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -123,7 +124,9 @@ def test_the_version_is_said_alike_everywhere() -> None:
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert manifest["version"] == project["project"]["version"] == VERSION
+    pattern = project["tool"]["hatch"]["version"]["pattern"]
+    (packaged,) = re.findall(pattern, (ROOT / project["tool"]["hatch"]["version"]["path"]).read_text(), re.MULTILINE)
+    assert "version" not in project["project"] and manifest["version"] == packaged == VERSION
 
 
 def test_main_job_from_the_installed_extension(zip_file: Path, tmp_path: Path, alone: dict[str, str]) -> None:

@@ -1,0 +1,85 @@
+"""A Blender that has nothing but itself: the module of the environment without what else lies beside it, with user files of its own.
+
+For the tests of the zip, for ``release``, which installs what it has built, and for ``bench install``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+# what Blender itself brings: the module, its numpy, and what its own scripts import
+BLENDERS_OWN = (
+    "bpy",
+    "numpy",
+    "numpy.libs",
+    "requests",
+    "certifi",
+    "charset_normalizer",
+    "idna",
+    "urllib3",
+    "zstandard",
+    "attr",
+    "attrs",
+    "cattr",
+    "cattrs",
+    "Cython",
+)
+
+# installs a zip, and in the next start of Blender enables it and makes a piece with it
+SCRIPT = """
+import importlib, json, os, sys, time
+import bpy
+
+zip_file = sys.argv[-1]
+if zip_file.endswith(".zip"):
+    clock = time.perf_counter()
+    bpy.ops.extensions.package_install_files(filepath=zip_file, repo="user_default", enable_on_install=False)
+    told = {"install_s": time.perf_counter() - clock}
+else:
+    clock, work = time.perf_counter(), time.process_time()
+    bpy.ops.preferences.addon_enable(module="bl_ext.user_default.flexmaps")
+    told = {"enable_s": time.perf_counter() - clock, "enable_cpu_s": time.process_time() - work}
+    api = importlib.import_module("bl_ext.user_default.flexmaps.api")
+    piece = api.simulate(api.load("shape:strip", edge=20))
+    told["spirals"] = len(piece.result.design.width)
+    told["version"] = importlib.import_module("bl_ext.user_default.flexmaps.engine").VERSION
+print("TOLD " + json.dumps(told), flush=True)
+os._exit(0)
+"""
+
+
+def environment(folder: Path, python: str = sys.executable) -> dict[str, str]:
+    """The environment of such a Blender, whose files go into a folder; start the Python with ``-S``."""
+    site = folder / "site"
+    site.mkdir()
+    asked = [python, "-c", "import numpy; print(numpy.__file__)"]
+    here = (
+        Path(subprocess.run(asked, check=True, capture_output=True, text=True).stdout.strip()).resolve().parent.parent
+    )
+    for name in BLENDERS_OWN:
+        if (here / name).exists():
+            (site / name).symlink_to(here / name)
+    found = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    return found | {"BLENDER_USER_RESOURCES": str(folder / "user"), "PYTHONPATH": str(site)}
+
+
+def tried(zip_file: Path, folder: Path, python: str = sys.executable) -> dict[str, Any]:
+    """Install a zip into such a Blender, start it anew and make a piece there; returns what ``SCRIPT`` tells.
+
+    Raises ``RuntimeError`` with Blender's last words where that fails.
+    """
+    own, told = environment(folder, python), dict[str, Any]()
+    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
+    for word in (str(zip_file), "use"):
+        command = [python, "-S", str(folder / "script.py"), word]
+        done = subprocess.run(command, env=own, cwd=folder, capture_output=True, text=True, timeout=280)
+        lines = [line for line in done.stdout.splitlines() if line.startswith("TOLD ")]
+        if not lines:
+            raise RuntimeError(f"{zip_file.name} does not work: {(done.stdout + done.stderr)[-2000:]}")
+        told |= json.loads(lines[0].removeprefix("TOLD "))
+    return told
