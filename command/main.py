@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -50,7 +51,7 @@ def main(argv: list[str]) -> int:
         return int(end.code or 0)
     console = Console()
     try:
-        with stoppable(console if args.keeps else None), quiet_blender():
+        with stoppable(console if args.keeps else None), quiet_blender(), _warned(console):
             described = args.run(args, console)
         status = _status(args.command, described)
     except FlexMapsError as error:
@@ -80,6 +81,25 @@ def _status(command: str, described: dict[str, Any]) -> int:
     if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
         return 2
     return UNDONE if described.get("undone") else 0
+
+
+@contextmanager
+def _warned(console: Console) -> Iterator[None]:
+    """What is worth knowing of a piece that another version made comes as a line of this program's."""
+    from ..engine.versions import OtherVersion
+
+    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if not issubclass(category, OtherVersion):
+            before(message, category, *place)
+            return
+        console.end_line()
+        print(f"flexmaps: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        before = warnings.showwarning
+        warnings.simplefilter("always", OtherVersion)
+        warnings.showwarning = show  # type: ignore[assignment]  # the rest of its arguments goes through
+        yield
 
 
 @contextmanager
