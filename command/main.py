@@ -42,6 +42,7 @@ def main(argv: list[str]) -> int:
     the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
     from ..bridge.hosts.job_folder import quiet_blender
+    from ..engine import packages
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments
 
@@ -62,8 +63,12 @@ def main(argv: list[str]) -> int:
         console.end_line()
         print("flexmaps: stopped; earlier files are as they were", file=sys.stderr)
         return 130
-    except Exception:
+    except Exception as error:
         console.end_line()
+        foreign = packages.blamed(error)
+        if foreign is not None:
+            print(f"flexmaps: {foreign}", file=sys.stderr)
+            return 2
         traceback.print_exc()
         print("flexmaps: this is a fault of the program, not of yours; please report the lines above", file=sys.stderr)
         return 1

@@ -23,6 +23,12 @@ def zip_file(build_zip: ModuleType, platform: str) -> Path:
     return build_zip.build(platform, build_zip.own_line())
 
 
+@pytest.fixture(scope="session")
+def debian_zip(real_blender: ModuleType, build_zip: ModuleType) -> Path:
+    """The zip for the real Blender that tests drive."""
+    return build_zip.build("linux-x64", "debian-13-blender")
+
+
 @pytest.fixture
 def alone(fresh_blender: ModuleType, tmp_path: Path) -> dict[str, str]:
     """The environment of a fresh Blender whose Python sees nothing of this one but Blender itself; start it with ``-S``."""

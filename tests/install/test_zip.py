@@ -93,6 +93,9 @@ def test_every_wheel_and_library_has_a_licence_that_fits(build_zip: ModuleType, 
     unknown = tmp_path / "stranger-1-py3-none-any.whl"
     zipfile.ZipFile(unknown, "w").close()
     assert len(third_party.faults([planted, unknown])) == 3
+    blenders_own = tmp_path / "numpy-2.4.0-cp313-cp313-win_amd64.whl"
+    zipfile.ZipFile(blenders_own, "w").close()
+    assert any("Blender brings numpy" in one for one in third_party.faults([blenders_own]))
 
 
 def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path) -> None:
