@@ -41,6 +41,9 @@ def main(argv: list[str]) -> int:
     error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
     the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
+    for stream in (sys.stdout, sys.stderr):  # a console that lacks a letter of somebody's name, as Windows' old ones do
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
     from ..bridge.hosts.job_folder import quiet_blender
     from ..engine import packages
     from ..engine.errors import Cancelled, FlexMapsError

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+import binaries
 import third_party
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -83,7 +84,7 @@ def own_line() -> str:
 
 def build(platform: str, line: str, folder: Path = DIST) -> Path:
     """Make and validate one zip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
-    something would ship whose licence nobody looked up."""
+    something would ship whose licence nobody looked up, or that is for another system."""
     wheels = fetch(platform, LINES[line].python)
     stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
@@ -101,7 +102,7 @@ def _staged(platform: str, line: str, wheels: list[Path], stage: Path, folder: P
         shutil.copy2(ROOT / name, target)
     (stage / "wheels").mkdir()
     shipped = [third_party.lighter(wheel, stage / "wheels") for wheel in wheels]
-    faults = third_party.faults(shipped)
+    faults = [*third_party.faults(shipped), *(fault for wheel in shipped for fault in binaries.faults(wheel))]
     if faults:
         raise ValueError("\n".join(faults))
     (stage / "THIRD_PARTY.md").write_text(third_party.page(shipped), encoding="utf-8")
