@@ -5,10 +5,15 @@ For the tests of the zip, for ``release``, which installs what it has built, and
 
 from __future__ import annotations
 
+import functools
+import http.server
 import json
 import os
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +58,43 @@ os._exit(0)
 """
 
 
+# adds a repository, installs from it and goes to the first stage, as somebody who has just dragged it into Blender
+FROM_REPOSITORY = """
+import json, os, sys, time
+import bpy
+
+clock = time.perf_counter()
+preferences = bpy.context.preferences
+preferences.system.use_online_access = True
+repo = preferences.extensions.repos.new(name="FlexMaps", module="flexmaps_shop", remote_url=sys.argv[-1])
+index = list(preferences.extensions.repos).index(repo)
+bpy.ops.extensions.repo_sync(repo_index=index)
+bpy.ops.extensions.package_install(repo_index=index, pkg_id="flexmaps", enable_on_install=True)
+told = {"installed_s": time.perf_counter() - clock}
+bpy.ops.flexmaps.example()
+bpy.ops.flexmaps.trace()
+print("TOLD " + json.dumps(told | {"button_s": time.perf_counter() - clock}), flush=True)
+os._exit(0)
+"""
+
+
+class _Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """A folder on a web server of this machine; gives its address."""
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
 def environment(folder: Path, python: str = sys.executable) -> dict[str, str]:
     """The environment of such a Blender, whose files go into a folder; start the Python with ``-S``."""
     site = folder / "site"
@@ -73,13 +115,19 @@ def tried(zip_file: Path, folder: Path, python: str = sys.executable) -> dict[st
 
     Raises ``RuntimeError`` with Blender's last words where that fails.
     """
-    own, told = environment(folder, python), dict[str, Any]()
-    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
+    own, found = environment(folder, python), dict[str, Any]()
     for word in (str(zip_file), "use"):
-        command = [python, "-S", str(folder / "script.py"), word]
-        done = subprocess.run(command, env=own, cwd=folder, capture_output=True, text=True, timeout=280)
-        lines = [line for line in done.stdout.splitlines() if line.startswith("TOLD ")]
-        if not lines:
-            raise RuntimeError(f"{zip_file.name} does not work: {(done.stdout + done.stderr)[-2000:]}")
-        told |= json.loads(lines[0].removeprefix("TOLD "))
-    return told
+        found |= told(SCRIPT, word, folder, own, python)
+    return found
+
+
+def told(script: str, word: str, folder: Path, own: dict[str, str], python: str = sys.executable) -> dict[str, Any]:
+    """What a script tells in such a Blender, given a word. Raises ``RuntimeError`` with Blender's last words where it fails."""
+    (folder / "script.py").write_text(script, encoding="utf-8")
+    command = [python, "-S", str(folder / "script.py"), word]
+    done = subprocess.run(command, env=own, cwd=folder, capture_output=True, text=True, timeout=280)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("TOLD ")]
+    if not lines:
+        raise RuntimeError(f"{word}: it does not work: {(done.stdout + done.stderr)[-2000:]}")
+    made: dict[str, Any] = json.loads(lines[0].removeprefix("TOLD "))
+    return made
