@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import binaries
+import lock
 import third_party
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -158,11 +159,20 @@ def fetch(platform: str, python: str) -> list[Path]:
         tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
         pure = [pin for pin in pins if pin.startswith(PURE)]
         anywhere = ["--implementation", "py", "--abi", "none", "--platform", "any"]
-        subprocess.run([*pip, *anywhere, *pure], check=True)
-        subprocess.run([*pip, "--implementation", "cp", *tags, *(pin for pin in pins if pin not in pure)], check=True)
+        _download([*pip, *anywhere], pure)
+        _download([*pip, "--implementation", "cp", *tags], [pin for pin in pins if pin not in pure])
     found = sorted(folder.glob("*.whl"))
     assert not any(path.name.startswith("numpy-") for path in found), "Blender brings its own numpy"
     return found
+
+
+def _download(pip: list[str], pins: list[str]) -> None:
+    """Have pip fetch the files of some pins, which have to be those that requirements/locked.txt knows by their checksums."""
+    known = lock.hashes(lock.LOCKED.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as place:
+        wanted = Path(place) / "wanted.txt"
+        wanted.write_text("".join(f"{pin} {' '.join(known[lock.plain(pin)])}\n" for pin in pins), encoding="utf-8")
+        subprocess.run([*pip, "--require-hashes", "-r", str(wanted)], check=True)
 
 
 def _complete(folder: Path, pins: list[str]) -> bool:
