@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
@@ -48,7 +49,8 @@ def load(
     supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
 
     An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend file is opened in place of the
-    one that is open. Raises ``FlexMapsError`` where there is nothing to read.
+    one that is open. Gives the warning ``OtherVersion`` where what was made by another version differs from what this one makes.
+    Raises ``FlexMapsError`` where there is nothing to read.
     """
     from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
     piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
@@ -189,11 +191,15 @@ def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
 
 
 def _from_blender(source: Any) -> Piece:
-    from ..bridge.store import snapshot
+    from ..bridge.store import notes, snapshot
     from ..bridge.view import scene
+    from ..engine import versions
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     found = snapshot.read(obj)
+    other = versions.said(notes.made_with(obj.data))
+    if other:
+        warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
     return Piece(name, found.source, found.settings, made=found.result, uid=found.uid, seams=found.seams)
 

@@ -10,6 +10,7 @@ import signal
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -42,7 +43,11 @@ def main(argv: list[str]) -> int:
     error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
     the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
     """
+    for stream in (sys.stdout, sys.stderr):  # a console that lacks a letter of somebody's name, as Windows' old ones do
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
     from ..bridge.hosts.job_folder import quiet_blender
+    from ..engine import packages
     from ..engine.errors import Cancelled, FlexMapsError
     from . import arguments
 
@@ -52,7 +57,7 @@ def main(argv: list[str]) -> int:
         return int(end.code or 0)
     console = Console()
     try:
-        with stoppable(console if args.keeps else None), quiet_blender():
+        with stoppable(console if args.keeps else None), quiet_blender(), _warned(console):
             described = args.run(args, console)
         status = _status(args.command, described)
     except FlexMapsError as error:
@@ -63,8 +68,12 @@ def main(argv: list[str]) -> int:
         console.end_line()
         print("flexmaps: stopped; earlier files are as they were", file=sys.stderr)
         return 130
-    except Exception:
+    except Exception as error:
         console.end_line()
+        foreign = packages.blamed(error)
+        if foreign is not None:
+            print(f"flexmaps: {foreign}", file=sys.stderr)
+            return 2
         traceback.print_exc()
         print("flexmaps: this is a fault of the program, not of yours; please report the lines above", file=sys.stderr)
         return 1
@@ -82,6 +91,25 @@ def _status(command: str, described: dict[str, Any]) -> int:
     if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
         return 2
     return UNDONE if described.get("undone") else 0
+
+
+@contextmanager
+def _warned(console: Console) -> Iterator[None]:
+    """What is worth knowing of a piece that another version made comes as a line of this program's."""
+    from ..engine.versions import OtherVersion
+
+    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if not issubclass(category, OtherVersion):
+            before(message, category, *place)
+            return
+        console.end_line()
+        print(f"flexmaps: {message}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        before = warnings.showwarning
+        warnings.simplefilter("always", OtherVersion)
+        warnings.showwarning = show  # type: ignore[assignment]  # the rest of its arguments goes through
+        yield
 
 
 @contextmanager

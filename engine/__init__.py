@@ -10,4 +10,10 @@ together and ``runs`` does all of it at once. What every folder shares lies here
 here imports ``bpy``.
 """
 
-PROGRAM, VERSION = "FlexMaps for Blender", "0.1.0"
+import re as _re
+from pathlib import Path as _Path
+
+MANIFEST = _Path(__file__).resolve().parents[1] / "blender_manifest.toml"  # the one place where the version stands
+PROGRAM = "FlexMaps for Blender"
+VERSION = _re.search(r'^version = "(.+)"', MANIFEST.read_text(encoding="utf-8"), _re.MULTILINE)[1]  # type: ignore[index]
+MARK = f"{PROGRAM} {VERSION}"  # in every file that the program writes

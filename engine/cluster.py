@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from . import MANIFEST
 from .errors import FlexMapsError
 from .workers import Lost
 
@@ -20,9 +21,10 @@ RETRIES = 3  # how often a task whose worker was lost is done elsewhere, as ther
 
 
 def version(root: str | Path = ROOT) -> str:
-    """What tells this program's engine from others: all its sources and its table."""
+    """What tells this program's engine from others: its version, all its sources and its table."""
     told = hashlib.sha256()
-    for path in sorted([*Path(root, "engine").rglob("*.py"), *Path(root, "data").rglob("*.npz")]):
+    manifest = Path(root, MANIFEST.name)
+    for path in sorted([manifest, *Path(root, "engine").rglob("*.py"), *Path(root, "data").rglob("*.npz")]):
         told.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
     return told.hexdigest()
 

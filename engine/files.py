@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import sys
+import time
+import unicodedata
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -32,11 +34,27 @@ _REASONS = {
     errno.EINVAL: "the name is not allowed there; choose another one",
 }
 
+# Windows' own numbers say more than what C makes of them
+_OPEN = {5, 32, 33}  # access denied, sharing violation, lock violation: as where another program has the file open
+# learn.microsoft.com, System Error Codes
+_WINDOWS = {
+    **dict.fromkeys(_OPEN, "another program may have it open; close it there, or choose another folder"),
+    206: "the path is longer than Windows allows; choose a folder nearer to the drive",
+}
+# learn.microsoft.com, Naming Files, Paths, and Namespaces
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{n}" for name in ("COM", "LPT") for n in range(10))}
+# bytes of a name in UTF-8: most file systems take 255, and an ending, a number and -assembly come behind it
+LONGEST = 150
+TRIES, PAUSE = 10, 0.1  # of a move, and seconds between: virus scanners look at a new file for about so long
+
 _FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of a write, which names no file
 
 
 def reason(error: OSError | ValueError) -> str:
     """What went wrong, and what to do about it."""
+    windows = getattr(error, "winerror", None)
+    if windows in _WINDOWS:
+        return _WINDOWS[windows]
     number = getattr(error, "errno", None)
     if number in _REASONS:
         return _REASONS[number]
@@ -125,6 +143,19 @@ def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsE
     return FlexMapsError(f"Cannot write {place}: {reason(error)}")
 
 
+def named(text: str) -> str:
+    """A name for a file that every system takes, made of whatever a person called something.
+
+    Signs, spaces and what cannot be seen become "_", as in Blender's own names of files; letters of all scripts stay. Windows keeps
+    some names for devices, with any ending. What is longer than ``LONGEST`` is cut off.
+    """
+    signs = (letter.isascii() and not letter.isalnum() and letter != "-" for letter in text)
+    unseen = (unicodedata.category(letter)[0] in "CZ" for letter in text)
+    clean = "".join("_" if any(bad) else letter for letter, *bad in zip(text, signs, unseen, strict=True))
+    clean = clean.encode()[:LONGEST].decode(errors="ignore")
+    return f"{clean}_" if clean.upper() in _DEVICES else clean
+
+
 def _beside(target: Path) -> Path:
     """A free name in the same folder and of the same suffix, so that writers that look at suffixes are content."""
     return target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
@@ -191,6 +222,18 @@ def _make_folder(folder: Path) -> list[Path]:
     return missing[::-1]
 
 
+def _move(source: Path, target: Path) -> None:
+    """``os.replace``, which on Windows may have to wait for a moment until nobody looks at either file any more."""
+    for left in reversed(range(TRIES)):
+        try:
+            os.replace(source, target)
+            return
+        except OSError as error:
+            if not left or getattr(error, "winerror", None) not in _OPEN:
+                raise
+            time.sleep(PAUSE)
+
+
 def _swap(wanted: dict[Path, Path], stale: list[Path]) -> None:
     """Put all new files in their places; on any error put the old ones back."""
     done: list[tuple[Path, Path | None]] = []
@@ -199,10 +242,10 @@ def _swap(wanted: dict[Path, Path], stale: list[Path]) -> None:
             old = None
             if target.exists() or target.is_symlink():
                 old = _beside(target)
-                os.replace(target, old)
+                _move(target, old)
             done.append((target, old))
             if target in wanted:
-                os.replace(wanted[target], target)
+                _move(wanted[target], target)
     except BaseException:
         for target, old in reversed(done):
             with suppress(OSError):

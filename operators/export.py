@@ -13,6 +13,7 @@ from ..bridge.hosts import letters
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
+from ..engine import files
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -51,7 +52,6 @@ class Export(ContinuedStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.hosts import job_folder
-            from ..engine import files
             from ..engine.runs import job, report
 
             made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))
@@ -96,7 +96,7 @@ def folder_of(text: str) -> Path:
 
 
 def _file_name(name: str) -> str:
-    return bpy.path.clean_name(name) or "flexmaps"
+    return files.named(name) or "flexmaps"
 
 
 CLASSES = (Export,)

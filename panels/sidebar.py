@@ -12,6 +12,7 @@ from ..bridge.store import equilibrium, notes
 from ..bridge.store.objects import changed_by_modifiers, shared, unusable
 from ..bridge.store.states import DONE
 from ..bridge.view import collection, flat_panels
+from ..engine import VERSION, versions
 from ..engine.params import LayoutParams, RegulariseParams, SpiralParams
 from . import brush, choose, explore, optimise, presets, simulate, structure
 from .export import ExportPanel
@@ -60,6 +61,7 @@ class MainPanel(Sidebar, bpy.types.Panel):
             _welcome(layout, context)
             return
         layout.label(text=obj.name, icon="MESH_DATA", translate=False)
+        _version(layout, context, notes.made_with(obj.data))
         modifiers = changed_by_modifiers(obj)
         if modifiers is not None:
             wrapped(layout, context, modifiers, icon="MODIFIER")
@@ -82,6 +84,18 @@ def _left_over(layout: Any, context: bpy.types.Context) -> None:
         names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in found[:2]) + ", ..." * (len(found) > 2)
         wrapped(box, context, iface_("{} was deleted, its panels are still there").format(names), icon="INFO")
         box.operator("flexmaps.remove_left_over", icon="TRASH")
+
+
+def _version(layout: Any, context: bpy.types.Context, made_with: str) -> None:
+    """Of a piece that another version made: which, and what changed since."""
+    changed = versions.since(made_with)
+    if versions.order(made_with) > versions.order(VERSION):
+        text = iface_("Made with FlexMaps {}, which is newer than this {}: what is new there is not read")
+        wrapped(layout, context, text.format(made_with, VERSION), icon="INFO")
+    elif changed:
+        wrapped(layout, context, iface_("Made with FlexMaps {}; since then:").format(made_with), icon="INFO")
+        for text in changed:
+            wrapped(layout, context, text, icon="BLANK1")
 
 
 def _welcome(layout: Any, context: bpy.types.Context) -> None:

@@ -52,6 +52,18 @@ def build_zip() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def fresh_blender() -> ModuleType:
+    """The tool that starts a Blender which has nothing else."""
+    return load_tool("fresh_blender")
+
+
+@pytest.fixture(scope="session")
+def release(build_zip: ModuleType) -> ModuleType:
+    """The tool that makes a release; its imports are those of the tool for zips."""
+    return load_tool("release")
+
+
+@pytest.fixture(scope="session")
 def messages() -> ModuleType:
     """The tool that finds what translators need."""
     return load_tool("messages")

@@ -11,6 +11,8 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+import binaries
+import lock
 import third_party
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -81,30 +83,37 @@ def own_line() -> str:
     return next(name for name in USUAL if LINES[name].python == here)
 
 
-def build(platform: str, line: str) -> Path:
-    """Make and validate one zip; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
-    something would ship whose licence nobody looked up."""
+def build(platform: str, line: str, folder: Path = DIST) -> Path:
+    """Make and validate one zip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed, and ``ValueError`` where
+    something would ship whose licence nobody looked up, or that is for another system."""
     wheels = fetch(platform, LINES[line].python)
     stage = BUILD / f"{line}-{platform}"
     shutil.rmtree(stage, ignore_errors=True)
+    try:
+        return _staged(platform, line, wheels, stage, folder)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+
+
+def _staged(platform: str, line: str, wheels: list[Path], stage: Path, folder: Path) -> Path:
+    """Put together in ``stage`` what ships, and make the zip of it."""
     for name in _sources():
         target = stage / name
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / name, target)
     (stage / "wheels").mkdir()
     shipped = [third_party.lighter(wheel, stage / "wheels") for wheel in wheels]
-    faults = third_party.faults(shipped)
+    faults = [*third_party.faults(shipped), *(fault for wheel in shipped for fault in binaries.faults(wheel))]
     if faults:
         raise ValueError("\n".join(faults))
     (stage / "THIRD_PARTY.md").write_text(third_party.page(shipped), encoding="utf-8")
     text = manifest(platform, line, [wheel.name for wheel in shipped])
     (stage / "blender_manifest.toml").write_text(text, encoding="utf-8")
-    DIST.mkdir(exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     version = re.search(r'^version = "(.+)"', text, re.MULTILINE).group(1)  # type: ignore[union-attr]
-    target = DIST / f"flexmaps-{version}-{line}-{platform}.zip"
+    target = folder / f"flexmaps-{version}-{line}-{platform}.zip"
     blender_ext("build", "--source-dir", str(stage), "--output-filepath", str(target))
     blender_ext("validate", str(target))
-    shutil.rmtree(stage)
     return target
 
 
@@ -150,11 +159,20 @@ def fetch(platform: str, python: str) -> list[Path]:
         tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
         pure = [pin for pin in pins if pin.startswith(PURE)]
         anywhere = ["--implementation", "py", "--abi", "none", "--platform", "any"]
-        subprocess.run([*pip, *anywhere, *pure], check=True)
-        subprocess.run([*pip, "--implementation", "cp", *tags, *(pin for pin in pins if pin not in pure)], check=True)
+        _download([*pip, *anywhere], pure)
+        _download([*pip, "--implementation", "cp", *tags], [pin for pin in pins if pin not in pure])
     found = sorted(folder.glob("*.whl"))
     assert not any(path.name.startswith("numpy-") for path in found), "Blender brings its own numpy"
     return found
+
+
+def _download(pip: list[str], pins: list[str]) -> None:
+    """Have pip fetch the files of some pins, which have to be those that requirements/locked.txt knows by their checksums."""
+    known = lock.hashes(lock.LOCKED.read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as place:
+        wanted = Path(place) / "wanted.txt"
+        wanted.write_text("".join(f"{pin} {' '.join(known[lock.plain(pin)])}\n" for pin in pins), encoding="utf-8")
+        subprocess.run([*pip, "--require-hashes", "-r", str(wanted)], check=True)
 
 
 def _complete(folder: Path, pins: list[str]) -> bool:

@@ -29,6 +29,9 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py test [engine|database|blender|install|page|window ...] [-k NAME]
                                                 lint, types and tests
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
+  python3 tools/dev.py release VERSION [--dry-run]
+                                                the version everywhere, all zips, repository and package, tried
+  python3 tools/dev.py lock                     the checksums of every package that is downloaded, anew
   python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
   python3 tools/dev.py site                     the documentation as a site in docs/site, its links and code checked
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
@@ -150,13 +153,13 @@ def environment_python(version):
 
 
 def requirements():
-    """Name of the requirements file and one text that changes whenever a pin changes."""
+    """Name of the file that pip installs from, checksums inside, and one text that changes whenever a pin changes."""
     folder = os.path.join(ROOT, "requirements")
     text = ""
-    for name in sorted(os.listdir(folder)):
+    for name in ("dev.txt", "runtime.txt"):
         with open(os.path.join(folder, name)) as stream:
             text += stream.read()
-    return os.path.join(folder, "dev.txt"), text
+    return os.path.join(folder, "locked.txt"), text
 
 
 def stamp_of(version):
@@ -247,7 +250,7 @@ def make_environment(python, version):
     lines = []
     with open(log_path, "w") as log:
         process = subprocess.Popen(
-            pip + ["--progress-bar", "off", "-r", requirements()[0]],
+            pip + ["--progress-bar", "off", "--require-hashes", "-r", requirements()[0]],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             universal_newlines=True,
@@ -324,6 +327,8 @@ def dispatch(command, rest):
         return call("checks", [command] + rest)
     if command == "build":
         return call("build_zip", rest)
+    if command in ("release", "lock"):
+        return call(command, rest)
     if command == "measures":
         return call("measures", rest)
     if command == "gallery":
@@ -347,6 +352,8 @@ COMMANDS = (
     "test",
     "lint",
     "build",
+    "release",
+    "lock",
     "gallery",
     "site",
     "bench",

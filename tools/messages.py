@@ -128,11 +128,14 @@ def _of_panels() -> Found:
 def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
     from flexmaps.bridge.store import states
+    from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise
     from flexmaps.engine.runs import stages
 
-    for text in (*states.WHY.values(), states.SETTING, states.EARLIER):
+    for text in (*states.WHY.values(), states.SETTING, states.EARLIER, states.PROGRAM):
         yield "", text, "why a stage is out of date"
+    for _, text in versions.CHANGED:
+        yield "", text, "what changed since an earlier version"
     for text in stages.MISSING.values():
         yield "", text, "why a button is grey"
     for text in optimise.ENDS.values():

@@ -87,6 +87,28 @@ PACKAGES = {
     "typing_extensions": Package("PSF-2.0", "https://github.com/python/typing_extensions"),
     "xatlas": Package("MIT", "https://github.com/mworchel/xatlas-python"),
 }
+# What Blender itself brings, by its build files (build_environment/cmake/versions.cmake): all its lines from 5.0 on in one version,
+# or in another one from line to line (None), 4.2 to 5.2. A wheel of another version in any extension is what all of them get
+BUNDLED: dict[str, str | None] = {
+    "attrs": "25.3.0",
+    "cattrs": "25.1.1",
+    "fastjsonschema": "2.21.1",
+    "typing_extensions": "4.14.1",
+    **dict.fromkeys(
+        (
+            "autopep8",
+            "certifi",
+            "charset_normalizer",
+            "cython",
+            "idna",
+            "numpy",
+            "pycodestyle",
+            "requests",
+            "urllib3",
+            "zstandard",
+        )
+    ),
+}
 # libigl's wheel also holds Shewchuk's Triangle, which may not be sold, TetGen and CGAL, and what is needed to compile against
 # it. Nothing of that is ever loaded; what is kept is its core with the descriptions of the wheel
 LIGHTER = {"libigl": re.compile(r"igl/(__init__\.py|pyigl_core\..*)|libigl-[^/]*\.dist-info/.*")}
@@ -141,6 +163,9 @@ def faults(wheels: Iterable[Path]) -> list[str]:
     for wheel in wheels:
         name = wheel.name.split("-")[0].lower()
         package = PACKAGES.get(name)
+        bundled = BUNDLED.get(name, wheel.name.split("-")[1])
+        if bundled != wheel.name.split("-")[1]:
+            found.append(f"{wheel.name}: Blender brings {name} {bundled or 'of its own'}, which this would replace")
         if package is None:
             found.append(f"{wheel.name}: a package that third_party.py does not list; look up its licence")
             continue

@@ -12,7 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ...engine.errors import Cancelled
+from ...engine import packages
+from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.progress import Progress
 from ...engine.remaining import Remaining, told
 
@@ -87,7 +88,7 @@ class Job:
         try:
             self.result = self._work(Progress(self._report, self._stop.is_set, shown=self._show))
         except BaseException as error:  # carried to the main thread, which knows what to do with it
-            self.error = error
+            self.error = _explained(error)
 
     @property
     def left(self) -> str:
@@ -134,6 +135,18 @@ def run_here(title: str, work: Work) -> Any:
         return work(Progress(Ticks(title)))
     except KeyboardInterrupt:
         raise Cancelled(title) from None
+    except Exception as error:
+        explained = _explained(error)
+        if explained is error:
+            raise
+        raise explained from error
+
+
+def _explained(error: BaseException) -> BaseException:
+    """A fault for which another extension's packages are to blame as a sentence; else the error itself."""
+    if isinstance(error, FlexMapsError | Cancelled):
+        return error
+    return packages.blamed(error) or error
 
 
 def stop_current(*_: object) -> None:

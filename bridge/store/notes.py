@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ...engine import VERSION, versions
 from ...engine.runs import stages
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 NAME = "flexmaps_report"
 MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage was made from, see ``states``
 SUM = "_sum"  # behind the name of a text: where its own checksum stands
+PROGRAM = "program"  # beside the checksums of a stage: the version that made it
 TRACED = "traced"  # in the layout's block: Trace made these patches, and Merge has not run yet
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
 
@@ -83,9 +85,19 @@ def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
 
 
 def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
-    """Note what some stages were made from; of the others the notes stay."""
+    """Note what some stages were made from, and by which version; of the others the notes stay."""
     _begin(mesh)
-    _put(mesh, MADE_FROM, made_from(mesh) | made)
+    _put(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
+
+
+def made_with(mesh: bpy.types.Mesh) -> str:
+    """The version of the program that made what is noted: the newest, if that is newer than this one, else the oldest."""
+    made = made_from(mesh)
+    found = [str(made.get(name, {}).get(PROGRAM, versions.UNSTAMPED)) for name in read(mesh).keys() - {"checks"}]
+    newest = max(found, key=versions.order, default=VERSION)
+    return (
+        newest if versions.order(newest) > versions.order(VERSION) else min(found, key=versions.order, default=VERSION)
+    )
 
 
 def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:

@@ -21,7 +21,7 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
     """
     from ...engine.calibrating.calibrate import preset  # scipy comes with it
 
-    stem = bpy.path.clean_name(name.strip()).strip("_")
+    stem = files.named(name.strip()).strip("_")
     if not stem:
         raise FlexMapsError(f"'{name}' is no name for a preset; use letters or numbers")
     folder = bpy.utils.user_resource("SCRIPTS", path=f"presets/{SUBFOLDER}", create=True)

@@ -59,20 +59,27 @@ WHY = {
     "down": "The object was turned since",
 }
 SETTING, EARLIER = "A setting was changed since", "An earlier stage was changed since"
+PROGRAM = "An earlier version of FlexMaps made it, which looked at less"
 
 
 @dataclass(frozen=True)
 class State:
-    """One stage: ``TODO``, ``DONE`` or ``OLD`` (out of date); ``part`` is what changed, "" where an earlier stage did."""
+    """One stage: ``TODO``, ``DONE`` or ``OLD`` (out of date); ``part`` is what changed, "" where an earlier stage did.
+
+    known : whether the version that made it took note of that part
+    """
 
     kind: str
     part: str = ""
+    known: bool = True
 
     @property
     def reason(self) -> str:
         """Why it is out of date, as a sentence without its full stop; "" where it is not."""
         if self.kind != OLD:
             return ""
+        if not self.known:
+            return PROGRAM
         return WHY.get(self.part, SETTING) if self.part else EARLIER
 
 
@@ -126,7 +133,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
             continue
         changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
         if changed is not None:
-            states[stage] = State(OLD, changed)
+            states[stage] = State(OLD, changed, made is None or changed in made)
         else:
             states[stage] = State(DONE if all(state.kind == DONE for state in earlier) else OLD)
     return states

@@ -68,7 +68,8 @@ class Folder:
                 table = csv.DictWriter(stream, ["number", "front", *names, *MEASURES, "advice", "fault"])
                 table.writeheader()
                 for number, one in enumerate(made.candidates):
-                    table.writerow({"number": number, "front": int(one in front), **one.row()})
+                    row = {"number": number, "front": int(one in front), **one.row()}
+                    table.writerow({name: cell(value) for name, value in row.items()})
             new(self.path / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
             new(self.path / PLOT).write_text(svg(plot(made)), encoding="utf-8")
             for number, one in enumerate(made.candidates):
@@ -82,6 +83,12 @@ class Folder:
             self._stream.flush()
         except OSError as error:
             raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+
+
+def cell(value: Any) -> Any:
+    """A value for a table that spreadsheets open: a text that one would take for a formula and run gets a mark before it
+    (owasp.org, CSV Injection)."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import PROGRAM, VERSION
+from .. import MARK
 from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
@@ -41,7 +41,7 @@ def build(
     within = progress.at(0.0, "collecting the figures")
     report: dict[str, Any] = {
         "schema": SCHEMA,
-        "program": f"{PROGRAM} {VERSION}",
+        "program": MARK,
         "input": _input(result.mesh, source),
         "checks": [finding.as_dict() for finding in (*result.findings, *result.undone.values())],
     }

@@ -4,7 +4,7 @@ import csv
 
 import pytest
 import shapely
-from flexmaps.engine import PROGRAM
+from flexmaps.engine import MARK
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import parts, series
 from flexmaps.engine.materials import MATERIALS
@@ -78,4 +78,4 @@ def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
     found = estimates.estimate(cut, made, MATERIALS["birch"])
     assert float(total["mass_g"]) == pytest.approx(1e3 * found.mass, abs=0.02)
     assert float(total["cut_length_mm"]) == pytest.approx(1e3 * cut.cut_length, abs=0.05)
-    assert total["part"] == "5 parts" and total["note"] == PROGRAM
+    assert total["part"] == "5 parts" and total["note"] == MARK

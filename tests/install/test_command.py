@@ -26,10 +26,8 @@ kill -INT $!; wait $!; echo $? > stopped.status
 """
 
 
-def test_command_and_api_of_the_installed_extension(
-    real_blender: ModuleType, build_zip: ModuleType, tmp_path: Path
-) -> None:
-    zip_file = Path(shutil.copy2(build_zip.build("linux-x64", "debian-13-blender"), tmp_path))
+def test_command_and_api_of_the_installed_extension(real_blender: ModuleType, debian_zip: Path, tmp_path: Path) -> None:
+    zip_file = Path(shutil.copy2(debian_zip, tmp_path))
     done = real_blender.shell(LINES.format(zip=zip_file.name), tmp_path, timeout=280)
 
     def said(name: str, kind: str) -> str:

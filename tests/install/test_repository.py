@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-import http.server
 import json
 import shutil
 import subprocess
 import sys
-import threading
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +13,9 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from flexmaps.engine import VERSION
+
+NEXT = "99.0.0"
 
 # steps come as lines of JSON on standard input, answers go as lines to standard output
 SCRIPT = """
@@ -63,21 +63,13 @@ os._exit(0)
 """
 
 
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    def log_message(self, *_: Any) -> None:
-        pass
-
-
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+def served(fresh_blender: ModuleType, tmp_path: Path) -> Iterator[tuple[Path, str]]:
     """A folder on a web server, and the address of its index."""
     folder = tmp_path / "served"
     folder.mkdir()
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder)))
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield folder, f"http://127.0.0.1:{server.server_port}/index.json"
-    server.shutdown()
-    server.server_close()
+    with fresh_blender.served(folder) as address:
+        yield folder, f"{address}/index.json"
 
 
 class Blender:
@@ -114,12 +106,12 @@ def blender(tmp_path: Path, served: tuple[Path, str], alone: dict[str, str]) -> 
 
 def newer(path: Path, version: str) -> Path:
     """A copy of a zip that says it is of another version."""
-    target = path.with_name(path.name.replace("0.1.0", version))
+    target = path.with_name(path.name.replace(f"-{VERSION}-", f"-{version}-"))
     with zipfile.ZipFile(path) as given, zipfile.ZipFile(target, "w") as made:
         for entry in given.infolist():
             data = given.read(entry)
             if entry.filename == "blender_manifest.toml":
-                data = data.replace(b'\nversion = "0.1.0"', f'\nversion = "{version}"'.encode())
+                data = data.replace(f'\nversion = "{VERSION}"'.encode(), f'\nversion = "{version}"'.encode())
             made.writestr(entry, data, entry.compress_type)
     return target
 
@@ -133,22 +125,22 @@ def test_installed_updated_and_not_broken(
     page = (folder / "index.html").read_text()
     assert first.name in page, "what is dragged into Blender"
     assert blender.ask("install") == ""
-    assert blender.ask("version") == "0.1.0"
+    assert blender.ask("version") == VERSION
     spirals = blender.ask("make", str(tmp_path / "old.blend"))
 
-    second = newer(first, "0.1.1")
+    second = newer(first, NEXT)
     build_zip.repository([second], folder)
     (folder / second.name).write_bytes(second.read_bytes()[:-1000])  # a download that breaks off
     blender.ask("install")
-    assert blender.ask("version") == "0.1.0", "the old version stays"
+    assert blender.ask("version") == VERSION, "the old version stays"
     assert blender.ask("read", str(tmp_path / "old.blend")) == spirals
 
     whole = second.read_bytes()
     (folder / second.name).write_bytes(whole[:-1000] + bytes(1000))  # of the right length, with another checksum
     blender.ask("install")
-    assert blender.ask("version") == "0.1.0"
+    assert blender.ask("version") == VERSION
 
     build_zip.repository([second], folder)
     assert blender.ask("install") == ""
-    assert blender.ask("version") == "0.1.1"
+    assert blender.ask("version") == NEXT
     assert blender.ask("read", str(tmp_path / "old.blend")) == spirals

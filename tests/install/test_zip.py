@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import zipfile
@@ -92,6 +93,9 @@ def test_every_wheel_and_library_has_a_licence_that_fits(build_zip: ModuleType, 
     unknown = tmp_path / "stranger-1-py3-none-any.whl"
     zipfile.ZipFile(unknown, "w").close()
     assert len(third_party.faults([planted, unknown])) == 3
+    blenders_own = tmp_path / "numpy-2.4.0-cp313-cp313-win_amd64.whl"
+    zipfile.ZipFile(blenders_own, "w").close()
+    assert any("Blender brings numpy" in one for one in third_party.faults([blenders_own]))
 
 
 def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path) -> None:
@@ -123,7 +127,9 @@ def test_the_version_is_said_alike_everywhere() -> None:
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    assert manifest["version"] == project["project"]["version"] == VERSION
+    pattern = project["tool"]["hatch"]["version"]["pattern"]
+    (packaged,) = re.findall(pattern, (ROOT / project["tool"]["hatch"]["version"]["path"]).read_text(), re.MULTILINE)
+    assert "version" not in project["project"] and manifest["version"] == packaged == VERSION
 
 
 def test_main_job_from_the_installed_extension(zip_file: Path, tmp_path: Path, alone: dict[str, str]) -> None:

@@ -11,7 +11,7 @@ from typing import TextIO
 
 import numpy as np
 
-from ... import PROGRAM
+from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from .operations import FRAME, OPERATIONS, WRITING, Drawn, Operation, frame, on_sheet
@@ -35,7 +35,7 @@ def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT
     _document(sheets, index, "R12").write(frame)
     before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
     assert mark, "a DXF document has a section of entities"
-    parts = [f"999\n{PROGRAM}\n", before, mark]  # a comment: R12 has no place for the program's name
+    parts = [f"999\n{MARK}\n", before, mark]  # a comment: R12 has no place for the program's name
     for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
@@ -67,7 +67,7 @@ def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
         document = ezdxf.new(version, units=units.MM)
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
-        document.header.custom_vars.append("Program", PROGRAM)
+        document.header.custom_vars.append("Program", MARK)
     document.header["$EXTMIN"] = (0.0, 0.0, 0.0)
     document.header["$EXTMAX"] = (*(float(x) * 1e3 for x in sheets.packing.sizes[index]), 0.0)
     document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]

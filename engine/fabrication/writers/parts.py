@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import PROGRAM
+from ... import MARK
 from ...materials import Material
 from ...spirals.design import SpiralDesign
 from ..panels.labels import panel_name
@@ -43,7 +43,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
         table = csv.writer(stream)
         table.writerow(COLUMNS)
         table.writerows([*row[: numbers.start], *map(_said, row[numbers.start :]), ""] for row in rows)
-        table.writerow([f"{len(rows)} parts", "", sheets.count, *sums, PROGRAM])
+        table.writerow([f"{len(rows)} parts", "", sheets.count, *sums, MARK])
     return path
 
 

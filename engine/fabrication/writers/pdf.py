@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import PROGRAM
+from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from . import glyphs
@@ -161,7 +161,7 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
         bodies.append(b"<</Filter/FlateDecode/Length %d>>stream\n" % len(content) + content + b"\nendstream")
     # UTF-16 with its mark, in hexadecimal digits: what a reader shows in its window's title, in any script
     info = (b"\xfe\xff" + title.encode("utf-16-be", "replace")).hex().upper().encode()
-    bodies.append(b"<</Title<" + info + b">/Producer(" + PROGRAM.encode() + b")>>")
+    bodies.append(b"<</Title<" + info + b">/Producer(" + MARK.encode() + b")>>")
     return _assembled(bodies)
 
 

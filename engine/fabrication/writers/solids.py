@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import PROGRAM
+from ... import MARK
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
@@ -105,7 +105,7 @@ def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = 
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
     with open(path, "wb") as stream:
-        stream.write(f"{PROGRAM}, millimetres".encode("ascii", "replace").ljust(80))
+        stream.write(f"{MARK}, millimetres".encode("ascii", "replace").ljust(80))
         stream.write(np.uint32(count).tobytes())
         for solid in progress.part(0.7, 1.0).each(solids, WRITING):
             rows = np.zeros(len(solid.triangles), dtype=record)
@@ -139,7 +139,7 @@ def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Pro
             stream.write(
                 f'{head}<model unit="millimeter" xml:lang="en-US" '
                 'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
-                f'<metadata name="Application">{PROGRAM}</metadata><resources>'.encode()
+                f'<metadata name="Application">{MARK}</metadata><resources>'.encode()
             )
             for number, solid in enumerate(solids, start=1):
                 share = progress.part(0.7 + 0.3 * (number - 1) / len(solids), 0.7 + 0.3 * number / len(solids))

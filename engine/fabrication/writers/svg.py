@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ... import PROGRAM
+from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from .operations import FRAME, HAIRLINE, Drawn, frame, on_sheet
@@ -28,7 +28,7 @@ def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" version="1.1"'
         f' width="{width:.6g}mm" height="{height:.6g}mm" viewBox="0 0 {width:.6g} {height:.6g}">',
         f"<title>{title}</title>",
-        f"<metadata>{PROGRAM}</metadata>",
+        f"<metadata>{MARK}</metadata>",
     ]
     edge = frame(sheets, index)
     # last: nothing lies above what is cut, and who selects layers by their order finds them where they were

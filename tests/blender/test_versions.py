@@ -1,0 +1,73 @@
+"""Pieces that another version of the program made: what is noted, and what is said when they are opened."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import pytest
+from flexmaps import api
+from flexmaps.bridge.store import notes, states
+from flexmaps.command import main as command
+from flexmaps.engine import VERSION, versions
+
+
+@pytest.fixture
+def older(tmp_path: Path) -> Path:
+    """A file as the program wrote it before the version was noted, and before a part was looked at that counts today."""
+    path = tmp_path / "older.blend"
+    obj = api.show(api.spirals(api.load("shape:strip", edge=20)))
+    made = json.loads(obj.data[notes.MADE_FROM])
+    for stamps in made.values():
+        assert stamps.pop(notes.PROGRAM) == VERSION
+    gone = next(part for part in states.PARTS["spirals"] if part in states.OF_SETTINGS)
+    del made["spirals"][gone]
+    notes._put(obj.data, notes.MADE_FROM, made)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    return path
+
+
+def opened(path: Path) -> Any:
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return bpy.context.object
+
+
+def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) -> None:
+    obj = opened(older)
+    assert notes.made_with(obj.data) == versions.UNSTAMPED
+    found = states.of(obj, bpy.context.scene)
+    assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.OLD)
+    assert found["spirals"].reason == states.PROGRAM
+    with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
+        piece = api.load(obj)
+    count = len(piece.result.design.width)
+    assert bpy.ops.flexmaps.update_from_seams() == {"FINISHED"}
+    assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
+    assert notes.made_with(obj.data) == VERSION, "nothing of the older version is left"
+    assert states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+    assert len(api.load(obj).result.design.width) == count
+
+
+def test_the_command_line_says_it_in_one_line(older: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["report", str(older), "--out", str(older.parent / "out")]) == 0
+    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("flexmaps:")]
+    assert len(said) == 1 and versions.CHANGED[0][1] in said[0]
+    assert json.loads((older.parent / "out" / "report.json").read_text())["program"].endswith(VERSION)
+
+
+def test_a_newer_file_says_so(older: Path) -> None:
+    obj = opened(older)
+    made = json.loads(obj.data[notes.MADE_FROM])
+    made["layout"][notes.PROGRAM] = "99.1.0"
+    notes._put(obj.data, notes.MADE_FROM, made)
+    with pytest.warns(versions.OtherVersion, match=r"99\.1\.0.*newer"):
+        api.load(obj)
+
+
+def test_what_changed_between_two_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(versions, "CHANGED", (("0.1.0", "a"), ("0.9.0", "b"), ("0.10.0", "c"), ("2.0.0", "d")))
+    assert versions.since("0.1", "0.10.0") == ("a", "b", "c")
+    assert versions.since("0.9.0", "0.10.0") == ("c",) and versions.since("0.10.0", "0.9.0") == ()
+    assert versions.order("rubbish") < versions.order("0.1") < versions.order("0.1.0") < versions.order("0.10.0")

@@ -1,0 +1,79 @@
+"""Measures the way from the web to the first button against what was asked: sizes, enabling, installing from a repository.
+
+python3 tools/dev.py bench install [--platform all] [--json FILE] [--repeat 3]
+
+In a Blender as a module that has nothing else (``fresh_blender``); ``bench blender --only survey`` enables it in a real one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import build_zip
+import fresh_blender
+from rows import Row, Table, at_most, row
+
+MEGABYTE = 1e6  # bytes, as in what download pages say
+# asked of the program: megabytes a zip, seconds until it is enabled, seconds from the repository to the first button
+SIZE, ENABLE, BUTTON = 75.0, 0.2, 60.0
+
+
+def main(arguments: list[str]) -> int:
+    """Build, measure, print the table; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench install")
+    own = build_zip.own_platform()
+    parser.add_argument(
+        "--platform", choices=[*build_zip.PLATFORMS, "all"], default=own or "all", help="whose zips are weighed"
+    )
+    parser.add_argument(
+        "--repeat",
+        type=int,
+        default=3,
+        help="how often enabling is measured after the first time, when Python compiles it; the best counts",
+    )
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    table = Table(36)
+    with tempfile.TemporaryDirectory() as place:
+        for platform in build_zip.PLATFORMS if options.platform == "all" else [options.platform]:
+            for line in build_zip.USUAL:
+                made = build_zip.build(platform, line, Path(place))
+                table.add(
+                    at_most(
+                        f"{platform} {build_zip.LINES[line].python}", "zip, MB", SIZE, made.stat().st_size / MEGABYTE
+                    )
+                )
+        if own is None:
+            table.add(row("this machine", "install", "", "no zip is made for its system", None))
+        else:
+            for one in _installed(build_zip.build(own, build_zip.own_line(), Path(place)), options.repeat):
+                table.add(one)
+    table.finish(options.json)
+    return 0
+
+
+def _installed(path: Path, repeat: int) -> Iterator[Row]:
+    """A zip from the disk and the same from a repository on the loopback, each in a Blender that never saw it."""
+    name = f"{build_zip.own_platform()} {build_zip.LINES[build_zip.own_line()].python}"
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        own = fresh_blender.environment(folder)
+        words = (str(path), *["enable"] * (1 + repeat))
+        installed, first, *later = [fresh_blender.told(fresh_blender.SCRIPT, word, folder, own) for word in words]
+    yield row(name, "install from the disk, s", "", round(installed["install_s"], 2), None)
+    best = min(later, key=lambda one: float(one["enable_cpu_s"]))
+    once = {"with waiting": round(best["enable_s"], 2), "the first time": round(first["enable_cpu_s"], 2)}
+    yield at_most(name, "enable, s of the processor", ENABLE, best["enable_cpu_s"], once)
+    with tempfile.TemporaryDirectory() as place:
+        folder, shop = Path(place) / "blender", Path(place) / "shop"
+        folder.mkdir()
+        build_zip.repository([path], shop)
+        with fresh_blender.served(shop) as address:
+            told = fresh_blender.told(
+                fresh_blender.FROM_REPOSITORY, f"{address}/index.json", folder, fresh_blender.environment(folder)
+            )
+    peer = {"installed": round(told["installed_s"], 1), "of the processor": round(told["button_cpu_s"], 1)}
+    yield at_most(name, "from repository to first button, s", BUTTON, told["button_s"], peer)
