@@ -10,7 +10,7 @@ from flexmaps.engine.fabrication.connectors.check import fit
 from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals import design, touching
 
 KINDS = ["dovetail", "key", "tab"]
 
@@ -74,7 +74,7 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
     found = connectors.connect(made, ConnectorParams(connector=kind))
     assert [c.name for c in found.connectors] == ["A1", "A2", "A3"]
     assert not found.unsolved
-    assert not len(contours.touching(list(found.outlines)))
+    assert not len(touching.touching(list(found.outlines)))
     for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
         assert polygon.is_valid
         assert len(polygon.interiors) == len(plain.holes)
@@ -264,7 +264,7 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.unsolved
     assert len(found.connectors) == int(made.flat.layout.cut.sum())
-    assert not len(contours.touching(list(found.outlines)))
+    assert not len(touching.touching(list(found.outlines)))
     gaps = fit(made, found, 0.00015)
     assert np.abs(gaps.least - found.clearance).max() < 1e-5
     assert np.abs(gaps.most - found.clearance).max() < 1e-5

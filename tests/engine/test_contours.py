@@ -5,7 +5,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import contours, design, slots, spiral
+from flexmaps.engine.spirals import contours, design, slots, spiral, touching
 from flexmaps.engine.spirals.design import SpiralDesign
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
@@ -175,8 +175,8 @@ def test_touching_places_are_found(flat_grid):
     flat = flat_grid(2, 2)
     made = design.uniform(flat, SpiralParams())
     outline = made.outlines()[0]
-    assert not len(contours.touching([outline]))
+    assert not len(touching.touching([outline]))
     shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].moved(0.0, np.array([0.001, 0.0]))))
-    places = contours.touching([shifted])
+    places = touching.touching([shifted])
     assert len(places) > 0
     assert (np.abs(places[:, 1:] - 0.02) < 0.02).all()

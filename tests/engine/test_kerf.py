@@ -10,7 +10,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.connectors.shape import rounded
 from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
-from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals import design, touching
 from flexmaps.engine.spirals.arcs import Curve
 
 SQUARE = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.01), (0.0, 0.01)]
@@ -103,4 +103,4 @@ def test_kerf_wider_than_the_spacing_is_refused(made):
 
 def test_paths_of_panels_do_not_touch_themselves(made):
     paths = [kerf.cut_paths(o, 0.0002, 0.0002) for o in made.outlines()]
-    assert not len(contours.touching(paths))
+    assert not len(touching.touching(paths))

@@ -21,7 +21,7 @@ from flexmaps.engine.params import ConnectorParams, CutParams, LayoutParams, She
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals import design, touching
 from flexmaps.engine.surface import shapes
 
 KERF = 0.0001
@@ -82,7 +82,7 @@ def test_panels_are_whole_and_can_be_cut(case):
     _, made, cut = case
     slot, arm = made.params.slot_min, made.params.width_min
     assert cut.slot_min >= 0.999 * slot
-    assert not len(contours.touching(list(cut.connections.outlines)))
+    assert not len(touching.touching(list(cut.connections.outlines)))
     for plain in made.outlines():
         polygon = _polygon(plain.outer, plain.holes)
         assert polygon.is_valid
