@@ -51,7 +51,7 @@ SURFACES = (
     "flower3",
     "cube",
 )
-STEPS = 8
+STEPS = 8  # of the search beside which panels are turned; not measured, it bounds the time
 WRENCHES = 300  # random ones a spiral, moments as of forces at half an arm's length
 POISSON = 0.3  # of the table that the beams are put into
 

@@ -130,6 +130,8 @@ def _svg(path: Path) -> list[np.ndarray]:
         if isinstance(item, svgelements.Path):
             for part in item.as_subpaths():
                 curve = svgelements.Path(part)
+                if not any(isinstance(piece, svgelements.Close) for piece in curve):
+                    continue  # engraved
                 points = [curve.point(0.0)]
                 for piece in curve:
                     if not isinstance(piece, svgelements.Move):
@@ -145,5 +147,6 @@ def _dxf(path: Path) -> list[np.ndarray]:
 
     return [
         np.array([[p.x, p.y] for p in paths.make_path(item).flattening(0.001)])
-        for item in ezdxf.readfile(path).modelspace().query("LWPOLYLINE POLYLINE CIRCLE")
+        for item in ezdxf.readfile(path).modelspace().query("LWPOLYLINE CIRCLE")
+        if item.dxftype() == "CIRCLE" or getattr(item, "closed", False)
     ]

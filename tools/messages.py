@@ -67,15 +67,17 @@ def _of_operators() -> Found:
     from flexmaps import operators
 
     for cls in operators.CLASSES:
-        yield BUTTON, cls.bl_label, "button"
-        yield "", (cls.__doc__ or "").strip(), f"explanation of {cls.bl_label}"
+        label = getattr(cls, "bl_label", cls.__name__)
+        if hasattr(cls, "bl_label"):  # no group of properties, which has no button
+            yield BUTTON, label, "button"
+            yield "", (cls.__doc__ or "").strip(), f"explanation of {label}"
         for prop in inspect.get_annotations(cls, eval_str=True).values():
             options = getattr(prop, "keywords", {})
             for text in (options.get("name", ""), options.get("description", "")):
-                yield "", text, f"option of {cls.bl_label}"
-            for _, label, explanation in options.get("items", ()):
-                yield "", label, f"option of {cls.bl_label}"
-                yield "", explanation, f"option of {cls.bl_label}"
+                yield "", text, f"option of {label}"
+            for _, name, explanation, *_ in options.get("items", ()):
+                yield "", name, f"option of {label}"
+                yield "", explanation, f"option of {label}"
         if hasattr(cls, "on_stop"):
             yield "", cls.on_stop, "after a stop"
 

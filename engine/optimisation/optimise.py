@@ -154,14 +154,7 @@ def optimise(
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
-    if len(target.quads) != len(design.width):
-        raise FlexMapsError(
-            f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
-        )
-    if kept is not None and len(kept) == len(design.width):
-        raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
-    if wishes is not None:
-        wishes.check(len(design.width))
+    _check(design, target, kept, wishes)
     work = Work.of(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, straight, kept, wishes, wide)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
@@ -192,6 +185,17 @@ def optimise(
     if found is None or not found.merit(strictness) < was.merit(strictness):
         found, ended = was, ended if ended == "stopped" else "nothing"
     return Optimisation(before, found.simulation, trace, params.method, name, found.point, ended)
+
+
+def _check(design: SpiralDesign, target: QuadMesh, kept: np.ndarray | None, wishes: Wishes | None) -> None:
+    if len(target.quads) != len(design.width):
+        raise FlexMapsError(
+            f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
+        )
+    if kept is not None and len(kept) == len(design.width):
+        raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
+    if wishes is not None:
+        wishes.check(len(design.width))
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,12 +35,12 @@ html_theme_options = {
 highlight_language = "none"
 pygments_style, pygments_dark_style = "friendly", "monokai"
 copybutton_exclude = ".linenos, .gp"
-myst_heading_anchors = 3
+myst_heading_anchors = 3  # levels of headings that links may lead to: the guide has so many
 myst_enable_extensions = ["colon_fence"]
 autodoc_member_order, autodoc_class_signature = "bysource", "separated"
 autodoc_preserve_defaults = True
 add_module_names = False
-python_maximum_signature_line_length = 80
+python_maximum_signature_line_length = 80  # characters; a longer one has a line for each argument
 html_context = {"install": "quickstart.html#install"}  # website.py gives another address where there is a repository
 
 # "edge, height : millimetres, ..." as our docstrings have it; a name or several, then a blank, a colon and a blank
