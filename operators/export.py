@@ -96,6 +96,18 @@ def folder_of(text: str) -> Path:
 
 
 def _file_name(name: str) -> str:
+    """What an object's files are called, unlike those of all other meshes of this .blend file.
+
+    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case alone: the later of
+    them in the order of the names get a number.
+    """
+    wanted = _plain(name).casefold()
+    alike = sorted(o.name for o in bpy.data.objects if o.type == "MESH" and _plain(o.name).casefold() == wanted)
+    number = alike.index(name) + 1 if name in alike else 1
+    return _plain(name) if number == 1 else f"{_plain(name)}_{number}"
+
+
+def _plain(name: str) -> str:
     return files.named(name) or "flexmaps"
 
 

@@ -9,6 +9,7 @@ import zipfile
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import bpy
@@ -20,6 +21,8 @@ from flexmaps.command import main as command
 from flexmaps.engine.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
+from flexmaps.operators.export import _file_name
+from support.bowl import bowl
 
 # ends of places in HTML, XML, JSON, PDF, DXF, shell and templates, what a spreadsheet runs, and letters that XML knows not
 HOSTILE = "=1+1|x!A0 </script></title><svg onload=alert(7)> ]]> -->\\\"' (\\) {{7*7}} %n $(x) \r\n  0\nEOF\n \x07\x0b"
@@ -121,3 +124,13 @@ def test_scripts_in_a_file_are_not_run(tmp_path: Path) -> None:
         assert mark.exists(), "the file would have done it"
     finally:
         bpy.context.preferences.filepaths.use_scripts_auto_execute = False
+
+
+def test_objects_whose_names_come_to_the_same_have_files_of_their_own(add: Any) -> None:
+    """On Windows and macOS names that differ in case alone are one file; everywhere the plain forms of a.b and a_b are."""
+    names = ("a.b", "a_b", "A_B", "other")
+    for name in names:
+        add(bowl()).name = name
+    files = {name: _file_name(name) for name in names}
+    assert len({file.casefold() for file in files.values()}) == len(names)
+    assert files["other"] == "other" and sum(file.casefold() == "a_b" for file in files.values()) == 1
