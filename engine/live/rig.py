@@ -71,9 +71,11 @@ class Rig:
         aim = target_pose(mesh, flat.corners)
         pose = aim if start is None else _carried(start, flat, old)
         pose = _placed(pose, aim, loads)
-        held = loads.held(assembly.pairs, pose.centres)
-        system = old.system if old is not None and np.array_equal(held, old.system.held) else None
-        system = NewtonSystem(assembly.pairs, held) if system is None else system
+        if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
+            pose = replace(pose, nodes=None)  # those of another rim: its own are found anew
+        system = NewtonSystem(model.pairs, loads.held(assembly.pairs, pose.centres))
+        if old is not None and same(system.held, old.system.held) and same(model.pairs, old.model.pairs):
+            system = old.system  # it knows the order of its factors already
         return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
 
     @property
@@ -142,7 +144,8 @@ def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
 def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
     """The elastic model, and the joints whose second order is that of another design."""
     material, name = given.material, given.simulate.model
-    if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel):
+    rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
+    if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel) or rimmed:
         return build_model(assembly, material, name), np.zeros(len(assembly.pairs), bool)
     joints = _changed(assembly, material, old.assembly, old.given)
     if not joints.any():
@@ -229,10 +232,11 @@ def _carried(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
     back[:, 0, 0] = back[:, 1, 1] = turn.real
     back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
     back[:, 2, 2] = 1.0
-    return Pose(pose.centres, pose.rotations @ back)
+    return Pose(pose.centres, pose.rotations @ back)  # the flat shape of a rim has changed, and its nodes with it
 
 
 def _placed(pose: Pose, aim: Pose, loads: Loads) -> Pose:
     """A pose with what is held where it lies in the target."""
     shifts, turns = loads.fixed[:, :3], loads.fixed[:, 3:4, None]
-    return Pose(np.where(shifts, aim.centres, pose.centres), np.where(turns, aim.rotations, pose.rotations))
+    centres, rotations = np.where(shifts, aim.centres, pose.centres), np.where(turns, aim.rotations, pose.rotations)
+    return replace(pose, centres=centres, rotations=rotations)

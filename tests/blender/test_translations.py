@@ -36,7 +36,10 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
     made, stored = messages.made(), polib.pofile(str(translations.FOLDER / "flexmaps.pot"))
     assert keys(stored) == keys(made), f"missing or stale in the template{HOW}"
     found = {text for _, text in keys(made)}
-    assert {cls.bl_label for cls in operators.CLASSES if hasattr(cls, "bl_label")} | {*states.WHY.values(), states.SETTING} <= found
+    assert {cls.bl_label for cls in operators.CLASSES if hasattr(cls, "bl_label")} | {
+        *states.WHY.values(),
+        states.SETTING,
+    } <= found
     # one of each place that messages come from: a setting, its explanation, the sidebar, a report, a grey button
     assert {
         "Smallest width",

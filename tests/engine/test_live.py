@@ -87,6 +87,19 @@ def test_it_rests_where_a_simulation_does(dome: FlatPatches, name: str) -> None:
     assert np.abs(shape.vertices - simulated(first, dome)).max() > 5 * SAME  # it has moved
 
 
+def test_a_rim_comes_and_goes_and_follows_too(dome: FlatPatches) -> None:
+    """A rim has bodies and joints of its own, which no piece without one knows."""
+    piece, plain = LivePiece(), given_of(dome)
+    rimmed = replace(plain, spiral=replace(plain.spiral, border="rim"))
+    made = uniform(dome, rimmed.spiral, twist=1.5)
+    rimmed = replace(rimmed, width=made.width, twist=made.twist)
+    last = None
+    for wanted in (plain, rimmed, softer(rimmed, slice(40, 50)), plain):
+        shape = followed(piece, wanted, last)
+        assert shape.converged and shape.vertices == pytest.approx(simulated(wanted, dome), abs=SAME)
+        last = wanted
+
+
 def test_seams_and_vertices_are_flattened_anew(dome: FlatPatches) -> None:
     piece, first = LivePiece(), given_of(dome)
     followed(piece, first, None)
