@@ -38,7 +38,7 @@ from rows import Row, Table, at_most, row
 
 MEDIAN, MOST, APART = 3.0, 8.0, 0.5  # percent: of single spirals' energies, and RMS distance of pieces over their size
 STOUT = 8.0  # s/w below which arms are hardly longer than their hubs
-# small surfaces of the zoo, and how many steps a search takes there
+# small surfaces of the zoo
 SURFACES = (
     "cap-pole4",
     "cap-pole6",
@@ -84,7 +84,12 @@ def main(arguments: list[str]) -> int:
 def panels(name: str) -> list[Row]:
     """RMS distances of a surface's piece, mm, with one grain for all panels and with turned ones: as laid out, and after a search."""
     polygons, out = zoo.SURFACES[name].polygons(), []
-    given = {"material.material": "birch", "sheet.rotation": "GRAIN", "optimise.iterations": STEPS}
+    given = {
+        "material.material": "birch",
+        "sheet.rotation": "GRAIN",
+        "optimise.iterations": STEPS,
+        "optimise.codesign": False,
+    }
     plain = changed(Settings(), given)
     made = job.run(polygons, plain, edge=0.02, stop_after="spirals")
     assert made.design is not None

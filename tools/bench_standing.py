@@ -42,6 +42,9 @@ SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
 MADE = ("dome", "dome-feet4", "cap-feet", "vault-plain", "barrel", "vase", "tower", "catenoid", "saddle-aspect2")
 FILES = {"vault.obj": "z", "quad_dome.obj": "z", "flower_cmc1.obj": "y"}
 OFF, ASTRAY = 0.1, 0.2  # millimetres and degrees that a foot may be away from where it is simulated
+HEAVIER = (
+    0.05  # share by which panels as they are cut, fillets and all, may be heavier than the simulation takes them for
+)
 FINE = 1e-4  # mm, chords of arcs as they are read
 LEVEL = 1e-6  # metres inside the base at which its upper and its lower side are looked at
 
@@ -132,7 +135,7 @@ def _hung(table: Table, name: str, made: Result) -> None:
         at_most(name, "eyelet off its point (mm)", OFF, fit.off),
         at_most(name, "eyelet's diameter off (mm)", 0.02, fit.large),
         at_least(name, "material round it (diameters)", 1.0, fit.edge),
-        at_most(name, "forces off the cut panels' weight (share)", 0.02, fit.weight),
+        at_most(name, "forces off the cut panels' weight (share)", HEAVIER, fit.weight),
     )
 
 

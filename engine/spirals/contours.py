@@ -83,11 +83,6 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     return Hubs(left, right, centre, radius, missed)
 
 
-def hub_circles(arms: Arms, roots: Hubs) -> Float[np.ndarray, " quads"]:
-    """Metres: radius of the circle about every hub's centre that its four fillets leave."""
-    return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
-
-
 def _larger(
     arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray, fillet: float
 ) -> Float[np.ndarray, "quads 4"]:

@@ -12,7 +12,7 @@ from ...params import SheetParams
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ...spirals.contours import Hubs, hub_circles
+from ...spirals.contours import Hubs
 from ...spirals.spiral import Arms, centre_line, width_at
 from .lettering import along, length, straight
 
@@ -111,6 +111,11 @@ def make_labels(
         strokes[int(layout.patch_of[quad])].extend(_curves(written))
         placed += 1
     return Labels(tuple(map(tuple, strokes)), placed, left_out)
+
+
+def hub_circles(arms: Arms, roots: Hubs) -> Float[np.ndarray, " quads"]:
+    """Metres: radius of the circle about every hub's centre that its four fillets leave."""
+    return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
 
 
 def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:

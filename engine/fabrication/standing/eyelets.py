@@ -17,8 +17,8 @@ from ...materials import Material
 from ...mechanics.assembly import Pose
 from ...params import CutParams
 from ...spirals.arcs import Curve
-from ...spirals.contours import hub_circles
 from ...spirals.design import SpiralDesign
+from ..panels.labels import hub_circles
 
 EDGE = (
     1.0  # diameters of material round a hole at the least: what handbooks ask for between a pin and the edge of a plate
