@@ -57,7 +57,8 @@ class Snapshot:
         design = None if flat is None else mesh.design_of(self.surface, flat, self.settings.spiral)
         spoilt = self.surface.spoilt
         lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
-        start = mesh.last_spirals(self.surface) if self.chosen and flat is not None else None
+        last = mesh.last_spirals(self.surface) if self.chosen else None
+        start = None if flat is None or last is None else (flat, *last)
         return replace(made, flat=flat, start=start, design=self._marked(design), lost=lost)
 
     def _marked(self, design: SpiralDesign | None) -> SpiralDesign | None:

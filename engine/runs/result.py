@@ -43,7 +43,8 @@ class Result:
     protected : quads whose spirals the optimiser leaves exactly as they are
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     choice : the layouts that were compared, if that was asked for, and which of them flat is
-    start : widths (F, 4) metres and twists (F,) radians that were found for this layout while it was chosen, where ``choice`` is not kept
+    start : flat patches, and the widths (F, 4) metres and twists (F,) radians that were found while they were chosen, where ``choice``
+        is not kept
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
     scanned : a scan of the built piece to compare with; scan : it laid over the simulated shape, or the target
@@ -69,7 +70,7 @@ class Result:
     layout: PatchLayout | None = None
     flat: FlatPatches | None = None
     choice: Choice | None = None
-    start: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
+    start: tuple[FlatPatches, Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
     design: SpiralDesign | None = None
     optimisation: Optimisation | None = None
     simulation: Simulation | None = None

@@ -98,7 +98,9 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
 def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
     """Widths and twists with which the chosen layout has shown what it can do; None where it was not chosen."""
     best = None if result.choice is None else result.choice.best
-    return best.judged.spirals if best is not None and best.flat is result.flat else result.start
+    if best is not None and best.flat is result.flat:
+        return best.judged.spirals
+    return None if result.start is None or result.start[0] is not result.flat else result.start[1:]
 
 
 def _straight(result: Result, settings: Settings) -> np.ndarray | None:

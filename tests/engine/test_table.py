@@ -23,6 +23,7 @@ GIVEN = {
     "height",
     "supports",
     "wishes",
+    "start",
     "force",
     "groups",
     "protected",
