@@ -38,6 +38,7 @@ FUNCTIONS = {
     "From and to Blender, files and arrays": ("load", "check", "remesh", "change", "show", "save"),
     "Stages": ("regularise", "layout", "choose", "take", "spirals", "simulate", "optimise", "sheets"),
     "What it bears, and how it was built": ("structure", "compare"),
+    "Spirals and forces by hand": ("paint", "protect", "pull", "wish"),
     "Many candidates": ("explore", "use"),
     "Files": ("export", "report", "share", "calibration_sheet", "calibrated", "run"),
 }

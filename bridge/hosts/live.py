@@ -125,7 +125,8 @@ class Follower:
             self.touched = True
             return
         self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
-        if now >= self._next and (self.touched or now >= self._look):
+        # what is gone is told at once, what changes as often as there is time for
+        if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
             self.touched = False
             try:
                 self._read(find(self.uid))

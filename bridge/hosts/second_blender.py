@@ -100,7 +100,7 @@ class SecondBlender:
         np.savez(file, **given)  # type: ignore[arg-type]
         limit = LIMIT
         if self._process is None:
-            self._process, limit = started(Path(self._folder.name)), LIMIT + START
+            self._process, limit = started(Path(self._folder.name), SCRIPT), LIMIT + START
         wanted = {"tool": tool, "options": options, "given": str(file), "answer": str(answer)}
         ends = time.monotonic() + limit
         try:
@@ -132,7 +132,7 @@ class SecondBlender:
 
 
 def started(
-    folder: Path, script: Path = SCRIPT, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
+    folder: Path, script: Path, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
 ) -> subprocess.Popen[str]:
     """A Blender that runs a script with some words, and may work on its standard input; with user files of its own in a folder.
 
