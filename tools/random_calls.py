@@ -329,7 +329,9 @@ def _faults() -> list[str]:
     found = []
     if background.current() is not None:
         found.append("a job is left running")
-    if sum(not scene.name.startswith("Lamp shade") for scene in bpy.data.scenes) > 1:  # the tutorial adds one of its own
+    if (
+        sum(not scene.name.startswith("Lamp shade") for scene in bpy.data.scenes) > 1
+    ):  # the tutorial adds one of its own
         found.append("the scene of a picture is left")
     for obj in bpy.data.objects:
         if obj.type == "MESH" and obj.mode == "EDIT":

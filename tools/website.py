@@ -66,7 +66,7 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
     try:
         rows = build(TARGET, wanted.repository)
-    except NoGenerator as error:
+    except RuntimeError as error:
         print(f"No site: {error}", file=sys.stderr)
         return 2
     links = site_links.check(TARGET)
@@ -141,7 +141,7 @@ def build(target: Path, repository: Path | None = None) -> list[Row]:
     done = subprocess.run(sphinx, env=environment, capture_output=True, text=True)
     said = [line for line in (done.stdout + done.stderr).splitlines() if "WARNING" in line or "ERROR" in line]
     if done.returncode:
-        raise NoGenerator("Sphinx ended with an error:\n" + (done.stdout + done.stderr)[-3000:])
+        raise RuntimeError("Sphinx ended with an error:\n" + (done.stdout + done.stderr)[-3000:])
     (part / "_images").mkdir(exist_ok=True)
     for name in FRONT:
         shutil.copyfile(ROOT / "docs" / "images" / name, part / "_images" / Path(name).name)

@@ -18,7 +18,9 @@ project, author, copyright = (
     "FlexMaps contributors",
     "2026 FlexMaps contributors, GPL-3.0-or-later",
 )
-version = re.search(r'^version = "(.+)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE).group(1)  # type: ignore[union-attr]
+version = re.search(
+    r'^version = "(.+)"', (ROOT / "blender_manifest.toml").read_text(encoding="utf-8"), re.MULTILINE
+).group(1)  # type: ignore[union-attr]
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
 root_doc = "documentation"  # the front page is no page of Sphinx's
 html_theme, html_title = "furo", "FlexMaps"
