@@ -41,9 +41,13 @@ def _tick() -> float | None:
 
 
 def drawn() -> object:
-    """What lies over the 3D view: what a job shows of its work, or the piece that follows."""
-    running = background.current()
-    return background.shown() if running is not None else live.shown()
+    """What lies over the 3D view: what a job shows of its work, the piece that follows, or the spirals under the brush."""
+    from ..bridge.view import easel
+
+    if background.current() is not None:
+        return background.shown()
+    following = live.shown()
+    return easel.shown() if following is None else following
 
 
 def register() -> None:

@@ -75,9 +75,9 @@ class Overlay(OnObject, bpy.types.Operator):
 
 
 def register() -> None:
-    from ..bridge.view import easel, overlay
+    from ..bridge.view import overlay
 
-    overlay.register(lambda: drawn() or easel.shown())
+    overlay.register(drawn)
 
 
 def unregister() -> None:
