@@ -231,7 +231,7 @@ def render():
     """A small picture, by Cycles: without a graphics card EEVEE needs minutes."""
     pictures = importlib.import_module("bl_ext.user_default.flexmaps.bridge.view.picture")
     studio = pictures.studio
-    pictures.studio = lambda *words: studio(*words, engine="CYCLES")
+    pictures.studio = lambda *words, **more: studio(*words, engine="CYCLES", **more)
     settings = bpy.context.object.flexmaps.render
     settings.file, settings.pixels_x, settings.samples = str(HERE / "rendered.png"), 160, 1
     there = len(bpy.data.scenes), len(bpy.data.objects)
