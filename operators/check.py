@@ -9,11 +9,10 @@ import bpy
 from ..bridge.hosts import preload
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import StageOperator, Work, reveal
+from .stage import OnObject, StageOperator, Work, reveal
 
 
 class Check(StageOperator, bpy.types.Operator):
@@ -44,7 +43,7 @@ class Check(StageOperator, bpy.types.Operator):
         )
 
 
-class ShowFinding(bpy.types.Operator):
+class ShowFinding(OnObject, bpy.types.Operator):
     """Select the faces that this is about"""
 
     bl_idname = "flexmaps.show_finding"
@@ -54,13 +53,11 @@ class ShowFinding(bpy.types.Operator):
     index: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = unusable(context.object)
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        problem = super().problem(context)
         if problem is None and not notes.read(context.object.data).get("checks"):
-            problem = "There is nothing to show; press Check first"
-        if problem is not None:
-            cls.poll_message_set(translate(problem))
-        return problem is None
+            return "There is nothing to show; press Check first"
+        return problem
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         preload.wait()

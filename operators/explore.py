@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.hosts import background
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .stage import redraw, still_running
+from .stage import AnyMesh, redraw
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -48,7 +47,7 @@ class Explore(ContinuedStage, bpy.types.Operator):
         return translate("{} candidates were tried. {}", len(result.candidates), result.note)
 
 
-class UseCandidate(bpy.types.Operator):
+class UseCandidate(AnyMesh, bpy.types.Operator):
     """Give the object the settings and the size of this candidate; what they make out of date is to be made again"""
 
     bl_idname = "flexmaps.use_candidate"
@@ -56,16 +55,6 @@ class UseCandidate(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        from ..bridge.store.objects import unusable
-
-        running = background.current()
-        problem = unusable(context.object) if running is None else still_running(running)
-        if problem:
-            cls.poll_message_set(translate(problem))
-        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.store import explored

@@ -41,7 +41,7 @@ class Export(ContinuedStage, bpy.types.Operator):
         formats, look = export.chosen(settings.export), flat_panels.look_of(settings)
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
-        base = folder_of(settings.export.folder) / _file_name(snapshot.name)
+        base = folder_of(settings.export.folder) / file_name(snapshot.name)
         letters.learn(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
         # and a base stands under the simulated shape
@@ -95,7 +95,7 @@ def folder_of(text: str) -> Path:
     return Path(bpy.path.abspath(text))
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """What an object's files are called, unlike those of all other meshes of this .blend file.
 
     Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case alone: the later of

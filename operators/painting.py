@@ -14,7 +14,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.objects import changed_by_modifiers, unusable
 from ..engine.errors import FlexMapsError
 from .brush import FROM, sources
-from .stage import OnObject, redraw, still_running
+from .stage import OnObject, Polled, redraw, still_running
 
 SPACING = 0.25  # of the radius, between two dabs on the way of the pointer
 FLOW = 0.4  # of the strength, by one dab: four of them, as one place gets them from a passing brush, make nine tenths of it; by eye
@@ -33,15 +33,12 @@ def why_not(obj: bpy.types.Object | None) -> str | None:
     return problem
 
 
-class _Painter:
+class _Painter(Polled):
     """Base of what needs spirals that can be painted."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = why_not(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-        return problem is None
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        return why_not(context.object)
 
 
 class PickBrush(_Painter, bpy.types.Operator):

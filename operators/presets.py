@@ -13,8 +13,8 @@ import bpy
 from bl_operators.presets import AddPresetBase
 
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
 from ..engine.params import ObjectSettings
+from .stage import OnObject
 
 FOLDER = Path(__file__).resolve().parent.parent
 MENU = "FLEXMAPS_PT_presets"
@@ -33,7 +33,7 @@ def values() -> list[str]:
     return found
 
 
-class Preset(AddPresetBase, bpy.types.Operator):
+class Preset(OnObject, AddPresetBase, bpy.types.Operator):
     """Keep the settings of this object under a name, or remove those kept under it"""
 
     bl_idname = "flexmaps.preset"
@@ -43,12 +43,8 @@ class Preset(AddPresetBase, bpy.types.Operator):
     preset_defines = ["settings = bpy.context.object.flexmaps"]
     preset_values = values()
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _usable(cls, context)
 
-
-class ApplyPreset(bpy.types.Operator):
+class ApplyPreset(OnObject, bpy.types.Operator):
     """Take these settings for this object"""
 
     bl_idname = "flexmaps.apply_preset"
@@ -57,23 +53,12 @@ class ApplyPreset(bpy.types.Operator):
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _usable(cls, context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not Path(self.filepath).is_file():
             self.report({"ERROR"}, translate("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
         # Blender's operator does it, which leaves no step to undo when it is called by itself
         return bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
-
-
-def _usable(cls: type, context: bpy.types.Context) -> bool:
-    problem = unusable(context.object)
-    if problem is not None:
-        cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-    return problem is None
 
 
 def register() -> None:

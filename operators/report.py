@@ -13,7 +13,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .export import _file_name, folder_of
+from .export import file_name, folder_of
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -46,7 +46,7 @@ class Report(ContinuedStage, bpy.types.Operator):
         letters = self._letters = Future()
         given, folder = snapshot.settings.export.folder, None
         if self.files and not unsaved(given):
-            folder = folder_of(given) / f"{_file_name(snapshot.name)}-report"
+            folder = folder_of(given) / f"{file_name(snapshot.name)}-report"
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
@@ -117,7 +117,7 @@ class Share(ContinuedStage, bpy.types.Operator):
         from ..bridge.view import report as held
 
         found = held.read(obj, snapshot)
-        path = folder_of(snapshot.settings.export.folder) / f"{_file_name(snapshot.name)}-share.html"
+        path = folder_of(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
 
         def go_on(result: Result, progress: Progress) -> Any:
             told = pages.of_object(result, found, progress.part(0.0, 0.2))

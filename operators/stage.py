@@ -51,31 +51,52 @@ class Pace:
         return True
 
 
-class OnObject:
+class Polled:
+    """Base of what is grey where it cannot run, and says why."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        """Why it cannot run now, as a sentence; asked at every redraw, so it must be cheap."""
+        return None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        problem = cls.problem(context)
+        if problem is not None:
+            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
+        return problem is None
+
+
+class OnObject(Polled):
     """Base of small operators on the active object, which is at least one that FlexMaps can work on."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def problem(cls, context: bpy.types.Context) -> str | None:
         from ..bridge.store.objects import unusable
 
-        problem = unusable(context.object)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-        return problem is None
+        return unusable(context.object)
 
 
-class AnyMesh:
-    """Base of stages that take a mesh with modifiers too, while no other job runs; before ``StageOperator``."""
+class AnyMesh(Polled):
+    """Base of what takes a mesh with modifiers too, while no other job runs; of stages, before ``StageOperator``."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def problem(cls, context: bpy.types.Context) -> str | None:
         from ..bridge.store.objects import unusable
 
         running = background.current()
-        problem = unusable(context.object) if running is None else still_running(running)
-        if problem is not None:
-            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-        return problem is None
+        return unusable(context.object) if running is None else still_running(running)
+
+
+class NewObject(Polled):
+    """Base of what adds an object of its own, while no job runs."""
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        running = background.current()
+        if running is not None:
+            return still_running(running)
+        return None if context.mode == "OBJECT" else translate("Go to Object Mode: a new object is made")
 
 
 class StageOperator:

@@ -13,7 +13,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .export import _file_name, folder_of
+from .export import file_name, folder_of
 from .stage import AnyMesh, OnObject, StageOperator, Work
 
 ENDING = "together"  # of the files' name, which begins with the active object's
@@ -47,7 +47,7 @@ class ExportTogether(AnyMesh, StageOperator, bpy.types.Operator):
             )
         first = settings[0]
         formats = export.chosen(first.export)
-        base = folder_of(first.export.folder) / f"{_file_name(names[0])}-{ENDING}"
+        base = folder_of(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
 
         def work(progress: Progress) -> Any:
             results = [one.result for one in stored if one.result is not None]

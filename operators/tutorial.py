@@ -6,30 +6,20 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.hosts import background, preload
+from ..bridge.hosts import preload
 from ..bridge.store.i18n import translate
-from .stage import still_running
+from .stage import NewObject
 
 # made by tools/lamp_shade.py
 FILE, SCENE, NAME = Path(__file__).resolve().parents[1] / "data" / "lamp_shade.blend", "Lamp shade", "Lamp shade"
 
 
-class Tutorial(bpy.types.Operator):
+class Tutorial(NewObject, bpy.types.Operator):
     """Add the scene of the tutorial, a lamp shade in an evening, to this file and show it; your own scenes stay as they are"""
 
     bl_idname = "flexmaps.tutorial"
     bl_label = "Open the tutorial"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        running = background.current()
-        problem = still_running(running) if running is not None else None
-        if problem is None and context.mode != "OBJECT":
-            problem = translate("Go to Object Mode: a new object is made")
-        if problem is not None:
-            cls.poll_message_set(problem)
-        return problem is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         preload.wait()

@@ -87,11 +87,12 @@ def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
-    progress(0.0, "Measuring curvature")
-    bends = curvature.rms_curvature(result.mesh)
-    width, twist = _chosen(result) or design.curvature_adjusted(settings.spiral, bends)
+    spirals = _chosen(result)
+    if spirals is None:
+        progress(0.0, "Measuring curvature")
+        spirals = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh))
     straight, wide = _straight(result, settings), _hung(result, settings)
-    made = design.from_spirals(result.flat, settings.spiral, width, twist, progress, straight=straight, wide=wide)
+    made = design.from_spirals(result.flat, settings.spiral, *spirals, progress, straight=straight, wide=wide)
     return replace(result, design=made)
 
 

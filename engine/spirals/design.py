@@ -201,16 +201,13 @@ def from_curvature(
     params: SpiralParams,
     curvature: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
-    *,
-    straight: Int[np.ndarray, " some"] | None = None,
-    wide: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
     """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
 
-    curvature : RMS curvature, 1/m; straight, wide : as in ``from_spirals``
+    curvature : RMS curvature, 1/m
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    return from_spirals(flat, params, *curvature_adjusted(params, curvature), progress, straight=straight, wide=wide)
+    return from_spirals(flat, params, *curvature_adjusted(params, curvature), progress)
 
 
 def from_spirals(

@@ -21,7 +21,7 @@ from flexmaps.command import main as command
 from flexmaps.engine.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
-from flexmaps.operators.export import _file_name
+from flexmaps.operators.export import file_name
 from support.bowl import bowl
 
 # ends of places in HTML, XML, JSON, PDF, DXF, shell and templates, what a spreadsheet runs, and letters that XML knows not
@@ -131,6 +131,6 @@ def test_objects_whose_names_come_to_the_same_have_files_of_their_own(add: Any) 
     names = ("a.b", "a_b", "A_B", "other")
     for name in names:
         add(bowl()).name = name
-    files = {name: _file_name(name) for name in names}
+    files = {name: file_name(name) for name in names}
     assert len({file.casefold() for file in files.values()}) == len(names)
     assert files["other"] == "other" and sum(file.casefold() == "a_b" for file in files.values()) == 1
