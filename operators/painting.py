@@ -28,8 +28,8 @@ def why_not(obj: bpy.types.Object | None) -> str | None:
     problem = unusable(obj)
     if problem is None and obj is not None:
         problem = changed_by_modifiers(obj) or notes.missing(obj.data, "design")
-        if problem is None and obj.mode != "OBJECT":
-            problem = "Go to Object Mode to paint spirals"
+    if problem is None and obj is not None and obj.mode != "OBJECT":
+        return "Go to Object Mode to paint spirals"
     return problem
 
 

@@ -96,7 +96,7 @@ class NewObject(Polled):
         running = background.current()
         if running is not None:
             return still_running(running)
-        return None if context.mode == "OBJECT" else translate("Go to Object Mode: a new object is made")
+        return None if context.mode == "OBJECT" else "Go to Object Mode: a new object is made"
 
 
 class StageOperator:
