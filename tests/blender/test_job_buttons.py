@@ -56,7 +56,7 @@ def test_a_remesh_that_is_stopped_leaves_nothing(remesh: Any, window: Window, mo
     from flexmaps.bridge.hosts import second_blender
 
     started, start = [], second_blender.started
-    monkeypatch.setattr(second_blender, "started", lambda folder: started.append(start(folder)) or started[-1])
+    monkeypatch.setattr(second_blender, "started", lambda *given: started.append(start(*given)) or started[-1])
     monkeypatch.setattr(
         second_blender.json, "dumps", lambda wanted: "["
     )  # nothing is ever asked: Blender waits for the rest
