@@ -19,6 +19,7 @@ from ..arrays import Bool, Float, Int
 from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
+from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.slots import twist_bound
 from ..spirals.spiral import alike
@@ -69,18 +70,11 @@ class DesignSpace:
         assembly: Assembly,
         groups: int = 1,
         progress: Progress = SILENT,
-        straight: Int[np.ndarray, " some"] | None = None,
-        kept: Int[np.ndarray, " some"] | None = None,
-        wide: Int[np.ndarray, " some"] | None = None,
+        constraints: Constraints = FREE,
     ) -> DesignSpace:
-        """The space of all designs in the same patches with the same settings.
-
-        ``straight`` spirals are as good as not wound, ``wide`` ones keep the widest arms that can be, and those that are ``kept`` are
-        as they are in the given design.
-        """
+        """The space of all designs in the same patches with the same settings, as far as the constraints allow."""
         low, high = width_range(design.flat, design.params)
-        if wide is not None:
-            low[wide] = high[wide]
+        low[constraints.wide] = high[constraints.wide]
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
         bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
         # nor beyond the stiffness table, whose limit is that of the shortest arm
@@ -88,9 +82,8 @@ class DesignSpace:
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
         bound = np.minimum(bound, 0.999 * twist_limit(ratio))
-        if straight is not None:
-            bound[:, straight] = np.minimum(bound[:, straight], STRAIGHT)
-        same = None if kept is None or not len(kept) else Kept.of(design, kept)
+        bound[:, constraints.straight] = np.minimum(bound[:, constraints.straight], STRAIGHT)
+        same = Kept.of(design, constraints.kept) if len(constraints.kept) else None
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 
     @property

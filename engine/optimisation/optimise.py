@@ -14,6 +14,7 @@ from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, carried
+from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
@@ -138,25 +139,21 @@ def optimise(
     supports: np.ndarray | None = None,
     force: np.ndarray | None = None,
     prove: bool = True,
-    straight: np.ndarray | None = None,
-    kept: np.ndarray | None = None,
+    constraints: Constraints = FREE,
     wishes: Wishes | None = None,
-    wide: np.ndarray | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``straight`` are quads whose spirals are not wound, ``wide`` those whose arms stay as wide as may
-    be, ``kept`` those that stay exactly as they are, the flat shapes of their quads too, ``wishes`` places where some shall come
-    to. Starts from the given design, the curvature-adjusted one or the uniform one, whichever is nearest to the target; from a
+    Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the curvature-adjusted one or the uniform one, whichever is nearest to the target; from a
     painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
     """
-    _check(design, target, kept, wishes)
+    _check(design, target, constraints, wishes)
     work = Work.of(len(design.width), params.patience)
-    task = Task(target, material, params, physics, supports, force, work, straight, kept, wishes, wide)
+    task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     name, start = min(points.items(), key=lambda item: item[1].value)
@@ -187,12 +184,12 @@ def optimise(
     return Optimisation(before, found.simulation, trace, params.method, name, found.point, ended)
 
 
-def _check(design: SpiralDesign, target: QuadMesh, kept: np.ndarray | None, wishes: Wishes | None) -> None:
+def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
         )
-    if kept is not None and len(kept) == len(design.width):
+    if len(constraints.kept) == len(design.width):
         raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")
     if wishes is not None:
         wishes.check(len(design.width))

@@ -24,6 +24,7 @@ from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
+from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign
 from ..spirals.room import Room
 from ..surface.mesh import QuadMesh
@@ -65,8 +66,7 @@ NEAR, FARTHER = 0.2, 1.1
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a search is given besides the design; ``work`` counts for all of its problems, ``straight`` are quads whose spirals
-    are not wound, ``wide`` those whose arms stay as wide as may be, ``kept`` those that stay as they are."""
+    """What a search is given besides the design; ``work`` counts for all of its problems."""
 
     target: QuadMesh
     material: Material
@@ -75,10 +75,8 @@ class Task:
     supports: np.ndarray | None
     force: np.ndarray | None
     work: Work
-    straight: np.ndarray | None = None
-    kept: np.ndarray | None = None
+    constraints: Constraints = FREE
     wishes: Wishes | None = None
-    wide: np.ndarray | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
         """The problem in the whole model, of the spirals in this design's flat shapes; by default with a space of its own."""
@@ -108,7 +106,7 @@ class Task:
         """The coordinates of designs in the same patches."""
         self.work.add(SPACE, len(design.width))
         groups = GROUPS[self.params.arms]
-        space = DesignSpace.of(design, of_design(design), groups, progress, self.straight, self.kept, self.wide)
+        space = DesignSpace.of(design, of_design(design), groups, progress, self.constraints)
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:

@@ -32,6 +32,7 @@ from ..progress import Progress
 from ..scanning import compare
 from ..simulation import simulate
 from ..spirals import design
+from ..spirals.constraints import Constraints
 from ..spirals.design import SpiralDesign
 from ..structure import cases, structure
 from ..surface import curvature
@@ -91,8 +92,8 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
     if spirals is None:
         progress(0.0, "Measuring curvature")
         spirals = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh))
-    straight, wide = _straight(result, settings), _hung(result, settings)
-    made = design.from_spirals(result.flat, settings.spiral, *spirals, progress, straight=straight, wide=wide)
+    asked = _constraints(result, settings)
+    made = design.from_spirals(result.flat, settings.spiral, *spirals, progress, constraints=asked)
     return replace(result, design=made)
 
 
@@ -104,17 +105,17 @@ def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
     return None if result.start is None or result.start[0] is not result.flat else result.start[1:]
 
 
-def _straight(result: Result, settings: Settings) -> np.ndarray | None:
-    """The spirals that are not to be wound, for they get feet; none without a base."""
-    if not settings.base.stands or result.supports is None:
-        return None
-    refuse_rim(settings.spiral)
-    return footed(result.mesh, result.supports)
-
-
-def _hung(result: Result, settings: Settings) -> np.ndarray | None:
-    """The spirals whose arms are to be as wide as may be, for their hubs get eyelets; none without."""
-    return result.supports if settings.base.base == "eyelets" else None
+def _constraints(result: Result, settings: Settings) -> Constraints:
+    """What the spirals under feet and eyelets must be; protected ones stay as they are."""
+    asked: dict[str, np.ndarray] = {}
+    if settings.base.stands and result.supports is not None:
+        refuse_rim(settings.spiral)
+        asked["straight"] = footed(result.mesh, result.supports)
+    if settings.base.base == "eyelets" and result.supports is not None:
+        asked["wide"] = result.supports
+    if result.protected is not None:
+        asked["kept"] = result.protected
+    return Constraints(**asked)
 
 
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -128,10 +129,8 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         settings.simulate,
         supports=result.supports,
         force=result.force,
-        straight=_straight(result, settings),
-        kept=result.protected,
+        constraints=_constraints(result, settings),
         wishes=result.wishes,
-        wide=_hung(result, settings),
         progress=progress if begun is result.design else progress.part(0.1, 1.0),
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)

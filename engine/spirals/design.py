@@ -15,6 +15,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
+from .constraints import FREE, Constraints
 from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
 from .opening import opened
 from .rim import Rim
@@ -217,23 +218,17 @@ def from_spirals(
     twist: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
     *,
-    straight: Int[np.ndarray, " some"] | None = None,
-    wide: Int[np.ndarray, " some"] | None = None,
+    constraints: Constraints = FREE,
 ) -> SpiralDesign:
-    """A start with these widths in metres and twists in radians, as far as they can be cut.
+    """A start with these widths in metres and twists in radians, as far as they can be cut and the constraints allow.
 
-    straight : quads whose spirals are not wound all the same, and whose arms at the border, from which feet begin, are as wide as
-        may be; wide : quads all of whose arms are
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    if straight is not None:
-        width, twist = width.copy(), twist.copy()
-        twist[straight] = 0.0
-        mesh = flat.layout.mesh
-        width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
-    if wide is not None:
-        width = width.copy()
-        width[wide] = params.width_max
+    width, twist, straight = width.copy(), twist.copy(), constraints.straight
+    twist[straight] = 0.0
+    mesh = flat.layout.mesh
+    width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
+    width[constraints.wide] = params.width_max
     return fitted(flat, params, width, twist, progress=progress)
 
 

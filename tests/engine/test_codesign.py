@@ -25,6 +25,7 @@ from flexmaps.engine.patches.flattening.flatten import flips, measured, overlapp
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
+from flexmaps.engine.spirals.constraints import FREE, Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, fitted
 from flexmaps.engine.spirals.room import Room
 from flexmaps.engine.surface import shapes
@@ -48,7 +49,7 @@ def problem(
     """share : of the material's strain, 0 where it does not count"""
     design, mesh = made()
     assembly = of_design(design)
-    space = DesignSpace.of(design, assembly, groups, kept=np.arange(4) if kept else None)
+    space = DesignSpace.of(design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else FREE)
     whole = FlatProblem(
         assembly=assembly,
         space=space,

@@ -26,6 +26,7 @@ from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model
+from flexmaps.engine.spirals.constraints import FREE, Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
 from flexmaps.engine.spirals.slots import twist_bound
 from flexmaps.engine.spirals.spiral import alike
@@ -60,7 +61,8 @@ def problem(
     loads = Loads.of(assembly.size, supports=held)
     wanted = Wishes(np.array([2, 7]), mesh.centroids[[2, 7]] + [0.0, 0.004, 0.01]) if wishes else None
     aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports, wishes=wanted)
-    space = DesignSpace.of(design, assembly, groups, kept=np.arange(0, assembly.size, 3) if kept else None)
+    asked = Constraints(kept=np.arange(0, assembly.size, 3)) if kept else FREE
+    space = DesignSpace.of(design, assembly, groups, constraints=asked)
     bearing = None if strain is None else Bearing(VERO, strain)
     whole = Problem(
         assembly, space, aim, loads, lambda a, _: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing

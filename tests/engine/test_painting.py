@@ -13,6 +13,7 @@ from flexmaps.engine.mechanics.arms.spiral_stiffness import renewed, stiffness
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.constraints import Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, outside, uniform
 from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, painted
 from flexmaps.engine.spirals.room import Room
@@ -149,7 +150,7 @@ def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bo
     kept = np.flatnonzero(spot(mesh, 12, 0.06) > 0.0)
     mine = painted(design, "stiffer", np.where(np.isin(np.arange(len(design.twist)), kept), 0.7, 0.0))
     params = OptimiseParams(iterations=3, codesign=codesign, smoothness=0.01, strain_share=0.0, open_slots=False)
-    found = optimise(mine, mesh, POM, params, SimulateParams(), kept=kept, prove=False)
+    found = optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(kept=kept), prove=False)
     assert found.start == "given"  # painted spirals are where it starts, though others may lie nearer
     assert (found.design.width[kept] == mine.width[kept]).all() and (found.design.twist[kept] == mine.twist[kept]).all()
     free = np.setdiff1d(np.arange(len(design.twist)), kept)
@@ -162,4 +163,4 @@ def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bo
         still = mine.flat.corners[free] - mine.flat.corners[free].mean(axis=1, keepdims=True)
         assert np.abs(moved - still).max() > 1e-5
     with pytest.raises(FlexMapsError, match="All spirals are protected"):
-        optimise(mine, mesh, POM, params, SimulateParams(), kept=np.arange(len(design.twist)))
+        optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(kept=np.arange(len(design.twist))))
