@@ -32,13 +32,15 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def chosen(add: Any, quick: None) -> Any:
-    obj = add(bowl(closed=True))
-    obj.flexmaps.choose.match = 0.05
-    obj.flexmaps.optimise.patience = 0.2
-    press("merge")
-    press("choose")
-    return obj
+def chosen(add: Any, once: Any, quick: None) -> Any:
+    def make() -> None:
+        obj = add(bowl(closed=True))
+        obj.flexmaps.choose.match = 0.05
+        obj.flexmaps.optimise.patience = 0.2
+        press("merge")
+        press("choose")
+
+    return once("chosen", make)
 
 
 def seams(obj: Any) -> np.ndarray:

@@ -19,9 +19,9 @@ from support.buttons import press
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
+def piece(add: Any, once: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    return spiralled(add)
+    return once("bowl", lambda: spiralled(add))
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------

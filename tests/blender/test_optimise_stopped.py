@@ -22,9 +22,9 @@ from support.buttons import press
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
+def piece(add: Any, once: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    return spiralled(add)
+    return once("bowl", lambda: spiralled(add))
 
 
 class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator
