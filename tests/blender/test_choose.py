@@ -136,6 +136,7 @@ def test_the_sidebar_shows_the_proposals(chosen: Any) -> None:
     assert len([line for line in lines if line.startswith("RMS distance")]) == len(block["proposals"])
 
 
+@pytest.mark.thorough
 def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> None:
     source = tmp_path / "bowl.obj"
     made = bowl(closed=True)

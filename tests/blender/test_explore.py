@@ -64,7 +64,10 @@ def test_the_sidebar_lists_them(tried: Any) -> None:
         draw(ExplorePanel)
 
 
-def test_the_command_line_explores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_explores(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
     words = [
         "explore",
         "shape:strip",
