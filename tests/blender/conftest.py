@@ -85,6 +85,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
 def _spiralled(add: Add) -> Any:
     dome = add(shapes.make("dome"))
     dome.flexmaps.connect.connector = "none"
+    dome.flexmaps.sheet.nesting = "FAST"
     for stage in ("trace", "spirals"):
         assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
     return dome
@@ -92,7 +93,7 @@ def _spiralled(add: Add) -> Any:
 
 @pytest.fixture
 def spiralled(add: Add, once: Once) -> Any:
-    """The same in several panels, with their spirals but without connectors: so Spirals is quicker."""
+    """The same in several panels, with their spirals but without connectors and closely nested sheets, which is quicker."""
     return once("spiralled", lambda: _spiralled(add))
 
 

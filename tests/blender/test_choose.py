@@ -157,6 +157,7 @@ def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> 
     assert len(check.as_quad_mesh(surface.polygons).quads) == len(made.quads)
 
 
+@pytest.mark.thorough
 def test_from_a_script_by_a_number_of_panels(quick: None) -> None:
     piece = api.load(PolygonMesh.of(bowl(closed=True)), settings={"optimise.patience": 0.1})
     piece = api.choose(piece, panels=3)

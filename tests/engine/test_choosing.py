@@ -263,6 +263,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
 
 
 @pytest.mark.usefixtures("few")
+@pytest.mark.thorough
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = Piece(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
