@@ -249,7 +249,12 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     design, mesh = made()
     seen = []
     found = optimise.optimise(
-        design, mesh, VERO, OptimiseParams(iterations=4, codesign=False), SimulateParams(), progress=Progress(shown=seen.append)
+        design,
+        mesh,
+        VERO,
+        OptimiseParams(iterations=4, codesign=False),
+        SimulateParams(),
+        progress=Progress(shown=seen.append),
     )
     block = found.report()
     assert block["laplacian_rmse_mm"] < 0.9 * block["laplacian_rmse_mm_before"]
