@@ -9,11 +9,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from threading import Lock
-from typing import IO
+from typing import IO, TypeVar
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -36,6 +39,9 @@ NO_TESTS = 5  # pytest's exit status where it found no test, as with -k
 THOROUGH = "--thorough"  # of tests/conftest.py: also what takes long
 # whose types are checked, with tools/
 PACKAGES = ("engine", "bridge", "api", "command", "operators", "panels", "database")
+
+Piece = tuple[str, int, int]  # a tier, which part of it, of how many
+Found = TypeVar("Found")
 
 
 @dataclass
@@ -69,46 +75,59 @@ def main(argv: list[str]) -> int:
         print("lint: " + (f"failed ({', '.join(failed)})" if failed else "clean"))
         return 1 if failed else 0
     start = time.monotonic()
-    failed = None if tiers else _lint()  # who asks for one tier wants its answer soon
-    rows = _tiers([tier for tier in tiers or TIERS if (ROOT / "tests" / tier).is_dir()], options)
-    return _summary(failed, rows, time.monotonic() - start)
+    with ThreadPoolExecutor(LANES) as pool:
+        # who asks for one tier wants its answer soon
+        linted = None if tiers else pool.submit(_logged, _lint)
+        rows = _tiers(pool, [tier for tier in tiers or TIERS if (ROOT / "tests" / tier).is_dir()], options)
+    return _summary(None if linted is None else linted.result(), rows, time.monotonic() - start)
 
 
-def _tiers(wanted: list[str], options: list[str]) -> dict[str, Row]:
-    """Run tiers, the longest first and as many at once as there are lanes; what each says is printed when it ends."""
+def _pieces(wanted: list[str], options: list[str]) -> list[list[Piece]]:
+    """What runs side by side, the longest first; the pieces of one list run one after the other."""
     chosen = any(word != THOROUGH for word in options)  # then few tests run, which are not worth several processes
     lines = [[(tier, 1 if chosen else parts) for tier, parts in line if tier in wanted] for line in QUEUE]
-    pieces = [
-        [(tier, k, of) for tier, of in line] for line in lines for k in range(max((of for _, of in line), default=0))
-    ]
-    alone, printing = sum(map(len, pieces)) == 1, Lock()
+    return [[(tier, k, of) for tier, of in line] for line in lines if line for k in range(max(of for _, of in line))]
+
+
+def _tiers(pool: Executor, wanted: list[str], options: list[str]) -> dict[str, Row]:
+    """Run tiers; what each part of one says is printed when it ends, or at once where it is the only one."""
+    pieces = _pieces(wanted, options)
+    alone = [len(line) for line in pieces] == [1]
+
+    def work(line: list[Piece]) -> list[tuple[str, Row]]:
+        parts = [(tier, partial(_run, tier, part, of, options)) for tier, part, of in line]
+        return [(tier, part(None) if alone else _logged(part)) for tier, part in parts]
+
     rows = {tier: Row() for tier in wanted}
-
-    def work(piece: list[tuple[str, int, int]]) -> None:
-        for tier, k, of in piece:
-            with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
-                row = _run(tier, k, of, options, None if alone else log)
-                with printing:
-                    log.seek(0)
-                    print(log.read(), end="", flush=True)
-                    rows[tier].add(row)
-
-    with ThreadPoolExecutor(LANES) as pool:
-        list(pool.map(work, pieces))
+    for tier, row in chain.from_iterable(pool.map(work, pieces)):
+        rows[tier].add(row)
     return rows
 
 
-def _lint() -> list[str]:
-    """Style and types; returns the names of what failed."""
+_PRINTING = Lock()
+
+
+def _logged(work: Callable[[IO[str]], Found]) -> Found:
+    """Do some work that writes into a file, and print that in one piece when it ends."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
+        found = work(log)
+        log.seek(0)
+        with _PRINTING:
+            print(log.read(), end="", flush=True)
+    return found
+
+
+def _lint(log: IO[str] | None = None) -> list[str]:
+    """Style and types; returns the names of what failed. What is said goes into a file if there is one."""
     failed = []
     for name, command in (
         ("ruff check", ["ruff", "check", "."]),
         ("ruff format", ["ruff", "format", "--check", "--quiet", "."]),
     ):
-        print(f"== {name}", flush=True)
-        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT).returncode:
+        print(f"== {name}", file=log, flush=True)
+        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT, stdout=log, stderr=log).returncode:
             failed.append(name)
-    print("== mypy", flush=True)
+    print("== mypy", file=log, flush=True)
     # the checkout is the package: mypy finds it by the name that it is imported by
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "flexmaps").symlink_to(ROOT, target_is_directory=True)
@@ -117,7 +136,8 @@ def _lint() -> list[str]:
         config = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
         environment = dict(os.environ, MYPYPATH=os.pathsep.join((folder, str(ROOT / "tools"))))
         for what in (packages, tools):
-            if subprocess.run([sys.executable, "-m", "mypy", *config, *what], cwd=folder, env=environment).returncode:
+            command = [sys.executable, "-m", "mypy", *config, *what]
+            if subprocess.run(command, cwd=folder, env=environment, stdout=log, stderr=log).returncode:
                 failed.append("mypy")
     return failed
 
