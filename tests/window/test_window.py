@@ -70,6 +70,7 @@ def kept(real_blender: ModuleType, work: Path, pictures: Path) -> Iterator[None]
             real_blender.picture(shot, pictures / f"{shot.stem}.png")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("names", [("suzanne", "text", "cylinder"), ("bunny",)], ids="-".join)
 def test_next_leads_models_to_their_sheets(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, names: tuple[str, ...], request: pytest.FixtureRequest
