@@ -155,6 +155,7 @@ def test_finer(add: Any, all_of: Any) -> None:
         done(made)
 
 
+@pytest.mark.thorough
 def test_what_was_optimised_is_optimised_again(add: Any) -> None:
     obj = simulated(add, "birch")
     obj.flexmaps.optimise.iterations = 1

@@ -102,7 +102,19 @@ def broken_inputs(folder: Path) -> dict[str, Path]:
     }
 
 
-@pytest.mark.parametrize("case", ["triangles", "size", "nan", "flipped", "truncated", "empty", "missing", "folder"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "triangles",
+        pytest.param("size", marks=pytest.mark.thorough),
+        "nan",
+        "flipped",
+        "truncated",
+        "empty",
+        "missing",
+        "folder",
+    ],
+)
 def test_a_bad_mesh_is_refused_in_one_line(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     out.mkdir()

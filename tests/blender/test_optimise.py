@@ -183,6 +183,7 @@ def test_a_mistake_is_named_and_the_design_stays(
 # -- main job ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_main_job_with_and_without(tmp_path: Path) -> None:
     reports = {}
     for flag in ((), ("--optimise", "--optimise-iterations", "3")):

@@ -11,6 +11,7 @@ from flexmaps.engine.surface import shapes
 from support.buttons import press, report
 
 
+@pytest.mark.thorough
 def test_suzanne_becomes_an_accepted_quad_mesh() -> None:
     bpy.ops.mesh.primitive_monkey_add()
     monkey = bpy.context.object

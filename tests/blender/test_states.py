@@ -71,7 +71,9 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.svg"))
 
 
-@pytest.mark.parametrize("shape", [pytest.param("monkey", marks=pytest.mark.thorough), "cylinder", "text"])
+@pytest.mark.parametrize(
+    "shape", ["text", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("monkey", "cylinder"))]
+)
 def test_next_leads_from_blenders_own_shapes_to_the_sheets(shape: str, tmp_path: Path) -> None:
     if shape == "text":
         bpy.ops.object.text_add()

@@ -297,6 +297,7 @@ def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
+@pytest.mark.thorough
 def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
     design, mesh = thin_ring()
     found = optimise.optimise(
@@ -309,6 +310,7 @@ def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
     assert block["laplacian_rmse_mm"] < 1.5 * min(row["rmse_mm"] for row in block["history"])
 
 
+@pytest.mark.thorough
 def test_the_end_is_told() -> None:
     design, mesh = made()
     patient = optimise.optimise(

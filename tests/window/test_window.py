@@ -50,6 +50,7 @@ def driven(real_blender: ModuleType, script: Path, work: Path, *, window: bool) 
     return found
 
 
+@pytest.mark.thorough
 def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     found = drive(real_blender, HERE / "headless.py", zip_file, tmp_path, window=False)
     assert "not quads" in found["refused"][0]
