@@ -89,6 +89,7 @@ def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: 
     bpy.context.view_layer.objects.active = other
 
 
+@pytest.mark.thorough
 def test_cut_there_changes_the_layout_that_is_there_and_says_what_it_brought(add: Any, quick: None) -> None:
     obj = add(bowl())
     obj.flexmaps.optimise.patience = 0.2

@@ -118,7 +118,7 @@ def test_progress_rises() -> None:
 @pytest.mark.parametrize(
     ("name", "patches"),
     [
-        ("three_holes.obj", 11),
+        pytest.param("three_holes.obj", 11, marks=pytest.mark.thorough),
         pytest.param("bunny.obj", 10, marks=pytest.mark.thorough),
         pytest.param("amo_quad.off", 8, marks=pytest.mark.thorough),
     ],

@@ -30,7 +30,7 @@ SMALL = {
 }
 
 
-LONG = {"a thin ring", "a pole of valence 10, closed"}  # several seconds each
+LONG = {"a thin ring", "a pole of valence 10, closed", "a pole, and slender arms"}  # several seconds each
 
 
 @pytest.mark.parametrize(
