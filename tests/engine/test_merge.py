@@ -115,14 +115,8 @@ def test_progress_rises() -> None:
     assert seen[-1] <= 1
 
 
-@pytest.mark.parametrize(
-    ("name", "patches"),
-    [
-        pytest.param("three_holes.obj", 11, marks=pytest.mark.thorough),
-        pytest.param("bunny.obj", 10, marks=pytest.mark.thorough),
-        pytest.param("amo_quad.off", 8, marks=pytest.mark.thorough),
-    ],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize(("name", "patches"), [("bunny.obj", 10), ("three_holes.obj", 11), ("amo_quad.off", 8)])
 def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
     polygons = check.scaled(meshio.read(shared_meshes / name), edge=0.02)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
