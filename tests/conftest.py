@@ -138,6 +138,20 @@ def shared_meshes() -> Path:
     return folder
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--thorough", action="store_true", help="also the tests marked so, which take long")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what takes long unless it is asked for; as skipped tests, so that every summary names and counts them."""
+    if not config.getoption("--thorough"):
+        for item in items:
+            if item.get_closest_marker("thorough"):
+                item.add_marker(
+                    pytest.mark.skip("thorough tests, which take long: dev.py test --thorough runs them too")
+                )
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_unconfigure(config: pytest.Config) -> None:
     """Blender as a module complains for pages when the process ends, and can wait for ever: leave without its clean-up."""

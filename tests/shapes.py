@@ -88,15 +88,20 @@ def _watch_class(cls: type, names: Mapping[str, Any]) -> None:
     hints = _hints(getattr(cls, "__annotations__", {}), names) if is_dataclass(cls) else {}
     if hints:
         plain = cls.__init__  # type: ignore[misc]
+        fitting: set[tuple[Any, ...]] = set()
 
         @functools.wraps(plain)
         def init(self: Any, *args: Any, **kwargs: Any) -> None:
             plain(self, *args, **kwargs)
             if _paused:
                 return
+            kind = tuple([_kind(getattr(self, name)) for name in hints])
+            if kind in fitting:
+                return
             with jaxtyped("context"):
                 for name, hint in hints.items():
                     _demand(getattr(self, name), hint, f"{cls.__module__}.{cls.__name__}.{name}")
+            fitting.add(kind)
 
         cls.__init__ = init  # type: ignore[misc]
 
@@ -109,22 +114,44 @@ def _checked(function: Callable[..., Any], names: Mapping[str, Any]) -> Callable
     result = None if inspect.isgeneratorfunction(function) else hints.pop("return", None)
     order = function.__code__.co_varnames[: function.__code__.co_argcount]
     who = f"{function.__module__}.{function.__qualname__}"
+    fitting: set[tuple[Any, ...]] = set()
 
     @functools.wraps(function)
     def checked(*args: Any, **kwargs: Any) -> Any:
         if _paused:
             return function(*args, **kwargs)
         given = {**dict(zip(order, args)), **kwargs}
-        with jaxtyped("context"):
-            for name, hint in hints.items():
-                if name in given:
-                    _demand(given[name], hint, f"{who}: {name}")
-            value = function(*args, **kwargs)
-            if result is not None:
+        kind = tuple([_kind(given.get(name, ...)) for name in hints])
+        if kind not in fitting:
+            with jaxtyped("context"):
+                _demand_arguments(given, hints, who)
+            fitting.add(kind)
+        value = function(*args, **kwargs)
+        if result is not None and (whole := (*kind, _kind(value))) not in fitting:
+            with jaxtyped("context"):  # sizes agree with those of the arguments
+                _demand_arguments(given, hints, who)
                 _demand(value, result, f"{who}: what it returns")
+            fitting.add(whole)
         return value
 
     return checked
+
+
+def _kind(value: Any) -> Any:
+    """All that the check of a value looks at: what was found to fit once need not be looked at again."""
+    if isinstance(value, np.ndarray):
+        return value.shape, value.dtype.char
+    if isinstance(value, tuple):
+        return (tuple, *map(_kind, value))
+    if isinstance(value, list):
+        return (list, *map(_kind, value[:FEW]))
+    return type(value)
+
+
+def _demand_arguments(given: Mapping[str, Any], hints: Mapping[str, Any], who: str) -> None:
+    for name, hint in hints.items():
+        if name in given:
+            _demand(given[name], hint, f"{who}: {name}")
 
 
 def _hints(annotations: Mapping[str, Any], names: Mapping[str, Any]) -> dict[str, Any]:

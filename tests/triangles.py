@@ -24,7 +24,7 @@ def icosphere(levels: int = 3) -> Triangles:
 
 
 def ellipsoid() -> Triangles:
-    sphere = icosphere(4)
+    sphere = icosphere(3)
     return Triangles(sphere.vertices * [1.0, 1.5, 2.5], sphere.corners)
 
 

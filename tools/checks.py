@@ -8,14 +8,20 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import IO
+from threading import Lock
+from typing import IO, TypeVar
 from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parent.parent
 
-# in the order of what tells most per second; each in a process of its own, so that a crash of Blender costs one tier
+# in the order of what tells most per second; each in processes of its own, so that a crash of Blender costs one of them
 TIERS = {
     "engine": "the numerics, without Blender",
     "database": "the offline simulations",
@@ -24,50 +30,104 @@ TIERS = {
     "page": "the report's page in a real browser",
     "window": "a real Blender with its window",
 }
-LONGEST = "blender"
+# the longest work first, so that all lanes end together: a tier, and in how many parts its files are dealt out. What
+# builds the zip shares a folder and so a line
+QUEUE = ((("blender", 2),), (("engine", 2),), (("install", 1), ("window", 1)), (("page", 1),), (("database", 1),))
+LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take up to 1 GB of memory each
+KINDS = ("passed", "failed", "skipped")
+NO_TESTS = 5  # pytest's exit status where it found no test, as with -k
+THOROUGH = "--thorough"  # of tests/conftest.py: also what takes long
 # whose types are checked, with tools/
 PACKAGES = ("engine", "bridge", "api", "command", "operators", "panels", "database")
 
+Piece = tuple[str, int, int]  # a tier, which part of it, of how many
+Found = TypeVar("Found")
+
+
+@dataclass
+class Row:
+    """What came of a tier, or of one part of it."""
+
+    status: int = 0
+    counts: Counter[str] = field(default_factory=Counter)  # passed, failed, skipped
+    reasons: Counter[str] = field(default_factory=Counter)  # why tests were skipped, and how many
+    seconds: float = 0.0
+    broken: list[int] = field(default_factory=list)  # exit statuses of processes that ended without telling what failed
+
+    def add(self, other: Row) -> None:
+        self.status = self.status or other.status
+        self.counts += other.counts
+        self.reasons += other.reasons
+        self.seconds += other.seconds
+        self.broken += other.broken
+
 
 def main(argv: list[str]) -> int:
-    """``lint [--fix]``, or ``test [TIER ...] [pytest options]``; the exit status is 0 when nothing failed."""
+    """``lint [--fix]``, or ``test [TIER ...] [--thorough] [pytest options]``; the exit status is 0 when nothing failed."""
     command, *rest = argv
     if command == "lint" and "--fix" in rest:
         for fix in (["check", "--fix", "--quiet"], ["format", "--quiet"]):
             subprocess.run([sys.executable, "-m", "ruff", *fix, "."], cwd=ROOT)
     tiers = [name for name in rest if name in TIERS]
     options = [word for word in rest if word not in TIERS]
-    failed = None if tiers else _lint()  # who asks for one tier wants its answer soon
     if command == "lint":
-        failed = failed or []
+        failed = _lint()
         print("lint: " + (f"failed ({', '.join(failed)})" if failed else "clean"))
         return 1 if failed else 0
-    wanted = [tier for tier in tiers or TIERS if (ROOT / "tests" / tier).is_dir()]
-    with ThreadPoolExecutor(1) as pool, tempfile.TemporaryFile("w+") as log:
-        # the longest runs beside those before it, which leave a core idle
-        beside = pool.submit(_run, LONGEST, options, log) if LONGEST in wanted[1:] else None
-        rows = []
-        for tier in wanted:
-            if tier == LONGEST and beside is not None:
-                rows.append(beside.result())
-                log.seek(0)
-                print(log.read(), end="", flush=True)
-            else:
-                rows.append(_run(tier, options))
-    return _summary(failed, rows)
+    start = time.monotonic()
+    with ThreadPoolExecutor(LANES) as pool:
+        # who asks for one tier wants its answer soon
+        linted = None if tiers else pool.submit(_logged, _lint)
+        rows = _tiers(pool, [tier for tier in tiers or TIERS if (ROOT / "tests" / tier).is_dir()], options)
+    return _summary(None if linted is None else linted.result(), rows, time.monotonic() - start)
 
 
-def _lint() -> list[str]:
-    """Style and types; returns the names of what failed."""
+def _pieces(wanted: list[str], options: list[str]) -> list[list[Piece]]:
+    """What runs side by side, the longest first; the pieces of one list run one after the other."""
+    chosen = any(word != THOROUGH for word in options)  # then few tests run, which are not worth several processes
+    lines = [[(tier, 1 if chosen else parts) for tier, parts in line if tier in wanted] for line in QUEUE]
+    return [[(tier, k, of) for tier, of in line] for line in lines if line for k in range(max(of for _, of in line))]
+
+
+def _tiers(pool: Executor, wanted: list[str], options: list[str]) -> dict[str, Row]:
+    """Run tiers; what each part of one says is printed when it ends, or at once where it is the only one."""
+    pieces = _pieces(wanted, options)
+    alone = [len(line) for line in pieces] == [1]
+
+    def work(line: list[Piece]) -> list[tuple[str, Row]]:
+        parts = [(tier, partial(_run, tier, part, of, options)) for tier, part, of in line]
+        return [(tier, part(None) if alone else _logged(part)) for tier, part in parts]
+
+    rows = {tier: Row() for tier in wanted}
+    for tier, row in chain.from_iterable(pool.map(work, pieces)):
+        rows[tier].add(row)
+    return rows
+
+
+_PRINTING = Lock()
+
+
+def _logged(work: Callable[[IO[str]], Found]) -> Found:
+    """Do some work that writes into a file, and print that in one piece when it ends."""
+    with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
+        found = work(log)
+        log.seek(0)
+        with _PRINTING:
+            print(log.read(), end="", flush=True)
+    return found
+
+
+def _lint(log: IO[str] | None = None) -> list[str]:
+    """Style and types; returns the names of what failed. What is said goes into a file if there is one."""
     failed = []
     for name, command in (
         ("ruff check", ["ruff", "check", "."]),
         ("ruff format", ["ruff", "format", "--check", "--quiet", "."]),
     ):
-        print(f"== {name}", flush=True)
-        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT).returncode:
+        print(f"== {name}", file=log, flush=True)
+        if subprocess.run([sys.executable, "-m", *command], cwd=ROOT, stdout=log, stderr=log).returncode:
             failed.append(name)
-    print("== mypy", flush=True)
+    print("== mypy", file=log, flush=True)
     # the checkout is the package: mypy finds it by the name that it is imported by
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "flexmaps").symlink_to(ROOT, target_is_directory=True)
@@ -76,57 +136,61 @@ def _lint() -> list[str]:
         config = ["--config-file", str(ROOT / "pyproject.toml"), "--cache-dir", str(ROOT / ".mypy_cache")]
         environment = dict(os.environ, MYPYPATH=os.pathsep.join((folder, str(ROOT / "tools"))))
         for what in (packages, tools):
-            if subprocess.run([sys.executable, "-m", "mypy", *config, *what], cwd=folder, env=environment).returncode:
+            command = [sys.executable, "-m", "mypy", *config, *what]
+            if subprocess.run(command, cwd=folder, env=environment, stdout=log, stderr=log).returncode:
                 failed.append("mypy")
     return failed
 
 
-def _run(
-    tier: str, options: list[str], log: IO[str] | None = None
-) -> tuple[str, int, dict[str, int], list[str], float]:
-    """One tier, its output into a file if there is one: its name, exit status, counts, reasons of skipped tests, seconds."""
-    print(f"== {tier}: {TIERS[tier]}", file=log, flush=True)
+def _run(tier: str, part: int, of: int, options: list[str], log: IO[str] | None) -> Row:
+    """Every ``of``-th file of a tier from the ``part``-th on, its output into a file if there is one."""
+    which = "" if of == 1 else f", part {part + 1} of {of}"
+    print(f"== {tier}: {TIERS[tier]}{which}", file=log, flush=True)
+    if log is not None:
+        print(f"({tier}{which} begins)", flush=True)
+    files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests" / tier).rglob("test_*.py"))
     start = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         results = Path(folder) / "results.xml"
-        pytest = [sys.executable, "-m", "pytest", f"tests/{tier}", "-q", f"--junit-xml={results}", *options]
+        where = [f"tests/{tier}"] if of == 1 else files[part::of]
+        pytest = [sys.executable, "-m", "pytest", *where, "-q", f"--junit-xml={results}", *options]
         environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
         status = subprocess.run(pytest, cwd=ROOT, env=environment, stdout=log, stderr=log).returncode
-        counts, reasons = _counts(results)
-    return tier, status, counts, reasons, time.monotonic() - start
+        row = _counted(results)
+    row.status, row.seconds = 0 if status == NO_TESTS else status, time.monotonic() - start
+    if row.status and not row.counts["failed"]:
+        row.broken.append(status)
+    return row
 
 
-def _counts(results: Path) -> tuple[dict[str, int], list[str]]:
-    counts, reasons = dict.fromkeys(("passed", "failed", "skipped"), 0), set()
-    if not results.is_file():
-        return counts, []
-    for case in ElementTree.parse(results).iter("testcase"):
+def _counted(results: Path) -> Row:
+    """What a file of pytest's results tells; nothing where a crash left none."""
+    row = Row()
+    for case in ElementTree.parse(results).iter("testcase") if results.is_file() else ():
         kinds = {child.tag: child for child in case}
         if "failure" in kinds or "error" in kinds:
-            counts["failed"] += 1
+            row.counts["failed"] += 1
         elif "skipped" in kinds:
-            counts["skipped"] += 1
+            row.counts["skipped"] += 1
             # a whole file that was skipped has its reason in the text
-            text = re.sub(r"[\"']\)$", "", (kinds["skipped"].text or "").rpartition("Skipped: ")[2])
+            text = re.sub(r"[\"\']\)$", "", (kinds["skipped"].text or "").rpartition("Skipped: ")[2])
             message = kinds["skipped"].get("message", "")
-            reasons.add(text if message == "collection skipped" else message)
+            row.reasons[text if message == "collection skipped" else message] += 1
         else:
-            counts["passed"] += 1
-    return counts, sorted(reasons)
+            row.counts["passed"] += 1
+    return row
 
 
-def _summary(failed: list[str] | None, rows: list[tuple[str, int, dict[str, int], list[str], float]]) -> int:
+def _summary(failed: list[str] | None, rows: dict[str, Row], seconds: float) -> int:
     print("== summary")
     print("lint      " + ("not run" if failed is None else f"failed: {', '.join(failed)}" if failed else "clean"))
-    bad = bool(failed)
-    for tier, status, counts, reasons, seconds in rows:
-        # 5: pytest found no test, as with -k; a crash leaves no results
-        broken = status not in (0, 5) and not counts["failed"]
-        bad |= status not in (0, 5)
-        text = ", ".join(f"{n} {kind}" for kind, n in counts.items() if n or kind == "passed")
-        print(f"{tier:9} {text}, {seconds:.0f} s" + (f"; ended with status {status}" if broken else ""))
-        for reason in reasons:
-            print(f"{'':9} skipped: {reason}")
-    totals = {kind: sum(row[2][kind] for row in rows) for kind in ("passed", "failed", "skipped")}
-    print(f"{totals['passed']} passed, {totals['failed']} failed, {totals['skipped']} skipped", flush=True)
-    return 1 if bad else 0
+    whole = Row()
+    for tier, row in rows.items():
+        whole.add(row)
+        text = ", ".join(f"{row.counts[kind]} {kind}" for kind in KINDS if row.counts[kind] or kind == "passed")
+        ends = "".join(f"; ended with status {status}" for status in row.broken)
+        print(f"{tier:9} {text}, {row.seconds:.0f} s{ends}")
+        for reason, count in sorted(row.reasons.items()):
+            print(f"{'':9} skipped {count}: {reason}")
+    print(f"{', '.join(f'{whole.counts[kind]} {kind}' for kind in KINDS)}, {seconds:.0f} s in all", flush=True)
+    return 1 if failed or whole.status else 0

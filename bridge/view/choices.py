@@ -33,7 +33,8 @@ def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 
 
 def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
     """Keep the pictures in the file, by the name of the object's mesh."""
-    images.image(_name(obj), strip.astype(np.float32))
+    kept = images.image(_name(obj), strip.astype(np.float32))
+    kept.use_fake_user = True  # nothing else uses it, and what nothing uses is lost when the file is saved
     _kept.pop(_name(obj), None)
 
 

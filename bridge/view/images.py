@@ -58,7 +58,7 @@ def image(name: str, pixels: Float[np.ndarray, "rows columns 4"]) -> bpy.types.I
     height, width = pixels.shape[:2]
     made = bpy.data.images.get(name)
     if made is None or made.source not in {"GENERATED", "FILE"}:
-        made = bpy.data.images.new(name, width, height)
+        made = bpy.data.images.new(name, width, height, alpha=True)
     if tuple(made.size) != (width, height):
         made.scale(width, height)
     made.pixels.foreach_set(pixels[::-1].ravel())

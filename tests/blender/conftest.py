@@ -59,20 +59,53 @@ def dome(add: Add) -> Any:
     return add(shapes.make("dome"))
 
 
-@pytest.fixture
-def spiralled(dome: Any) -> Any:
-    """The same in several panels, with their spirals but without connectors: so Spirals is quicker."""
+Once = Callable[[str, Callable[[], Any]], Any]
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Pieces that take seconds to make: the file as a function leaves it is kept by a name, and read back in every test.
+
+    Also in the first, so that all begin alike. The file has no path, as if it had never been saved; the active object is returned.
+    """
+    folder = tmp_path_factory.mktemp("once")
+
+    def read(name: str, make: Callable[[], Any]) -> Any:
+        path = folder / f"{name}.blend"
+        if not path.is_file():
+            make()
+            bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, check_existing=False)
+        bpy.ops.wm.read_homefile(filepath=str(path), load_ui=False)
+        bpy.context.view_layer.update()
+        return bpy.context.view_layer.objects.active
+
+    return read
+
+
+def _spiralled(add: Add) -> Any:
+    dome = add(shapes.make("dome"))
     dome.flexmaps.connect.connector = "none"
+    dome.flexmaps.sheet.nesting = "FAST"
     for stage in ("trace", "spirals"):
         assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
     return dome
 
 
 @pytest.fixture
-def simulated(spiralled: Any) -> Any:
+def spiralled(add: Add, once: Once) -> Any:
+    """The same in several panels, with their spirals but without connectors and closely nested sheets, which is quicker."""
+    return once("spiralled", lambda: _spiralled(add))
+
+
+@pytest.fixture
+def simulated(add: Add, once: Once) -> Any:
     """The same, simulated."""
-    assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
-    return spiralled
+
+    def make() -> None:
+        _spiralled(add)
+        assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
+
+    return once("simulated", make)
 
 
 def _content(obj: Any) -> dict[str, bytes]:

@@ -45,15 +45,15 @@ def simulated(add: Any, material: str, *, mirrored: bool = False) -> Any:
 
 
 @pytest.fixture
-def strained(add: Any) -> Any:
+def strained(add: Any, once: Any) -> Any:
     """A bowl whose arms are strained a little more than they bear."""
-    return simulated(add, "vero")
+    return once("strained", lambda: simulated(add, "vero"))
 
 
 @pytest.fixture
-def distorted(add: Any) -> Any:
+def distorted(add: Any, once: Any) -> Any:
     """A bowl of a softer material, whose match is held back by quads that flattening distorts."""
-    return simulated(add, "pom")
+    return once("distorted", lambda: simulated(add, "pom"))
 
 
 def everything(obj: Any, all_of: Callable[[Any], dict[str, bytes]]) -> dict[str, Any]:
@@ -155,6 +155,7 @@ def test_finer(add: Any, all_of: Any) -> None:
         done(made)
 
 
+@pytest.mark.thorough
 def test_what_was_optimised_is_optimised_again(add: Any) -> None:
     obj = simulated(add, "birch")
     obj.flexmaps.optimise.iterations = 1
@@ -280,7 +281,8 @@ def test_a_size_that_something_else_sets_is_refused(strained: Any, all_of: Any) 
 # -- when they are grey ------------------------------------------------------------------------------------------------
 
 
-def test_a_grey_button_says_why(strained: Any, distorted: Any) -> None:
+def test_a_grey_button_says_why(strained: Any, add: Any) -> None:
+    distorted = simulated(add, "pom")
     larger, thinner, finer = (operators.MakeLarger, operators.MakeThinner, operators.MakeFiner)
     assert larger.obstacle(strained) is None and thinner.obstacle(strained) is None
     assert finer.obstacle(strained) == "The advice under Optimise is another one"
@@ -320,7 +322,8 @@ def test_settings_that_change_meanwhile_make_it_out_of_date(strained: Any, monke
     assert states.of(strained, bpy.context.scene)["reach"].kind == states.OLD
 
 
-def test_the_sidebar_offers_what_is_advised(strained: Any, distorted: Any) -> None:
+def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:
+    distorted = simulated(add, "pom")
     bpy.context.view_layer.objects.active = strained
     buttons = {"Cut there", "Larger: 1.1 times", "Sheet of 1.5 mm instead of 2 mm"}
     assert buttons <= set(draw(OptimisePanel)) and "Finer" not in " ".join(draw(OptimisePanel))

@@ -36,12 +36,14 @@ def _base_of(obj: Any) -> Any:
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
-    obj = add(shapes.make("dome"))
-    obj.flexmaps.sheet.nesting = "FAST"
-    obj.flexmaps.base.base = "feet"
-    press("trace")
-    return obj
+def piece(add: Any, once: Any) -> Any:
+    def make() -> None:
+        obj = add(shapes.make("dome"))
+        obj.flexmaps.sheet.nesting = "FAST"
+        obj.flexmaps.base.base = "feet"
+        press("trace")
+
+    return once("based", make)
 
 
 def test_from_spirals_to_files(piece: Any, tmp_path: Path) -> None:

@@ -32,13 +32,15 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def chosen(add: Any, quick: None) -> Any:
-    obj = add(bowl(closed=True))
-    obj.flexmaps.choose.match = 0.05
-    obj.flexmaps.optimise.patience = 0.2
-    press("merge")
-    press("choose")
-    return obj
+def chosen(add: Any, once: Any, quick: None) -> Any:
+    def make() -> None:
+        obj = add(bowl(closed=True))
+        obj.flexmaps.choose.match = 0.05
+        obj.flexmaps.optimise.patience = 0.2
+        press("merge")
+        press("choose")
+
+    return once("chosen", make)
 
 
 def seams(obj: Any) -> np.ndarray:
@@ -87,6 +89,7 @@ def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: 
     bpy.context.view_layer.objects.active = other
 
 
+@pytest.mark.thorough
 def test_cut_there_changes_the_layout_that_is_there_and_says_what_it_brought(add: Any, quick: None) -> None:
     obj = add(bowl())
     obj.flexmaps.optimise.patience = 0.2
@@ -134,6 +137,7 @@ def test_the_sidebar_shows_the_proposals(chosen: Any) -> None:
     assert len([line for line in lines if line.startswith("RMS distance")]) == len(block["proposals"])
 
 
+@pytest.mark.thorough
 def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> None:
     source = tmp_path / "bowl.obj"
     made = bowl(closed=True)
@@ -154,6 +158,7 @@ def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> 
     assert len(check.as_quad_mesh(surface.polygons).quads) == len(made.quads)
 
 
+@pytest.mark.thorough
 def test_from_a_script_by_a_number_of_panels(quick: None) -> None:
     piece = api.load(PolygonMesh.of(bowl(closed=True)), settings={"optimise.patience": 0.1})
     piece = api.choose(piece, panels=3)

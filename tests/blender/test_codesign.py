@@ -17,6 +17,7 @@ from flexmaps.engine.surface.checking import check
 from support.buttons import press
 
 
+@pytest.mark.thorough
 def test_flat_shapes_that_moved_are_written(add: Any) -> None:
     obj = add(shapes.make("dome", 0.03))
     press("merge")

@@ -62,6 +62,7 @@ def test_the_button_measures_shows_and_is_dropped(saddle: Any, tmp_path: Path, a
     assert not colouring.store(obj, "SCAN") and "scan" not in api.report(obj)
 
 
+@pytest.mark.thorough
 def test_it_is_compared_with_the_simulated_shape(saddle: Any, tmp_path: Path) -> None:
     """A scan of the shape that the simulation found lies over it, not over the target."""
     obj, piece = saddle

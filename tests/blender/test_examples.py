@@ -108,7 +108,16 @@ def test_they_are_numbered_and_the_guide_shows_them_all() -> None:
     assert [path.name for path in SCRIPTS if f"examples/{path.name})" not in guide] == []
 
 
-@pytest.mark.parametrize("path", SCRIPTS[: FOR_SOMEBODY - 1], ids=lambda path: path.stem)
+LONG = {3, 6, 9, 10}  # remeshing, optimising, three cuts, beds of a printer
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.thorough] if number(path) in LONG else [], id=path.stem)
+        for path in SCRIPTS[: FOR_SOMEBODY - 1]
+    ],
+)
 def test_short_ones(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -140,6 +149,7 @@ def test_for_makers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert re.search(r"arch.obj: \d+ sheets", out) and "1 refused: broken.stl" in out
 
 
+@pytest.mark.thorough
 def test_for_researchers(tmp_path: Path) -> None:
     rows = example(15)["main"](["shape:strip", str(tmp_path), "1.5", "3"])
     assert [row["thickness_mm"] for row in rows] == [1.5, 3.0]
@@ -155,6 +165,7 @@ def test_four_widths(capsys: pytest.CaptureFixture[str]) -> None:
     assert "sags by" in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_a_layout_chosen_by_the_shape(capsys: pytest.CaptureFixture[str]) -> None:
     rows = example(17)["main"](["shape:strip", "3"], {"optimise.patience": 0.1})
     out = capsys.readouterr().out
@@ -164,6 +175,7 @@ def test_a_layout_chosen_by_the_shape(capsys: pytest.CaptureFixture[str]) -> Non
     assert numbers(taken)[2] <= min(row["rms_percent"] for row in rows if row["panels"] == 1) * 1.05 + 1e-3
 
 
+@pytest.mark.thorough
 def test_explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
     taken = example(18)["main"](["shape:strip", "6"])

@@ -19,13 +19,16 @@ from test_sidebar import draw
 
 
 @pytest.fixture
-def tried(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
+def tried(add: Any, once: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
-    obj = add(bowl())
-    obj.flexmaps.explore.candidates = 4
-    press("merge")
-    press("explore")
-    return obj
+
+    def make() -> None:
+        obj = add(bowl())
+        obj.flexmaps.explore.candidates = 4
+        press("merge")
+        press("explore")
+
+    return once("explored", make)
 
 
 def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
@@ -61,7 +64,10 @@ def test_the_sidebar_lists_them(tried: Any) -> None:
         draw(ExplorePanel)
 
 
-def test_the_command_line_explores(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_line_explores(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
     words = [
         "explore",
         "shape:strip",

@@ -102,7 +102,19 @@ def broken_inputs(folder: Path) -> dict[str, Path]:
     }
 
 
-@pytest.mark.parametrize("case", ["triangles", "size", "nan", "flipped", "truncated", "empty", "missing", "folder"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "triangles",
+        pytest.param("size", marks=pytest.mark.thorough),
+        "nan",
+        "flipped",
+        "truncated",
+        "empty",
+        "missing",
+        "folder",
+    ],
+)
 def test_a_bad_mesh_is_refused_in_one_line(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -139,7 +151,7 @@ def test_full_disk_leaves_the_earlier_run(dome: Path, tmp_path: Path, monkeypatc
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(files, "_swap", full)
-    assert run(dome, "--edge", 15, "--out", out, "--no-pictures") == 2
+    assert run(dome, "--edge", 15, "--nesting", "FAST", "--out", out, "--no-pictures") == 2
     assert contents(out) == before
 
 

@@ -19,9 +19,9 @@ from support.buttons import press
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
+def piece(add: Any, once: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    return spiralled(add)
+    return once("bowl", lambda: spiralled(add))
 
 
 # -- what is written ---------------------------------------------------------------------------------------------------
@@ -29,6 +29,7 @@ def piece(add: Any) -> Any:
 
 def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> None:
     before = attribute(piece, "flexmaps_twist")
+    piece.flexmaps.optimise.codesign = True
     press("simulate")
     start = block(piece, "equilibrium")["laplacian_rmse_mm"]
     press("optimise")
@@ -54,7 +55,6 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
 
 
 def test_pressed_again_it_goes_on(piece: Any) -> None:
-    piece.flexmaps.optimise.codesign = False  # with it nothing would be left to gain
     piece.flexmaps.optimise.iterations = 2
     press("optimise")
     first = block(piece)
@@ -183,6 +183,7 @@ def test_a_mistake_is_named_and_the_design_stays(
 # -- main job ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_main_job_with_and_without(tmp_path: Path) -> None:
     reports = {}
     for flag in ((), ("--optimise", "--optimise-iterations", "3")):

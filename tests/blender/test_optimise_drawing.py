@@ -23,9 +23,9 @@ from support.buttons import press
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
+def piece(add: Any, once: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    return spiralled(add)
+    return once("bowl", lambda: spiralled(add))
 
 
 def test_arms_are_drawn_where_they_are() -> None:

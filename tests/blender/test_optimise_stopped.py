@@ -22,9 +22,9 @@ from support.buttons import press
 
 
 @pytest.fixture
-def piece(add: Any) -> Any:
+def piece(add: Any, once: Any) -> Any:
     """A bowl with its spirals, ready to be optimised."""
-    return spiralled(add)
+    return once("bowl", lambda: spiralled(add))
 
 
 class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator
@@ -96,6 +96,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     assert [o for o in bpy.data.objects if o.get("flexmaps_kind") == "outlines"]
 
 
+@pytest.mark.thorough
 def test_stopped_at_any_moment_the_scene_is_sound(piece: Any, all_of: Any, tmp_path: Path) -> None:
     piece.flexmaps.optimise.iterations = 6
     began = time.monotonic()

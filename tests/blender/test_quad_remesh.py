@@ -11,6 +11,7 @@ from flexmaps.engine.surface import shapes
 from support.buttons import press, report
 
 
+@pytest.mark.thorough
 def test_suzanne_becomes_an_accepted_quad_mesh() -> None:
     bpy.ops.mesh.primitive_monkey_add()
     monkey = bpy.context.object
@@ -104,6 +105,7 @@ def test_bodies_that_cut_each_other_become_one() -> None:
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
+@pytest.mark.thorough
 def test_the_size_of_a_surface_does_not_matter(size: float) -> None:
     """QuadriFlow itself works in single precision with bounds of its own."""
     bpy.ops.mesh.primitive_monkey_add(size=size)

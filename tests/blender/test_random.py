@@ -25,6 +25,7 @@ CALLS, SESSIONS = 8, 5
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 @given(rng=st.randoms(use_true_random=True))
+@pytest.mark.thorough
 def test_random_calls(random_calls: ModuleType, tmp_path: Path, rng: random.Random) -> None:
     log = random_calls.Log()
     random_calls.session(rng, CALLS, tmp_path, log)

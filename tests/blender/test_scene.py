@@ -126,7 +126,9 @@ def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.Monke
     assert trimesh.Trimesh(shape.vertices, np.array(fans), process=False).is_watertight
 
 
-@pytest.mark.parametrize("connector", ["dovetail", "key", "tab"])
+@pytest.mark.parametrize(
+    "connector", ["tab", *(pytest.param(kind, marks=pytest.mark.thorough) for kind in ("dovetail", "key"))]
+)
 def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     """Against the outlines that are cut: the same shape from above (shapely), closed (trimesh), in the colours of their seams."""
     import shapely

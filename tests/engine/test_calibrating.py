@@ -236,7 +236,7 @@ def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
     assert width == pytest.approx((laser.cells + 1) * KERF, rel=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["dovetail", "key"])
+@pytest.mark.parametrize("kind", ["dovetail", pytest.param("key", marks=pytest.mark.thorough)])
 def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
     """The counterpart laid into its recess stays the engraved clearance away from it everywhere, by shapely."""
     piece = drawing.ladder(laser, ConnectorParams(), kind)

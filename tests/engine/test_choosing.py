@@ -238,6 +238,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("few")
+@pytest.mark.thorough
 def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     """The given layout ends at 0.1 % or more; three panels of a ball are nearer than any one panel, as geometry has it."""
     piece = ball()
@@ -262,6 +263,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
 
 
 @pytest.mark.usefixtures("few")
+@pytest.mark.thorough
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = Piece(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
@@ -291,6 +293,7 @@ def test_a_stop_keeps_the_best_so_far() -> None:
 
 
 @pytest.mark.usefixtures("few")
+@pytest.mark.thorough
 def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))

@@ -207,6 +207,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     assert 0.0 < report["flat_strain_median"] < 0.1
 
 
+@pytest.mark.thorough
 def test_optimise_moves_the_flat_shapes_where_asked() -> None:
     design, mesh = made()
     params = OptimiseParams(iterations=5, strain_share=0.0, codesign=False)

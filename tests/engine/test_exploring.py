@@ -251,6 +251,7 @@ def test_settings_that_cross_are_the_fault_of_a_candidate_alone(strip):
     assert not one.measures
 
 
+@pytest.mark.thorough
 def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
     dome = api.load("shape:dome", edge=20)
     made = api.explore(dome, {"quads": [50, 100]}, tmp_path, effort=0.03, cores=2, goals=())
@@ -261,6 +262,7 @@ def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
     assert len(taken.mesh.quads) == made.candidates[1].measures["quads"]
 
 
+@pytest.mark.thorough
 def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     """With the goal of so many panels, every candidate's layout is chosen, and has no more than asked."""
     for module, name, value in (

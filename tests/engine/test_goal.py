@@ -28,6 +28,7 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
+@pytest.mark.thorough
 def test_strains_end_within_their_limit() -> None:
     """Where the best match is strained far more than it may be, and the limit is within reach."""
     design, mesh = made()
@@ -79,6 +80,7 @@ def test_a_long_bend_counts_by_where_it_leads_though_neighbours_hardly_feel_it()
     assert Target(pairs, points, lies=1.0, free=False).compare(bent).rmse == pytest.approx(distance)
 
 
+@pytest.mark.thorough
 def test_a_spiral_comes_nearer_to_where_it_is_wished() -> None:
     """The distance that is told is that of points, and the search makes it small without giving the rest up."""
     design, mesh = made()

@@ -96,6 +96,7 @@ def test_a_tighter_limit_gives_less_distortion() -> None:
     assert len(flat.layout.patches) > 1
 
 
+@pytest.mark.thorough
 def test_a_wider_neck_is_kept() -> None:
     flat = merged(shapes.make("three_holes"), LayoutParams(neck_min=4, symmetric=False))
     assert flat.layout.isthmus_widths().min() >= 4 or "forced" in flat.layout.notes
@@ -114,6 +115,7 @@ def test_progress_rises() -> None:
     assert seen[-1] <= 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "patches"), [("bunny.obj", 10), ("three_holes.obj", 11), ("amo_quad.off", 8)])
 def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
     polygons = check.scaled(meshio.read(shared_meshes / name), edge=0.02)

@@ -191,6 +191,7 @@ def test_hubs_end_where_the_slots_of_regular_spirals_do() -> None:
         assert 0.25 * np.pi * 0.02 / np.hypot(wind, 0.01 / radius) == pytest.approx(2.0 * away[0], rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_optimised_spirals_keep_their_slots_open() -> None:
     found = job.run(PolygonMesh.of(shapes.make("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     physics, closed = SimulateParams(), {}

@@ -251,7 +251,12 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     design, mesh = made()
     seen = []
     found = optimise.optimise(
-        design, mesh, VERO, OptimiseParams(iterations=12), SimulateParams(), progress=Progress(shown=seen.append)
+        design,
+        mesh,
+        VERO,
+        OptimiseParams(iterations=4, codesign=False),
+        SimulateParams(),
+        progress=Progress(shown=seen.append),
     )
     block = found.report()
     assert block["laplacian_rmse_mm"] < 0.9 * block["laplacian_rmse_mm_before"]
@@ -266,6 +271,7 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     assert sum(limits.report()["spirals"].values()) == len(mesh.quads)
 
 
+@pytest.mark.thorough
 def test_a_further_run_never_ends_worse() -> None:
     design, mesh = made("saddle")
     params = OptimiseParams(restart=False, codesign=False, stop=1e-4)
@@ -293,6 +299,7 @@ def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
+@pytest.mark.thorough
 def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
     design, mesh = thin_ring()
     found = optimise.optimise(
@@ -305,6 +312,7 @@ def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
     assert block["laplacian_rmse_mm"] < 1.5 * min(row["rmse_mm"] for row in block["history"])
 
 
+@pytest.mark.thorough
 def test_the_end_is_told() -> None:
     design, mesh = made()
     patient = optimise.optimise(

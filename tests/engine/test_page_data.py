@@ -101,7 +101,7 @@ def test_packed_numbers_come_back_to_half_a_step(rows, step):
     assert found["before"].ravel().tolist() == [0, 1, 2, 3, 4]
 
 
-@pytest.mark.parametrize("name", ["dome", "large"])
+@pytest.mark.parametrize("name", ["dome", pytest.param("large", marks=pytest.mark.thorough)])
 def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     """Of the simulated pose and its elastic arms: hubs, and corners of the arms."""
     found = request.getfixturevalue(name)
@@ -133,6 +133,7 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     assert 1e3 * np.nanmax(np.linalg.norm(corners.reshape(-1, 3) - drawn, axis=1)) < 0.05
 
 
+@pytest.mark.thorough
 def test_a_thousand_spirals_take_less_than_three_megabytes(large):
     assert len(large.mesh.quads) > 1000
     text = page_data.text(Shown.of(large), ObjectSettings(), "it")  # with the stages, which take the most

@@ -144,7 +144,7 @@ def test_stiffness_of_a_part_is_that_of_the_whole() -> None:
     np.testing.assert_allclose(renewed(before, after, POM, changed), stiffness(after, POM), rtol=1e-12)
 
 
-@pytest.mark.parametrize("codesign", [False, True])
+@pytest.mark.parametrize("codesign", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bool) -> None:
     design, mesh = made()
     kept = np.flatnonzero(spot(mesh, 12, 0.06) > 0.0)

@@ -244,7 +244,14 @@ def test_progress_between_all_solves() -> None:
     assert len(said) > 5
 
 
-@pytest.mark.parametrize(("name", "most"), [("cmc1.obj", 12), ("eight-smoothed-quads.off", 12), ("polycastle.off", 25)])
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [
+        ("cmc1.obj", 12),
+        pytest.param("eight-smoothed-quads.off", 12, marks=pytest.mark.thorough),
+        pytest.param("polycastle.off", 25, marks=pytest.mark.thorough),
+    ],
+)
 def test_foreign_meshes(shared_meshes: Path, name: str, most: int) -> None:
     path = shared_meshes / "foreign" / name
     if not path.is_file():

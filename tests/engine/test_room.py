@@ -105,7 +105,7 @@ def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
         assert not (one & ~every).any()
 
 
-@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("clockwise", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     rng = np.random.default_rng(2)
     flat = flat_grid(4, 4, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))

@@ -62,6 +62,22 @@ def test_sizes_agree_within_a_call() -> None:
         checked(np.ones(3))
 
 
+def test_what_fitted_once_lets_nothing_else_through() -> None:
+    """What is known to fit is not looked at again; other arguments and other results of the same arguments are."""
+    found = [np.zeros(4), np.zeros(4), np.zeros(3)]
+
+    def next_of(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        return found.pop(0)
+
+    checked = shapes._checked(next_of, globals())
+    for _ in range(2):
+        assert len(checked(np.ones(4))) == 4
+    with pytest.raises(TypeError, match="what it returns"):
+        checked(np.ones(4))
+    with pytest.raises(TypeError, match="next_of: values should be"):
+        checked(np.ones(4, dtype=int))
+
+
 def test_members_of_dataclasses() -> None:
     class Own(Cloud):
         pass

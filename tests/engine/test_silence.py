@@ -80,7 +80,9 @@ def silences(quads: int, every: bool, folder: Path) -> dict[str, int]:
     return counter.longest
 
 
-@pytest.mark.parametrize("every", [False, True], ids=["a few panels", "a panel a quad"])
+@pytest.mark.parametrize(
+    "every", [pytest.param(False, marks=pytest.mark.thorough), True], ids=["a few panels", "a panel a quad"]
+)
 def test_silences_do_not_grow_with_the_piece(every: bool, tmp_path: Path) -> None:
     small, large = (silences(quads, every, tmp_path) for quads in (16, 64))
     grown = {words: calls for words, calls in large.items() if calls > max(FEW, 2 * small.get(words, 0))}

@@ -30,7 +30,12 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", SMALL)
+LONG = {"a thin ring", "a pole of valence 10, closed", "a pole, and slender arms"}  # several seconds each
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.thorough] if name in LONG else []) for name in SMALL]
+)
 def test_the_whole_job_comes_to_a_sound_end(zoo: ModuleType, name: str):
     mesh = SMALL[name](zoo)
     # few steps and a quick nesting: a sound end is asked for, not the best one

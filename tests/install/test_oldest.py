@@ -1,7 +1,7 @@
 """The oldest Blender that the manifest promises, as a module beside the environment of the tests.
 
 It is fetched once (520 MB) into ~/.cache/flexmaps. What differs between Blenders is the mesh in edit mode and the second
-Blender, so these are what runs in it.
+Blender, so these are what runs in it; the longer ones where thorough tests are asked for.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = ("test_mesh.py", "test_register.py", "test_states.py", "test_second.py")
+QUICK, LONG = ("test_mesh.py", "test_register.py"), ("test_states.py", "test_second.py")
 pytestmark = pytest.mark.timeout(900)
 
 
@@ -38,12 +38,15 @@ def oldest() -> Path:
     return folder
 
 
-def test_edit_mode_and_the_second_blender(oldest: Path) -> None:
+@pytest.mark.parametrize(
+    "names", [QUICK, pytest.param(LONG, marks=pytest.mark.thorough)], ids=["edit mode", "the second Blender"]
+)
+def test_in_the_oldest_blender(oldest: Path, names: tuple[str, ...]) -> None:
     environment = dict(os.environ, PYTHONPATH=str(oldest))
     version = oldest.name.removeprefix("bpy-")
     asked = [sys.executable, "-c", "import bpy, os; print(bpy.app.version_string, flush=True); os._exit(0)"]
     assert subprocess.run(asked, env=environment, capture_output=True, text=True).stdout.startswith(version)
-    files = [f"tests/blender/{name}" for name in TESTS]
+    files = [f"tests/blender/{name}" for name in names]
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", *files], cwd=ROOT, env=environment, capture_output=True, text=True
     )

@@ -322,6 +322,7 @@ def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, siz
         assert page.messages == []
 
 
+@pytest.mark.thorough
 def test_how_long_a_thousand_spirals_take(
     browser: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

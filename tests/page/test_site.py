@@ -20,6 +20,7 @@ def website() -> ModuleType:
     return website
 
 
+@pytest.mark.thorough
 def test_the_site(website: ModuleType, tmp_path: Path) -> None:
     """Nothing that the generator complains of, no broken link, nothing asked of anybody, no message, no page wider than a phone."""
     import browser

@@ -50,6 +50,7 @@ def driven(real_blender: ModuleType, script: Path, work: Path, *, window: bool) 
     return found
 
 
+@pytest.mark.thorough
 def test_without_a_window(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     found = drive(real_blender, HERE / "headless.py", zip_file, tmp_path, window=False)
     assert "not quads" in found["refused"][0]
@@ -70,6 +71,7 @@ def kept(real_blender: ModuleType, work: Path, pictures: Path) -> Iterator[None]
             real_blender.picture(shot, pictures / f"{shot.stem}.png")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("names", [("suzanne", "text", "cylinder"), ("bunny",)], ids="-".join)
 def test_next_leads_models_to_their_sheets(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, names: tuple[str, ...], request: pytest.FixtureRequest
