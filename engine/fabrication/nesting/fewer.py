@@ -31,15 +31,15 @@ from .packing import Packing, pack, used_length
 CELLS = (
     256  # of the raster along a sheet, on which cuts are judged: half as many as for panels take a quarter of the time
 )
-SHARES = (0.08, 0.2, 0.35, 0.5)  # of a patch's area: of the parts between two of these the straightest cut is tried
-EACH = 2  # cuts of each such share that are tried for a patch
+SHARES = (0.08, 0.2, 0.35, 0.5)  # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
+EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
 AGAIN = (
-    24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before
+    24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
 )
 # times the seconds for nesting that may be spent on looking for cuts: all that pay are found for 23 panels of 1,200 quads in half of it
 LONGEST = 10.0
-LARGE = 0.08  # share of a sheet; a smaller patch is not cut
-MOST = 12  # cuts that are made one after the other
+LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the cuts that paid went through larger ones
+MOST = 12  # cuts that are made one after the other: on four surfaces at most five paid, before two in a row did not
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
 NESTED = 3  # layouts that are nested in the end, each of which takes as long as nesting does
 # what the second packing of a cut is given more of the spacing: a cut that saves sheets with this one alone does so by chance
