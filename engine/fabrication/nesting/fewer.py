@@ -31,19 +31,21 @@ from .packing import Packing, pack, used_length
 CELLS = (
     256  # of the raster along a sheet, on which cuts are judged: half as many as for panels take a quarter of the time
 )
-SHARES = (0.08, 0.2, 0.35, 0.5)  # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
+SHARES = (
+    0.08,
+    0.2,
+    0.35,
+    0.5,
+)  # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
 EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
-AGAIN = (
-    24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
-)
+AGAIN = 24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
 # times the seconds for nesting that may be spent on looking for cuts: all that pay are found for 23 panels of 1,200 quads in half of it
 LONGEST = 10.0
 LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the cuts that paid went through larger ones
 MOST = 12  # cuts that are made one after the other: on four surfaces at most five paid, before two in a row did not
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
 NESTED = 3  # layouts that are nested in the end, each of which takes as long as nesting does
-# what the second packing of a cut is given more of the spacing: a cut that saves sheets with this one alone does so by chance
-LOOSER = 1.5
+FINER = 2  # times as many cells for the second packing of a cut: one that saves sheets with the first alone does so by chance
 
 
 def fewer_sheets(
@@ -122,7 +124,7 @@ class _Cutting:
         """Layouts with more and more cuts, and what each pays in joints, by the quick packing."""
         flat, found = self.flat, []
         first, paid, idle = joints(flat.layout), 0.0, 0
-        start = self._needed(flat, flat.layout.cut, 1.0), self._needed(flat, flat.layout.cut, LOOSER)
+        start = self._needed(flat, flat.layout.cut, 1), self._needed(flat, flat.layout.cut, FINER)
         known: list[_Cut] = []
         fresh = list(range(len(flat.layout.patches)))
         for turn in range(MOST):
@@ -133,7 +135,7 @@ class _Cutting:
                 tick()
                 if time.monotonic() > self.end:
                     break
-                judged.append(_Cut(cut.edges, self._pays(flat, cut.edges, start[0], 1.0, first)))
+                judged.append(_Cut(cut.edges, self._pays(flat, cut.edges, start[0], 1, first)))
             known = sorted(judged, key=lambda cut: -cut.pays)
             best = self._surest(flat, known[:AGAIN], start[1], first, tick)
             if best is None or idle == PATIENCE or time.monotonic() > self.end:
@@ -161,7 +163,7 @@ class _Cutting:
             if found is not None and cut.pays <= found.pays:
                 break  # the average of what cannot be more
             tick()
-            pays = 0.5 * (cut.pays + min(cut.pays, self._pays(flat, cut.edges, start, LOOSER, first)))
+            pays = 0.5 * (cut.pays + min(cut.pays, self._pays(flat, cut.edges, start, FINER, first)))
             if found is None or pays > found.pays:
                 found = _Cut(cut.edges, pays)
         return found
@@ -177,17 +179,17 @@ class _Cutting:
             cut[image] = True
         return cut
 
-    def _pays(self, flat: FlatPatches, edges: np.ndarray, start: float, looser: float, first: int) -> float:
+    def _pays(self, flat: FlatPatches, edges: np.ndarray, start: float, finer: int, first: int) -> float:
         """What all cuts and this one pay, in joints."""
         cut = self._with(flat, edges)
-        saved = start - self._needed(flat, cut, looser)
+        saved = start - self._needed(flat, cut, finer)
         return self.sheet.cut_joints * saved - joints(PatchLayout(flat.layout.mesh, cut)) + first
 
-    def _needed(self, flat: FlatPatches, cut: np.ndarray, looser: float) -> float:
+    def _needed(self, flat: FlatPatches, cut: np.ndarray, finer: int) -> float:
         """Sheets that the patches between cuts need, by the quick packing; cuts more than the flat patches' own are allowed."""
         p = self.sheet
         shapes = [self._shape(flat, quads) for quads in PatchLayout(flat.layout.mesh, cut).patches]
-        found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, looser * p.spacing, rotation=p.rotation, cells=CELLS)  # fmt: skip
+        found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, rotation=p.rotation, cells=finer * CELLS)  # fmt: skip
         return sheets_needed(found, shapes, p)
 
     def _shape(self, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
