@@ -39,7 +39,7 @@ SHARES = (
 )  # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
 EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
 AGAIN = 24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
-# times the seconds for nesting that may be spent on looking for cuts: all that pay are found for 23 panels of 1,200 quads in half of it
+# times the seconds for nesting that may be spent on looking for cuts: 34 s of a processor for 23 panels of some 2,900 quads
 LONGEST = 10.0
 LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the cuts that paid went through larger ones
 MOST = 12  # cuts that are made one after the other: on four surfaces at most five paid, before two in a row did not
