@@ -28,15 +28,9 @@ from ...surface.symmetry import Symmetry, keeping, symmetries
 from .nest import nest
 from .packing import Packing, pack, used_length
 
-CELLS = (
-    256  # of the raster along a sheet, on which cuts are judged: half as many as for panels take a quarter of the time
-)
-SHARES = (
-    0.08,
-    0.2,
-    0.35,
-    0.5,
-)  # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
+CELLS = 256  # of the raster along a sheet on which cuts are judged: half as many as for panels, a quarter of the time
+# of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
+SHARES = (0.08, 0.2, 0.35, 0.5)
 EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
 AGAIN = 24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
 # times the seconds for nesting that may be spent on looking for cuts: 34 s of a processor for 23 panels of some 2,900 quads
