@@ -421,6 +421,13 @@ class SheetParams(Params):
             ("error", "Stop", "Stop and name the patch"),
         ),
     )  # fmt: skip
+    cut_joints: int = setting(
+        0,
+        "Joints for a sheet",
+        "Panels are cut further where that saves a sheet and makes at most so many joints more; with 0 only those that are too large",
+        low=0,
+        high=10000,
+    )
     rotation: str = setting(
         "FREE", "Rotation", "How the panels may be turned on the sheet",
         choices=(

@@ -4,9 +4,12 @@ python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws 
 
 Played measurements: every reading of a kerf comb's gap, of the sag of a strip and of two spirals has an error of 2 % (normal), three
 readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
-Fill: of sheets of 600 x 400 mm with the default settings, where of the emptiest sheet only the used end counts; where that is so of
-every sheet, as for somebody who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a longer
-time: no sheets can be filled better than the strip, but for what the search did not find.
+Fill: of sheets of 600 x 400 mm, where of the emptiest sheet only the used end counts; where that is so of every sheet, as for somebody
+who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a longer time: no sheets can be filled
+better than the strip, but for what the search did not find. Once with the default settings, once with panels that are cut further where a
+sheet less takes at most --joints joints more. What fills the sheets is counted twice. The outlines of panels leave out the slots that
+are open to their border, and every cut opens more of them: the same surface on fewer sheets may count less. The quads of the panels, as
+they lie flat, are the surface that is made, whatever the cuts.
 """
 
 from __future__ import annotations
@@ -28,9 +31,10 @@ from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
 from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
+from flexmaps.engine.fabrication.nesting.fewer import joints as joints_of
+from flexmaps.engine.fabrication.nesting.fewer import sheets_needed
 from flexmaps.engine.fabrication.nesting.packing import fill, fill_but_offcuts
 from flexmaps.engine.params import Settings, SheetParams, changed
-from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, at_least, at_most, row
@@ -55,6 +59,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
     )
+    parser.add_argument(
+        "--joints", type=int, default=100, help="joints for a sheet, where panels are cut further; 0: not"
+    )
+    parser.add_argument("--seconds", type=float, default=SheetParams().nesting_seconds, help="nesting_seconds")
     parser.add_argument("--draws", type=int, default=150, help="calibrations that are played")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args(arguments)
@@ -68,7 +76,8 @@ def main(arguments: list[str]) -> int:
     if "fill" in wanted:
         for name, polygons in surfaces(options.meshes):
             if name.removeprefix("made:") in options.names.split(",") and name != "made:three_holes":
-                table.add(*filled(name.removeprefix("made:"), polygons))
+                for joints in sorted({0, options.joints}):
+                    table.add(*filled(name.removeprefix("made:"), polygons, joints, options.seconds))
     table.finish(options.json)
     return 0
 
@@ -135,31 +144,46 @@ def against_solids(name: str, made: Coupons) -> list[Row]:
 # -- sheets ------------------------------------------------------------------------------------------------------------
 
 
-def filled(name: str, polygons: PolygonMesh) -> list[Row]:
-    """How well the sheets of a piece are filled, and an endless strip of the same panels."""
-    made = job.run(polygons, changed(Settings(), {"sheet.nesting": "FAST"}), edge=EDGE).sheets
-    assert made is not None
-    panels = [p for p in made.panels if p.patch >= 0]
-    shapes, area = [p.outline.sampled(2e-5) for p in panels], sum(p.outline.area for p in panels)
-    params = SheetParams()
-    packing = nesting.nest(shapes, params)
-    search = nesting._Search(shapes, params, SILENT)
-    try:
-        found = search._solve(frozenset(range(len(shapes))), 0.0, STRIP_SECONDS)
-    finally:
-        search.finish()
-    bound = (
-        0.0
-        if found is None
-        else area / ((found.width - 2.0 * search.separation + 2.0 * params.margin) * params.sheet_height)
-    )
-    but_offcuts = fill_but_offcuts(packing, shapes, area, params.margin)
+def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> list[Row]:
+    """How well the sheets of a piece are filled, and an endless strip of the same panels; ``joints`` are what a sheet is worth."""
+    settings = changed(Settings(), {"sheet.nesting_seconds": seconds, "sheet.cut_joints": joints})
+    result = job.run(polygons, settings, edge=EDGE)
+    made, flat, params = result.sheets, result.flat, settings.sheet
+    assert made is not None and flat is not None
+    shapes, packing = [p.outline.sampled(2e-5) for p in made.panels], made.packing
+    wrong = overlaps(shapes, packing.rotation, packing.shift, packing.sheet, params.spacing)
+    area = sum(p.outline.area for p in made.panels)
+    quads = float(shapely.area(shapely.polygons(flat.corners)).sum())
+    found = nesting.strip(shapes, params, STRIP_SECONDS)
+    long = np.inf if found is None else (found.width + 2.0 * params.margin) * params.sheet_height
+    name += f", {joints} a sheet" if joints else ""
+    ends = fill_but_offcuts(packing, shapes, area, params.margin)
     return [
-        row(name, "panels, sheets", "", f"{len(panels)}, {len(packing.sizes)}", None),
-        at_least(name, "fill of the sheets", FILL, fill(packing, shapes, area, params.margin)),
-        row(name, "fill, of each sheet its used end", "", round(but_offcuts, 4), None),
-        row(name, "fill of an endless strip", "", float(f"{bound:.3g}"), None),
+        row(name, "panels, joints, sheets", "", f"{len(shapes)}, {joints_of(flat.layout)}, {len(packing.sizes)}", None),
+        row(name, "sheets, the emptiest as far as used", "", sheets_needed(packing, shapes, params), None),
+        at_least(name, "fill of the sheets, outlines", FILL, fill(packing, shapes, area, params.margin)),
+        at_least(name, "fill of the sheets, quads", FILL, fill(packing, shapes, quads, params.margin)),
+        row(name, "fill, of each sheet its used end", "", round(ends, 4), None),
+        row(name, "fill of an endless strip, outlines", "", float(f"{area / long:.3g}"), None),
+        row(name, "fill of an endless strip, quads", "", float(f"{quads / long:.3g}"), None),
+        at_most(name, "panels too near to each other", 0, wrong),
     ]
+
+
+def overlaps(
+    shapes: list[np.ndarray], rotation: np.ndarray, shift: np.ndarray, sheet: np.ndarray, spacing: float
+) -> int:
+    """How many pairs of panels on one sheet are nearer to each other than they should be, by shapely."""
+    placed = [
+        shapely.affinity.translate(shapely.affinity.rotate(shapely.Polygon(s), r, origin=(0, 0), use_radians=True), *m)
+        for s, r, m in zip(shapes, rotation, shift, strict=True)
+    ]
+    return sum(
+        a.distance(b) < spacing - 1e-7
+        for i, a in enumerate(placed)
+        for k, b in enumerate(placed[:i])
+        if sheet[i] == sheet[k]
+    )
 
 
 def remnants(draws: int = 12) -> list[Row]:

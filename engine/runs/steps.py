@@ -16,6 +16,7 @@ from ..choosing.judge import Piece
 from ..errors import FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
+from ..fabrication.nesting.fewer import fewer_sheets
 from ..fabrication.standing.base import Base, make_base, refuse_rim
 from ..fabrication.standing.early import check_hold
 from ..fabrication.standing.eyelets import make_eyelets, overloaded
@@ -74,7 +75,10 @@ def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
-    return replace(result, flat=split.split(result.flat, settings.layout, settings.sheet, progress))
+    flat = split.split(result.flat, settings.layout, settings.sheet, progress.part(0.0, 0.5))
+    if result.layout is not None:  # nobody chose these cuts
+        flat = fewer_sheets(flat, settings.layout, settings.sheet, progress.part(0.5, 1.0))
+    return replace(result, flat=flat)
 
 
 def _choose(result: Result, settings: Settings, progress: Progress) -> Result:

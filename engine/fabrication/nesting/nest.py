@@ -62,6 +62,27 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
         search.finish()
 
 
+def strip(
+    shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, seconds: float, progress: Progress = SILENT
+) -> Strip | None:
+    """Closed outlines (M, 2) in metres on one endless strip as high as a sheet less its margins, as short as is found in some seconds.
+
+    None without spyrrow, or where a shape is larger than the sheet. The strip begins at 0.
+    """
+    if not available():
+        return None
+    search = _Search(shapes, params, progress)
+    try:
+        found = None if search.large else search._solve(frozenset(range(len(shapes))), 0.0, max(TURN, round(seconds)))
+    finally:
+        search.finish()
+    if found is None:
+        return None
+    # spyrrow keeps the separation from the border of its strip too
+    places = {i: (turn, move - search.separation) for i, (turn, move) in found.places.items()}
+    return Strip(found.width - 2.0 * search.separation, places)
+
+
 def _both(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
     """Remnants, and after them whole sheets for the panels that found no room on those."""
     if whole is None:

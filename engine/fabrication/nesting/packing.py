@@ -65,6 +65,7 @@ def pack(
     spacing: float,
     progress: Progress = SILENT,
     rotation: str = "FREE",
+    cells: int = CELLS,
 ) -> Packing:
     """Lay closed outlines, in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
 
@@ -72,14 +73,15 @@ def pack(
 
     sheet : width and height in metres; ``margin`` stays free along its border, ``spacing`` between the shapes. A shape
     that is larger than the sheet gets a sheet of the size that it needs. Shapes are judged on a raster that can only make
-    them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``.
+    them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``;
+    cells : of the raster along the longer side of a sheet.
     """
     boxes = []
     for done, shape in enumerate(shapes):
         progress(0.1 * done / len(shapes), "packing")
         boxes.append(lying_box(shape, rotation))
     order = sorted(range(len(shapes)), key=lambda i: -float(boxes[i][1].prod()))
-    cell = max(sheet) / CELLS
+    cell = max(sheet) / cells
     sheet_of = np.zeros(len(shapes), dtype=np.int64)
     turned, shift = np.zeros(len(shapes)), np.zeros((len(shapes), 2))
     open_sheets: list[Sheet] = []

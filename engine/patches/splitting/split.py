@@ -190,7 +190,7 @@ def _best_run(
     # both directions of a run are one run: keep those that leave the smaller number behind
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     best, found = np.inf, None
-    piece = _Piece.of(flat, patch)
+    piece = Piece.of(flat, patch)
     for start, end in _worth_checking(score, needed):
         tick()
         if score[start, end] >= best:
@@ -238,7 +238,7 @@ def _needed(
 
 
 @dataclass(frozen=True, eq=False)
-class _Piece:
+class Piece:
     """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners, and the quads across its
     narrowest isthmus."""
 
@@ -248,13 +248,13 @@ class _Piece:
     isthmus: int
 
     @classmethod
-    def of(cls, flat: FlatPatches, patch: int) -> _Piece:
+    def of(cls, flat: FlatPatches, patch: int) -> Piece:
         quads = flat.layout.patches[patch]
         layout, edges = alone(flat.layout, quads)
         return cls(layout, edges, flat.corners[quads], int(layout.isthmus_widths()[0]))
 
 
-def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams) -> float | None:
+def _judged(piece: Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams) -> float | None:
     """How good the parts of a cut are, small is good, without the cut's length; ``None`` if it is not allowed."""
     layout = piece.layout
     cut = layout.cut.copy()
@@ -271,6 +271,11 @@ def _judged(piece: _Piece, run: np.ndarray, params: LayoutParams, box: np.ndarra
     compact = np.maximum(after.compactness - 4.0, 0.0)
     beyond = np.maximum(after.compactness - params.compactness_limit, 0.0)
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
+
+
+def allowed(piece: Piece, run: np.ndarray, params: LayoutParams, sheet: SheetParams) -> bool:
+    """Whether a patch may be cut along a run of mesh edges: into two parts that keep the limits as far as a cut to size does."""
+    return _judged(piece, run, params, (1.0 - CHANGE) * usable(sheet), sheet) is not None
 
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:

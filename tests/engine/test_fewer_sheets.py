@@ -1,0 +1,46 @@
+"""Panels that are cut further where that saves sheets: of squares that lie one on a sheet, for which everything is known."""
+
+import numpy as np
+import pytest
+import shapely
+from flexmaps.engine.fabrication.nesting import fewer
+from flexmaps.engine.fabrication.nesting.packing import pack
+from flexmaps.engine.params import LayoutParams, SheetParams
+from flexmaps.engine.progress import Cancelled, Progress
+
+SHEET = {"nesting": "FAST"}  # 600 x 400 mm
+
+
+@pytest.fixture
+def squares(flat_grid):
+    """Three squares of 360 mm side by side: each needs a sheet, but half of one fits beside another: two sheets then."""
+    return flat_grid(24, 8, 0.045, cut=lambda x, _: x in (8, 16))
+
+
+def test_one_cut_saves_a_sheet(squares):
+    made = fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET, cut_joints=30))
+    layout, mesh = made.layout, squares.layout.mesh
+    assert len(layout.patches) == 4
+    assert fewer.joints(layout) == 3 * 8  # straight through a square
+    shapes = fewer.outlines(made)
+    assert sum(shapely.Polygon(s).area for s in shapes) == pytest.approx(3 * 0.36**2)
+    assert len(pack(shapes, (0.6, 0.4), 0.005, 0.003).sizes) == 2
+    assert "1 cuts more, with 8 joints" in layout.notes["split"]
+    # the grid has two mirrors, and they are kept: the square in the middle was halved
+    middle = mesh.vertices[mesh.edges[layout.cut]].mean(axis=1)
+    for turn in ((-1, 1, 1), (1, -1, 1)):
+        image = np.where(np.array(turn) < 0, mesh.vertices.max(axis=0) - middle, middle)
+        assert set(map(tuple, image.round(4).tolist())) == set(map(tuple, middle.round(4).tolist()))
+
+
+def test_a_sheet_is_worth_no_more_joints_than_is_said(squares):
+    # three squares are 1.62 sheets and lay on 2.62: at most one is saved, for 8 joints
+    assert fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET, cut_joints=7)) is squares
+    assert fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET)) is squares
+
+
+def test_it_can_be_stopped(squares):
+    with pytest.raises(Cancelled):
+        fewer.fewer_sheets(
+            squares, LayoutParams(), SheetParams(**SHEET, cut_joints=100), Progress(lambda *_: None, lambda: True)
+        )
