@@ -18,11 +18,14 @@ class Lasting:
     share : of Young's modulus that is left after a year (creep modulus over modulus)
     strain : largest strain to design for that lasts, elastic and creep together
     source : where the values come from
+    estimated : which of the two, "share" and "strain", no public source bears out; then it is no more than a guess between materials that
+        are known
     """
 
     share: float
     strain: float
     source: str
+    estimated: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ MATERIALS: dict[str, Material] = {
             "ISO 899-1 creep moduli at 1 and 1000 h: Hostaform C 9021 2500 and 1300 MPa (modulus 2850), C 27021 2400 and 1200 (2750), "
             "Delrin 500T 2300 and 1200 (2300); a factor of 0.80 each tenfold time goes on to 8760 h: 0.35 to 0.42. No data sheet that was "
             "read gives a strain limit for years: a quarter of the one for short times, a guess",
+            ("strain",),
         ),
     ),
     "vero": Material(
@@ -116,6 +120,7 @@ MATERIALS: dict[str, Material] = {
             0.0064,
             "Plexiglas G, stresses that are to be designed for under continuous load, against crazing: 1500 psi (10.3 MPa). The share of the "
             "modulus is usual for PMMA at 20 degrees, uncertain by a quarter; the strain is that stress over what is left of the modulus",
+            ("share", "strain"),
         ),
     ),
     "pla": Material(
@@ -132,6 +137,7 @@ MATERIALS: dict[str, Material] = {
             0.005,
             "Fischbach and Weinberg 2023 (arXiv 2302.11240): printed PLA creeps for months far below its glass transition, less the older it is. "
             "Both numbers are guesses between POM and acrylic",
+            ("share", "strain"),
         ),
     ),
     "petg": Material(
@@ -148,6 +154,7 @@ MATERIALS: dict[str, Material] = {
             0.0075,
             "Romeijn et al. 2022 (Additive Manufacturing 103145) and Polymers 17 (2025) 2075 measured creep of printed PETG for hours. Both "
             "numbers are guesses between POM and acrylic",
+            ("share", "strain"),
         ),
     ),
     "birch": Material(

@@ -1,9 +1,11 @@
 """Rims: read back from the sheets as they are written, and what every kind of border brings on open surfaces.
 
-python3 tools/dev.py bench rim [--only PATTERNS] [--meshes FOLDER] [--no-optimise] [--json FILE]
+python3 tools/dev.py bench rim [--only PATTERNS] [--meshes FOLDER] [--no-optimise] [--pictures FOLDER] [--json FILE]
 
 SVG is read by svgelements, DXF by ezdxf; shapely judges what they hold: holes of the right diameter, inside the panels, and no less than half of
-their diameter from the nearest edge. Every mesh in FOLDER whose name fits is taken too, if its border is open.
+their diameter from the nearest edge. ``strips`` among the patterns, as by default, compares strips that have a hole with solids. Every mesh in
+FOLDER whose name fits is taken too, if its border is open. The surface of the demo stands on its lowest spirals, as there; all others are free.
+``--pictures`` renders the optimised pieces with the three borders side by side.
 """
 
 from __future__ import annotations
@@ -17,24 +19,31 @@ from typing import Any
 
 import ezdxf
 import numpy as np
+import rim_pictures
+import rim_solids
 import shapely
 import svgelements
 import zoo
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf, svg
+from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import Settings, SheetParams, SpiralParams
 from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
+from flexmaps.engine.spirals.design import fitted
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.files.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Table, at_least, at_most, row
 
-MADE = ("vault", "dome", "saddle", "vault-plain", "barrel", "catenoid", "hypar", "tower")
+MADE = ("demo", "vault", "dome", "saddle", "vault-plain", "barrel", "catenoid", "hypar", "tower")
 KINDS = ("stubs", "left_out", "rim")
 EDGE = 0.02  # metres, median edge
 FORMATS = (".obj", ".off", ".ply")
+# width, hole and thickness in metres: the default, a larger hole, as large as may be in thinner sheets, small
+STRIPS = ((0.005, 0.002, 0.002), (0.005, 0.0025, 0.002), (0.004, 0.002, 0.001), (0.004, 0.001, 0.003))
+SPACING = SpiralParams().rim_spacing
 LARGE = 5.0  # metres, of the sheets: panels are not to be split for them
 
 
@@ -44,17 +53,37 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--meshes", type=Path, help="a folder with more meshes")
     parser.add_argument("--no-optimise", action="store_true", help="simulate alone")
+    parser.add_argument("--pictures", type=Path, help="render the three borders of every piece into this folder")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args(arguments)
-    found: dict[str, Any] = {name: name for name in MADE}
+    # the zoo's others only where they are asked for
+    found: dict[str, Any] = {
+        name: name for name in (MADE if options.only == "*" else dict.fromkeys((*MADE, *zoo.SURFACES)))
+    }
     if options.meshes:
         found |= {path.name: path for path in sorted(options.meshes.iterdir()) if path.suffix in FORMATS}
-    table = Table(34)
+    table = Table(40)
+    if any(fnmatch.fnmatch("strips", one) for one in options.only.split(",")):
+        _strips(table)
     for name, source in found.items():
         if any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
-            _judged(table, name, source, not options.no_optimise)
+            _judged(table, name, source, not options.no_optimise, options.pictures)
     table.finish(options.json)
     return 0
+
+
+def _strips(table: Table) -> None:
+    """Strips with one hole between their ends as solids of scikit-fem and as the model takes them: stretched, bent and sheared."""
+    material = MATERIALS["vero"]
+    for width, hole, height in STRIPS:
+        solid, beam = (
+            np.diag(of(SPACING, width, hole, height, material)) / np.diag(of(SPACING, width, 0.0, height, material))
+            for of in (rim_solids.solid_compliance, rim_solids.beam_compliance)
+        )
+        name = f"{1e3 * width:g} x {1e3 * height:g}, hole {1e3 * hole:g}"
+        softer = " ".join(f"{100.0 * (x - 1.0):.1f}" for x in solid)
+        off = float(np.abs(beam / solid - 1.0).max())
+        table.add(at_most(name, "compliance off the solid's", 0.05, off, {"a hole adds, %": softer}))
 
 
 def _mesh(source: str | Path) -> PolygonMesh:
@@ -63,35 +92,63 @@ def _mesh(source: str | Path) -> PolygonMesh:
     return zoo.SURFACES[source].polygons() if source in zoo.SURFACES else PolygonMesh.of(shapes.make(source, EDGE))
 
 
-def _judged(table: Table, name: str, source: str | Path, optimised: bool) -> None:
+def _judged(table: Table, name: str, source: str | Path, optimised: bool, pictures: Path | None) -> None:
     try:
         mesh = _mesh(source)
         if not as_quad_mesh(mesh).border.any():
             return
     except FlexMapsError:
         return
-    matches = {}
-    for kind in KINDS:
-        settings = dataclasses.replace(
-            Settings(),
-            spiral=SpiralParams(border=kind),
-            sheet=SheetParams(sheet_width=LARGE, sheet_height=LARGE, nesting="FAST"),
-        )
-        try:
-            last = "sheets" if kind == "rim" else "simulate"
-            made = job.run(mesh, settings, edge=EDGE, stop_after=last, optimised=optimised)
-        except FlexMapsError as error:
-            table.add(row(name, f"{kind}: refused", "", str(error)[:60], None))
-            continue
-        assert made.simulation is not None
-        matches[kind] = made.simulation.match["rms_percent"]
-        if kind == "rim" and made.sheets is not None:
-            _read_back(table, name, made.sheets, settings.spiral)
-    for kind, rms in matches.items():
-        table.add(at_most(name, f"RMS of the size, %: {kind}", None, rms))
+    pieces: dict[str, Result] = {}
+    for searched in (False, True)[: 1 + optimised]:
+        when = "optimised" if searched else "as first guessed"
+        for kind in KINDS:
+            try:
+                # arms without a mate carry nothing, so what is best with stubs is best without them
+                stubs = pieces.get("stubs") if kind == "left_out" else None
+                made = (
+                    _made(mesh, kind, searched, "lowest" if name == "demo" else None)
+                    if stubs is None
+                    else _left_out(stubs)
+                )
+            except FlexMapsError as error:
+                table.add(row(name, f"{kind}, {when}: refused", "", str(error)[:60], None))
+                continue
+            assert made.simulation is not None
+            strain = made.simulation.strain
+            peer = {} if strain is None else {"strain, % of the limit": f"{100.0 * strain.max():.0f}"}
+            table.add(at_most(name, f"RMS, %: {kind}, {when}", None, made.simulation.match["rms_percent"], peer))
+            pieces[kind] = made
+    if "rim" in pieces:
+        _read_back(table, name, pieces["rim"])
+    if pictures is not None and len(pieces) == len(KINDS):
+        rim_pictures.beside_each_other(pieces, pictures / f"{name}.png")
 
 
-def _read_back(table: Table, name: str, sheets: CutSheets, params: SpiralParams) -> None:
+def _left_out(stubs: Result) -> Result:
+    """The same spirals without the arms at the border, simulated."""
+    assert stubs.design is not None
+    design = fitted(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
+    return job.go_on(dataclasses.replace(stubs, design=design), _settings("left_out"), ["simulate"])
+
+
+def _settings(kind: str) -> Settings:
+    sheet = SheetParams(sheet_width=LARGE, sheet_height=LARGE, nesting="FAST")
+    return dataclasses.replace(Settings(), spiral=SpiralParams(border=kind), sheet=sheet)
+
+
+def _made(mesh: PolygonMesh, kind: str, searched: bool, supports: str | None) -> Result:
+    return job.run(mesh, _settings(kind), edge=EDGE, stop_after="simulate", optimised=searched, supports=supports)
+
+
+def _read_back(table: Table, name: str, made: Result) -> None:
+    try:
+        sheets = job.go_on(made, _settings("rim"), ["sheets"]).sheets
+    except FlexMapsError as error:
+        table.add(row(name, "rim: no sheets", "", str(error)[:60], None))
+        return
+    assert sheets is not None
+    params = _settings("rim").spiral
     with tempfile.TemporaryDirectory() as folder:
         for ending, write, reader in (("svg", svg.write, _svg), ("dxf", dxf.write, _dxf)):
             holes = clear = 0

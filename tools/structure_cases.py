@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from flexmaps.database.design_mesh import UNIT
 from flexmaps.database.design_solid import DesignSolid
-from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, shell
+from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, sheet, shell
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
@@ -113,3 +113,23 @@ def by_solid(piece: Pushed, falls: np.ndarray) -> np.ndarray:
         force = -float(found.reactions[at, 2].sum()) * MATERIAL.youngs * UNIT**2
         out.append(force if found.converged else np.nan)
     return np.array(out)
+
+
+def turned_pair(width: float, twist: float, axis: tuple[float, float, float], angles: tuple[float, ...]) -> list[float]:
+    """By what share the model's energy of two joined spirals differs from the solid's, the second one turned by these angles against the first.
+
+    width, twist : mm and degrees; axis : across the joint, along it, normal; angles : radians, rising. The second one may shift.
+    """
+    design = sheet(2, 1, width, twist)
+    model, fixed = ArmModel.of(of_design(design), MATERIAL), np.ones((2, 6), dtype=bool)
+    fixed[1, :3] = False
+    solid, loads = DesignSolid(design, MATERIAL.poisson, [0, 1]), Loads(fixed, np.zeros((2, 3)))
+    pose, last, off = target_pose(design.flat.layout.mesh, design.flat.corners), 0.0, []
+    for angle in angles:
+        step = np.zeros((2, 6))
+        step[1, 3:], last = (angle - last) * np.array(axis), angle
+        pose = solve(model, pose.moved(step), loads, PARAMS).pose
+        found = solid.solve(solid.guess(pose), pose, np.zeros_like(solid.mesh.nodes), fixed)
+        energy = found.energy * MATERIAL.youngs * UNIT**3 if found.converged else np.nan
+        off.append(model.energy(model.start(pose)) / energy - 1.0)
+    return off

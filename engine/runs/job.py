@@ -204,7 +204,7 @@ HELD = {"choose", "optimise", "sheets"}
 
 def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
     if HELD.intersection(wanted):
-        check_early(result.mesh, result.supports, settings.base, settings.simulate)
+        check_early(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
     for name in wanted:
         with stage(name) as part:
             result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])

@@ -142,9 +142,10 @@ class Simulation:
         if lasting is not None and len(strain):
             tired = np.flatnonzero(strain > STRAINED * lasting.strain / self.material.strain_limit)
         if lasting is not None and len(tired) and not len(strained):
+            guess = ", by an estimate," if "strain" in lasting.estimated else ""
             text = (
                 f"The arms of {len(tired)} spirals are strained by up to {100.0 * self.material.strain_limit * strain.max():.2g} %, more than the "
-                f"{100.0 * lasting.strain:.2g} % that {self.material.name} bears for years: the shape sags, and arms may crack in time"
+                f"{100.0 * lasting.strain:.2g} % that {self.material.name}{guess} bears for years: the shape sags, and arms may crack in time"
             )
             found.append(Finding("strained-for-years", "warning", text, tuple(tired.tolist())))
         slots = self.slots()

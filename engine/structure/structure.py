@@ -154,7 +154,9 @@ class Structure:
         }
         known = self.simulation.material.lasting
         if known is not None:
-            block["lasting"] = {"share": known.share, "strain": known.strain, "source": known.source}
+            block["lasting"] = {
+                "share": known.share, "strain": known.strain, "source": known.source, "estimated": list(known.estimated)
+            }  # fmt: skip
         if self.findings:
             block["findings"] = [finding.as_dict() for finding in self.findings]
         return block

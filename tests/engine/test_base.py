@@ -222,6 +222,7 @@ def test_a_piece_that_would_swing_about_its_eyelets_says_so():
         (_arch(), None, {}, "nothing is; name supports"),
         (_arch(), None, {"base.base": "eyelets", "simulate.clamped": False}, "such as the highest"),
         (_arch(), "lowest", {"simulate.clamped": False}, "clamps the feet"),
+        (_arch(), "lowest", {"spiral.border": "rim"}, "which a rim joins"),
     ],
 )
 def test_what_cannot_stand_is_refused_before_anything_is_made(polygons, supports, more, words, monkeypatch):

@@ -1,7 +1,9 @@
 """The rim along open borders: outlines judged by shapely, beams by closed forms, derivatives by finite differences."""
 
 import dataclasses
+import sys
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,6 +119,21 @@ def test_strips_and_necks_are_beams(flat_grid):
         assert found[2, 2] == pytest.approx(
             length**3 / (12.0 * youngs * outside) + 1.2 * length / (shear * wide * high), rel=1e-3
         )
+
+
+def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid():
+    """Against quadratic hexahedra of scikit-fem; the material that is taken away alone would be half of it."""
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+    solids = __import__("rim_solids")
+    for width, hole, height in ((0.005, 0.002, 0.002), (0.004, 0.002, 0.001)):
+        apart = []
+        for compliance in (solids.solid_compliance, solids.beam_compliance):
+            whole, bored = (np.diag(compliance(0.01, width, size, height, VERO)) for size in (0.0, hole))
+            apart.append(bored / whole)
+        solid, beam = apart
+        # shifts along, across and out of the sheet, twist, turns out of the sheet and in it
+        assert beam == pytest.approx(solid, rel=0.05)
+        assert (solid[[0, 1, 4]] > 1.08).all()
 
 
 def test_forces_and_stiffness_are_differences_of_the_energy():

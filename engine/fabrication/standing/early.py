@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import FlexMapsError
-from ...params import BaseParams, SimulateParams
+from ...params import BaseParams, SimulateParams, SpiralParams
 from ...surface.mesh import QuadMesh
+from .base import refuse_rim
 from .feet import FLATTEST, SIDEWAYS, footed, refuse_flat, refuse_inside, refuse_sideways
 
 # Radians by which a simulated piece may stand otherwise than its surface: what is nearer to a limit is judged once it is simulated.
@@ -28,10 +29,14 @@ def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
         )
 
 
-def check_early(mesh: QuadMesh, supports: np.ndarray | None, base: BaseParams, simulate: SimulateParams) -> None:
+def check_early(
+    mesh: QuadMesh, supports: np.ndarray | None, base: BaseParams, simulate: SimulateParams, spiral: SpiralParams
+) -> None:
     """Raise ``FlexMapsError`` where no shape near to the mesh, metres, could stand or hang by these supports."""
     if base.base == "none":
         return
+    if base.stands:
+        refuse_rim(spiral)
     check_hold(base, simulate)
     if supports is None or not len(supports):
         hangs = base.base == "eyelets"
