@@ -194,18 +194,18 @@ def held_up(what):
     """From now on the slowest of every event of a stroke, and of every upload of what is drawn, in seconds of this thread's processor."""
     stroke, drawing = hands.module("operators.painting").PaintStroke, hands.module("bridge.view.easel").Painting
 
-    def timed(name, action):
-        def measured(*given):
-            begun = time.thread_time()
-            try:
-                return action(*given)
-            finally:
-                what[name] = max(what.get(name, 0.0), time.thread_time() - begun)
+    def timed(name, action, *given):
+        begun = time.thread_time()
+        try:
+            return action(*given)
+        finally:
+            what[name] = max(what.get(name, 0.0), time.thread_time() - begun)
 
-        return measured
-
-    stroke.modal, stroke._written = timed("an event", stroke.modal), timed("writing a stroke", stroke._written)
-    drawing.batches = timed("drawing, without the card's own", drawing.batches)
+    modal, written, batches = stroke.modal, stroke._written, drawing.batches
+    # Blender looks how many arguments there are
+    stroke.modal = lambda self, context, event: timed("an event", modal, self, context, event)
+    stroke._written = lambda self, context, event: timed("writing a stroke", written, self, context, event)
+    drawing.batches = lambda self, unit: timed("drawing, without the card's own", batches, self, unit)
 
 
 def large():
@@ -217,6 +217,7 @@ def large():
     obj = bpy.data.objects.new("dome", data)
     for other in bpy.context.scene.objects:
         other.hide_set(True)
+        other.select_set(False)
     bpy.context.scene.collection.objects.link(obj)
     bpy.context.view_layer.objects.active = obj
     obj.select_set(True)
