@@ -12,7 +12,7 @@ AT = "numbers of quads (1,2,3), or 'lowest'"
 
 def add(pulled: argparse.ArgumentParser, wished: argparse.ArgumentParser) -> None:
     """Add their arguments to those that all commands have."""
-    way = {"required": True, "nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
+    way: dict[str, Any] = {"required": True, "nargs": 3, "type": float, "metavar": ("X", "Y", "Z")}
     pulled.add_argument("--force", **way, help="newtons at each of them, in world axes; beside what pulls already")
     wished.add_argument("--by", **way, help="millimetres beside the target, in world axes; 0 0 0 takes the wish back")
     for made in (pulled, wished):

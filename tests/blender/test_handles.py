@@ -97,7 +97,10 @@ def test_the_spiral_under_the_mouse_is_that_of_the_shown_shape(simulated: Any, c
 
 def test_the_commands_pull_and_wish(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pulled, wished = tmp_path / "pulled.blend", tmp_path / "wished.blend"
-    assert main(["pull", "shape:dome", "--edge", "30", "--at", "0,3", "--force", "0", "-0.5", "2", "--out", str(pulled)]) == 0
+    assert (
+        main(["pull", "shape:dome", "--edge", "30", "--at", "0,3", "--force", "0", "-0.5", "2", "--out", str(pulled)])
+        == 0
+    )
     assert main(["wish", str(pulled), "--at", "lowest", "--by", "0", "0", "-5", "--out", str(wished)]) == 0
     assert main(["wish", str(wished), "--at", "0", "--by", "0", "0", "0", "--out", str(wished)]) == 0
     made = api.load(wished).result
@@ -106,7 +109,11 @@ def test_the_commands_pull_and_wish(tmp_path: Path, capsys: pytest.CaptureFixtur
     low = set(standing(made.mesh, "lowest").tolist()) - {0}
     assert low and set(made.wishes.quads.tolist()) == low
     np.testing.assert_allclose(made.wishes.offsets(made.mesh)[min(low)], [0.0, 0.0, -0.005], atol=1e-6)
-    for wrong in (["--at", "many", "--by", "0", "0", "1"], ["--at", "1", "--by", "0", "nan", "1"], ["--at", "1", "--by", "0"]):
+    for wrong in (
+        ["--at", "many", "--by", "0", "0", "1"],
+        ["--at", "1", "--by", "0", "nan", "1"],
+        ["--at", "1", "--by", "0"],
+    ):
         with suppress(SystemExit):
             assert main(["wish", "shape:dome", "--edge", "30", *wrong]) == 2
         assert "flexmaps" in capsys.readouterr().err
