@@ -10,7 +10,7 @@ from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 
-# joules a spiral below which nothing strains a piece: pieces of one panel that lie flat had 1e-28, all others 1e-3, on 14 surfaces
+# joules a spiral below which nothing strains a piece: pieces of one panel that lie flat had 1e-28, all others 1e-3, on 12 surfaces
 SLACK = 1e-12
 UNSTRAINED = (
     "Spirals alone cannot bring it where it is wished: nothing bends the piece, so that it rests as it is cut, whatever its spirals are. "
