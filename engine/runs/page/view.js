@@ -312,7 +312,7 @@ async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
   const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
   try {
-    // the canvas's own, which three.js goes on with: without a graphics card another one, only to try, takes a second
+    // of the canvas itself, with which three.js goes on: another one, only to try, would have to be made and given back
     const canvas = /** @type {HTMLCanvasElement} */ (root.querySelector("canvas"));
     if (!canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: false }) || typeof DecompressionStream === "undefined") {
       throw new Error("no WebGL");
