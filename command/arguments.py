@@ -20,7 +20,7 @@ from ..engine.scanning.reading import UNITS
 from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
-from . import calibration, painting, summary
+from . import calibration, handles, painting, summary
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
@@ -74,6 +74,10 @@ def parser() -> argparse.ArgumentParser:
     commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE}")  # fmt: skip
     painting.add(
         _command(commands, "paint", _paint, summary.whole, "change spirals by hand: stiffer, softer, protected")
+    )
+    handles.add(
+        _command(commands, "pull", _pull, summary.whole, "pull at single spirals with a force"),
+        _command(commands, "wish", _wish, summary.whole, "say where 'optimise' shall bring single spirals"),
     )
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
@@ -276,6 +280,14 @@ def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _paint(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return _saved(args, painting.paint(args, api.load(args.mesh, **_source(args)), tell))
+
+
+def _pull(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    return _saved(args, handles.pull(args, api.load(args.mesh, **_source(args))))
+
+
+def _wish(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
+    return _saved(args, handles.wish(args, api.load(args.mesh, **_source(args))))
 
 
 def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from .brush import FROM, sources
 from .stage import OnObject, Polled, redraw, still_running
 
 SPACING = 0.25  # of the radius, between two dabs on the way of the pointer
+TICK = 0.02  # seconds between two looks at what is computed beside the window, as of jobs
 FLOW = 0.4  # of the strength, by one dab: four of them, as one place gets them from a passing brush, make nine tenths of it; by eye
 
 
@@ -73,7 +74,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         preload.wait()
-        from ..bridge.view import easel
+        from ..bridge.view import dabs, easel
 
         try:
             self._easel = easel.of(context.object, context.scene)
@@ -83,33 +84,55 @@ class PaintStroke(_Painter, bpy.types.Operator):
         self._object: Any = context.object
         self._last: np.ndarray | None = None  # of the pointer, in pixels of the region
         self._place: np.ndarray | None = None  # of the last dab, in the object's frame
+        self._ending = False
         if self._hit(context, event.mouse_region_x, event.mouse_region_y) is None:
             return {"PASS_THROUGH"}
         easel.stroke_begins()
-        self._move(context, event)
+        brush = context.window_manager.flexmaps_brush.brush
+        name = "smooth" if self.smooth and brush != "protect" else brush
+        self._dabs = dabs.Dabs(self._easel, name, self.inverted)
+        self._timer = context.window_manager.event_timer_add(TICK, window=context.window)
         context.window_manager.modal_handler_add(self)
+        self._move(context, event)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
-        from ..bridge.view import easel
-
-        if event.type == "MOUSEMOVE":
-            self._move(context, event)
-        elif event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS":
-            self._easel.revert()
+        taken_back = event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS"
+        try:
+            if taken_back:
+                self._dabs.close()
+                self._easel.revert()
+            elif event.type == "MOUSEMOVE" and not self._ending:
+                self._move(context, event)
+            elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
+                self._ending = True
+            elif self._ending and _pressed(event):  # the next stroke, or another key: this one first
+                self._dabs.wait()
+            if not taken_back and self._dabs.look():
+                redraw(context)
+            if self._ending and not taken_back and self._dabs.over():
+                return self._written(context, event)
+        except Exception:
+            self._over(context)
+            raise
+        if taken_back:
             self._over(context)
             return {"CANCELLED"}
-        elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            try:
-                self._easel.write(context.scene)
-            except FlexMapsError as error:  # the object is gone
-                self.report({"ERROR"}, str(error))
-                easel.forget()
-                return {"CANCELLED"}
-            finally:
-                self._over(context)
-            return {"FINISHED"}
         return {"RUNNING_MODAL"}
+
+    def _written(self, context: bpy.types.Context, event: Any) -> set[str]:
+        """The object gets the stroke; what was pressed meanwhile is for whoever comes next."""
+        from ..bridge.view import easel
+
+        try:
+            self._easel.write(context.scene)
+        except FlexMapsError as error:  # the object is gone
+            self.report({"ERROR"}, str(error))
+            easel.forget()
+            return {"CANCELLED"}
+        finally:
+            self._over(context)
+        return {"FINISHED", "PASS_THROUGH"} if _pressed(event) else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         self._over(context)
@@ -117,6 +140,8 @@ class PaintStroke(_Painter, bpy.types.Operator):
     def _over(self, context: bpy.types.Context) -> None:
         from ..bridge.view import easel
 
+        self._dabs.close()
+        context.window_manager.event_timer_remove(self._timer)
         easel.stroke_ends()
         redraw(context)
 
@@ -157,9 +182,10 @@ class PaintStroke(_Painter, bpy.types.Operator):
                 ways.append(place - self._place)
             self._place = place
         if weights:
-            strength = brush.strength * (pressure if brush.pressure_strength else 1.0)
-            self._paint(brush, weights, ways, strength)
-            redraw(context)
+            strength = FLOW * brush.strength * (pressure if brush.pressure_strength else 1.0)
+            strength = 1.0 if brush.brush == "protect" else strength
+            way = np.array(self._object.matrix_world.to_3x3()) @ np.sum([np.zeros(3), *ways], axis=0)
+            self._dabs.add([strength * weight for weight in weights], way)
 
     def _dab(self, context: bpy.types.Context, place: Any, normal: Any, size: float) -> np.ndarray:
         """The weight of one dab, mirrored where the brush is."""
@@ -180,19 +206,10 @@ class PaintStroke(_Painter, bpy.types.Operator):
             found.append(self._easel.ground.weight(where, np.array(turned @ (normal * over)), radius))
         return np.max(found, axis=0)
 
-    def _paint(self, brush: Any, weights: list[np.ndarray], ways: list[np.ndarray], strength: float) -> None:
-        from ..engine.spirals.dab import together
-        from ..engine.spirals.painting import Stroke
 
-        name = "smooth" if self.smooth and brush.brush != "protect" else brush.brush
-        if name == "protect":
-            self._easel.paint(name, np.max(weights, axis=0), Stroke(self.inverted))
-            return
-        way = np.sum(ways, axis=0) if ways else np.zeros(3)
-        turned = np.array(self._object.matrix_world.to_3x3()) @ way
-        if name == "along" and not turned.any():
-            return  # the first dab has no direction yet
-        self._easel.paint(name, together([FLOW * strength * w for w in weights]), Stroke(self.inverted, turned))
+def _pressed(event: Any) -> bool:
+    """Whether a key or a button went down."""
+    return event.value == "PRESS" and event.type not in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER"}
 
 
 class PaintFrom(_Painter, bpy.types.Operator):

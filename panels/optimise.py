@@ -70,6 +70,8 @@ def _found(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> No
     number(grid, "RMS distance", f"{block['rms_percent']:.2f} %")
     if "wished_mm" in block:
         number(grid, "From wishes", f"{block['wished_mm_before']:.3g} \N{RIGHTWARDS ARROW} {block['wished_mm']:.3g} mm")
+    if block.get("wish"):
+        wrapped(layout, context, block["wish"], icon="INFO")
     strain = block.get("strain_share_max")
     if strain is not None:
         number(

@@ -1,11 +1,11 @@
 """Measures how soon a piece follows a change, and whether it goes on doing so.
 
-python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces hand window]
+python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces brush hand window]
 
 ``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
 the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
-of the zoo, and how far the live shape at rest is from a simulation's. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
-modes in Blender as a module with the process beside it. ``window``: what the window test has left in out/window-live.
+of the zoo, and how far the live shape at rest is from a simulation's. ``brush``: how long painting holds up Blender's window. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
+modes in Blender as a module with the process beside it. ``window``: what the window tests have left in out/window-live and out/window-brush.
 """
 
 from __future__ import annotations
@@ -38,13 +38,14 @@ from rows import Row, Table, at_most, row
 from zoo import SURFACES
 
 ROOT = Path(__file__).resolve().parent.parent
-WINDOW = ROOT / "out" / "window-live" / "figures.json"
+WINDOW, BRUSH = (ROOT / "out" / f"window-{name}" / "figures.json" for name in ("live", "brush"))
 SIZES = (
     (400, 0.060, 0.2),
     (1000, 0.150, 0.5),
     (2400, 0.350, 1.2),
 )  # spirals, seconds asked to the first picture and to rest
 TICK = 0.030  # seconds of the main thread at the most
+SHARE = 0.05  # of the spirals, in a stroke
 STROKES = 8  # of which the median counts
 AWAY = 0.01  # millimetres that a live shape may be from a simulation's
 
@@ -193,6 +194,14 @@ def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
     return 1e3 * float(np.abs(found.vertices - shape.vertices).max())
 
 
+def brush(_: argparse.Namespace) -> Iterator[Row]:
+    """Painting on domes of three sizes."""
+    from live_brush import painted
+
+    for count, _first, _rest in SIZES:
+        yield from painted(count, SHARE, TICK)
+
+
 # -- whether it goes on ----------------------------------------------------------------------------------------------------
 
 
@@ -237,20 +246,26 @@ def resident(process: str) -> float:
 
 
 def window(_: argparse.Namespace) -> Iterator[Row]:
-    """A hand on the mouse, in a real Blender: see tests/window/following.py."""
-    if not WINDOW.is_file():
-        yield row("real window", "not measured: run test window -k live", "", "", None)
-        return
-    found = json.loads(WINDOW.read_text())
-    yield at_most("real window", "main thread, slowest tick, s of processor", TICK, found["slowest"])
-    yield at_most("real window", "errors", 0, len(found["errors"]))
-    for name, seconds in found["seen"].items():
-        yield row("real window", f"{name}: to the first picture, s by the clock", "", seconds, None)
+    """A hand on the mouse, in a real Blender: see tests/window/following.py and brush.py."""
+    for path, words in ((WINDOW, "live"), (BRUSH, "painted")):
+        if not path.is_file():
+            yield row("real window", f"not measured: run test window -k {words}", "", "", None)
+            continue
+        found = json.loads(path.read_text())
+        yield at_most("real window", "errors", 0, len(found["errors"]))
+        if path == WINDOW:
+            yield at_most("real window", "main thread, slowest tick, s of processor", TICK, found["slowest"])
+            for name, seconds in found["seen"].items():
+                yield row("real window", f"{name}: to the first picture, s by the clock", "", seconds, None)
+            continue
+        for name, seconds in found["held"].items():
+            yield at_most("real window", f"brush: {name}, main thread, s", TICK, seconds)
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "changes": changes,
     "surfaces": surfaces,
+    "brush": brush,
     "hand": hand,
     "window": window,
 }

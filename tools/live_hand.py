@@ -130,7 +130,7 @@ class Hand:
         if which == 0:
             own.spiral.thickness = float(self.rng.choice([1.5, 2.0, 2.5]))
         elif which == 1:
-            own.material.material = str(self.rng.choice(["delrin", "pla", "petg"]))
+            own.material.material = str(self.rng.choice(["pom", "pla", "petg"]))
         else:
             own.simulate.gravity = not own.simulate.gravity
         bpy.ops.ed.undo_push(message="setting")

@@ -131,7 +131,7 @@ def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
     from flexmaps.bridge.store import states
     from flexmaps.engine import versions
-    from flexmaps.engine.optimisation import optimise
+    from flexmaps.engine.optimisation import optimise, wishes
     from flexmaps.engine.runs import stages
 
     for text in (*states.WHY.values(), states.SETTING, states.EARLIER, states.PROGRAM):
@@ -142,6 +142,7 @@ def _of_lines() -> Found:
         yield "", text, "why a button is grey"
     for text in optimise.ENDS.values():
         yield "", text, "how an optimisation ended"
+    yield "", wishes.UNSTRAINED, "how an optimisation ended"
     for file in sorted(p for folder in ("operators", "bridge") for p in (ROOT / folder).rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _name(node.func) == "translate"]

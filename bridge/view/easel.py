@@ -6,8 +6,8 @@ Reading an object takes a while, so an easel stays from one stroke to the next, 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -16,15 +16,18 @@ from ...engine import colours
 from ...engine.arrays import Bool, Float
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
+from ...engine.runs import stages
 from ..store import attributes, equilibrium, fields, notes, objects, settings, states
 from ..store.checksums import Checksums
 from .colouring import stiffness_legend, stiffness_share
 from .live_shape import LiveShape, middle_edge
 
 if TYPE_CHECKING:
-    from ...engine.runs.result import Result
+    from ...engine.spirals.dab import Ground
     from ...engine.spirals.design import SpiralDesign
     from ...engine.spirals.painting import Stroke
+    from ..store.snapshot import Snapshot
+    from ..store.surface import Surface
 
 TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
 PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale
@@ -35,12 +38,16 @@ _easels: list[Easel] = []
 
 
 class Painting(LiveShape):
-    """The surface coloured by stiffness, its arms in dark; protected spirals are grey."""
+    """The surface coloured by stiffness, its arms in dark; protected spirals are grey.
 
-    def __init__(self, easel: Easel):
-        super().__init__(easel.vertices, easel.quads)
+    former : of the same surface, of which only what has changed is drawn anew
+    """
+
+    def __init__(self, easel: Easel, vertices: Float[np.ndarray, "vertices 3"], former: Painting | None = None):
+        super().__init__(vertices, easel.quads)
         self._design, self._stiffness, self._range = easel.design, easel.stiffness, easel.range
         self._protected = easel.protected
+        self._former = former if former is not None and former.is_drawn else None
         self.legend = stiffness_legend(*easel.range)
         if easel.protected.any():
             self.legend = replace(self.legend, title=f"{self.legend.title}; grey: protected")
@@ -55,11 +62,40 @@ class Painting(LiveShape):
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
         from ...engine.display import bands
 
+        former, self._former = self._former, None
         corners, normal = self.frame(unit)
-        twist = self._design.twist
-        wind = -twist if self._design.params.clockwise else twist
-        found = bands.bands(corners, normal, self._design.width / unit, wind, LIFT * middle_edge(corners))
-        return found[0].astype(np.float32), found[1].astype(np.int32)
+        lift, design = LIFT * middle_edge(corners), self._design
+        wind = -design.twist if design.params.clockwise else design.twist
+        known = None if former is None else former.drawn_bands
+        if former is None or known is None:
+            found = bands.bands(corners, normal, design.width / unit, wind, lift)
+            return found[0].astype(np.float32), found[1].astype(np.int32)
+        changed = np.flatnonzero(other(former._design, design))
+        points = known[0].reshape(len(corners), -1, 3).copy()
+        pieces = points.shape[1] // 8 - 1
+        part = corners[changed], normal[changed], design.width[changed] / unit, wind[changed], lift, pieces
+        points[changed] = bands.bands(*part)[0].reshape(len(changed), *points.shape[1:])
+        return points.reshape(-1, 3), known[1]
+
+
+def other(one: SpiralDesign, two: SpiralDesign) -> Bool[np.ndarray, " quads"]:
+    """The spirals in which two designs differ."""
+    return (one.width != two.width).any(axis=1) | (one.twist != two.twist)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """An object's surface in one shape: vertices in metres and world axes, where a brush touches it, and how it is drawn."""
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    ground: Ground
+    shape: Painting
+
+    @classmethod
+    def of(cls, easel: Easel, vertices: Float[np.ndarray, "vertices 3"]) -> Seen:
+        from ...engine.spirals.dab import Ground
+
+        return cls(vertices, Ground.of(vertices, easel.quads), Painting(easel, vertices))
 
 
 class Easel:
@@ -71,49 +107,102 @@ class Easel:
 
     design: SpiralDesign
     before: SpiralDesign
+    shape: Painting
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
         from ...engine.mechanics.arms.spiral_stiffness import stiffness
-        from ...engine.runs import stages
-        from ..store import mesh, snapshot
+        from ..store import mesh
+        from .painted_panels import PaintedPanels
 
         self.uid = obj.session_uid
         self._used = settings.read(obj.flexmaps, ObjectSettings)
         self._surface = mesh.read_surface(obj, scene)
-        taken = snapshot.take(obj, self._surface, self._used, loaded=False)
+        taken = self._taken(obj, self._surface)
+        result = taken.result()
+        stages.needed(result, "flat")
+        design = taken.start(result).design
+        if design is None:
+            raise FlexMapsError(stages.MISSING["design"])
+        self._hold(design, taken)
+        found = stiffness(self.design, self._used.material.chosen)
+        self.stiffness = np.ones(len(self.design.twist)) if found is None else found
+        self.range = float(self.stiffness.min()), float(self.stiffness.max())
+        self._panels = PaintedPanels(obj.name, self.design)
+        self._readied: SpiralDesign | None = None
+        self._unit = scene.unit_settings.scale_length
+        self.quads = self._surface.polygons.corners.reshape(-1, 4)
+        self._take(self._seen(equilibrium.shown_positions(obj.data)))
+        self._sums = self._now(obj, scene)
+
+    def _taken(self, obj: bpy.types.Object, surface: Surface) -> Snapshot:
+        from ..store import snapshot
+
         missing = notes.missing(obj.data, "flat")
         if missing:
             raise FlexMapsError(missing)
-        result: Result = taken.start(taken.result())
-        stages.needed(result, "flat")
-        assert result.design is not None
-        self.design = self.before = result.design
-        count = len(result.design.twist)
-        self.protected = self._marked = np.isin(np.arange(count), [] if taken.protected is None else taken.protected)
-        found = stiffness(self.design, self._used.material.chosen)
-        self.stiffness = np.ones(count) if found is None else found
-        self.range = float(self.stiffness.min()), float(self.stiffness.max())
-        self._see(obj)
-        self._sums = self._now(obj, scene)
+        return snapshot.take(obj, surface, self._used, loaded=False)
 
-    def _see(self, obj: bpy.types.Object) -> None:
-        """Take the shape as it is seen now."""
-        from ...engine.spirals.dab import Ground
+    def _hold(self, design: SpiralDesign, taken: Snapshot) -> None:
+        """Take spirals and marks as the object holds them."""
+        self.design = self.before = design
+        self.protected = np.zeros(len(design.twist), bool)
+        self.protected[[] if taken.protected is None else taken.protected] = True
+        self._marked = self.protected
 
-        seen = equilibrium.shown_positions(obj.data).astype(float)
+    def renewed(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+        """Take the object's spirals and marks where it holds others by now, such as after an undo; False where more than these has changed.
+
+        That is quick enough for a window, which reading all of an object is not.
+        """
+        from ...engine.spirals.design import outside
+        from ..store import mesh
+
+        if obj.session_uid != self.uid or obj.mode != "OBJECT":
+            return False
+        now = self._now(obj, scene)
+        changed = {name for name in now if now[name] != self._sums[name]}
+        if not changed <= {"design", "protected", "moved"}:
+            return False
+        if not changed:
+            return True
+        surface = mesh.read_surface(obj, scene)
+        flat = [[one.values.get(name) for name in mesh.FLAT_NAMES] for one in (surface, self._surface)]
+        if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
+            return False
+        old, found = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
+        if found is None or len(surface.spoilt) or len(outside(found, other(old, found))):
+            return False
+        taken, self._surface = self._taken(obj, surface), surface
+        self._hold(replace(found, painted=bool((taken.note or {}).get("painted"))), taken)
+        known = surface.values.get("stiffness")  # of any other design it is dropped
+        if known is None:
+            self._renew_stiffness(old)
+        else:
+            self.stiffness = known.astype(float)
+        seen = self._seen(equilibrium.shown_positions(obj.data))
+        if np.array_equal(seen.vertices, self.vertices):
+            self.shape = Painting(self, self.vertices, self.shape)
+        else:
+            self._take(seen)
+        self._sums = now
+        return True
+
+    def _seen(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen:
+        """The object as it looks with its vertices at these places, in its own frame."""
         frame = self._surface.to_metres
-        self.vertices = seen @ frame[:3, :3].T + frame[:3, 3]
-        self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self.ground = Ground.of(self.vertices, self.quads)
-        self.shape = Painting(self)
+        return Seen.of(self, positions.astype(float) @ frame[:3, :3].T + frame[:3, 3])
 
-    def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Any, ...]:
+    def _take(self, seen: Seen) -> None:
+        self.vertices, self.ground, self.shape = seen.vertices, seen.ground, seen.shape
+
+    def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
         sums = Checksums(obj, scene)
         marks = attributes.get(obj.data, fields.PROTECT)
-        placed = tuple(x for row in obj.matrix_world for x in row)
         moved = tuple(key.value for key in equilibrium.keys_of(obj.data))
         names = ("design", "shape", "seams", "spiral", "material")
-        return (*(sums[part] for part in names), b"" if marks is None else marks.tobytes(), placed, moved)
+        own: dict[str, object] = {"protected": b"" if marks is None else marks.tobytes(), "moved": moved}
+        placed = (*(x for row in obj.matrix_world for x in row), scene.unit_settings.scale_length)
+        return {part: sums[part] for part in names} | own | {"placed": placed}
 
     def fresh(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
         """Whether the object still holds what is on the easel."""
@@ -127,14 +216,20 @@ class Easel:
             self.protected = np.where(weight >= 0.5, not stroke.inverted, self.protected)
         else:
             self._paint(brush, weight, stroke)
-        self.shape = Painting(self)
+        shape = Painting(self, self.vertices, self.shape)
+        shape.prepared(self._unit)  # before it is seen: this may run beside the window's thread
+        self.shape = shape
 
     def _paint(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
-        from ...engine.mechanics.arms.spiral_stiffness import renewed
         from ...engine.spirals.painting import painted
 
         old, self.design = self.design, painted(self.design, brush, weight, stroke, kept=np.flatnonzero(self.protected))
-        changed = (old.width != self.design.width).any(axis=1) | (old.twist != self.design.twist)
+        self._renew_stiffness(old)
+
+    def _renew_stiffness(self, old: SpiralDesign) -> None:
+        from ...engine.mechanics.arms.spiral_stiffness import renewed
+
+        changed = other(old, self.design)
         if changed.any():
             self.stiffness = renewed(self.stiffness, self.design, self._used.material.chosen, changed)
             low, high = self.range
@@ -142,37 +237,56 @@ class Easel:
 
     def revert(self) -> None:
         """Take back what was painted since the object was read or written."""
-        from ...engine.mechanics.arms.spiral_stiffness import stiffness
-
-        self.design, self.protected = self.before, self._marked
-        found = stiffness(self.design, self._used.material.chosen)
-        self.stiffness = self.stiffness if found is None else found
-        self.shape = Painting(self)
+        old, self.design, self.protected = self.design, self.before, self._marked
+        self._renew_stiffness(old)
+        self.shape = Painting(self, self.vertices, self.shape)
 
     @property
     def changed(self) -> Bool[np.ndarray, " quads"]:
         """The spirals that are others than the object holds."""
-        return (self.before.width != self.design.width).any(axis=1) | (self.before.twist != self.design.twist)
+        return other(self.before, self.design)
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether all that ``write`` needs is computed."""
+        return self._readied is self.design or self.design is self.before
+
+    def ready(self) -> None:
+        """Compute all that ``write`` needs; touches nothing of Blender's, so that it may be called beside the window's thread."""
+        from ...engine.spirals.design import design_report
+
+        if not self.is_ready:
+            self._block = design_report(self.design, measured=False)
+            self._panels.follow(self.design)
+            # the simulated shape goes when other spirals are written
+            target = self._seen(self._surface.positions)
+            if not np.array_equal(target.vertices, self.vertices):
+                target.shape.prepared(self._unit)
+            self._target, self._readied = target, self.design
 
     def write(self, scene: bpy.types.Scene) -> None:
         """Give the object what was painted: its spirals are done then, and what was made from the former ones is out of date."""
-        from ...engine.spirals.design import design_report
         from ..store import mesh
-        from . import flat_panels, overlay
+        from . import overlay
 
         obj = objects.find(self.uid)
         if self.changed.any():
+            self.ready()
             mesh.write_design(obj, self._surface, self.design)
             fields.write_stiffness(obj, self.stiffness)
-            notes.write(obj.data, "spirals", design_report(self.design, measured=False))
+            notes.write(obj.data, "spirals", self._block)
             states.stamp(obj, scene)
-            for _ in flat_panels.PanelDrawing.plain(self.design).show(obj, scene):
-                pass
+            self._panels.show(obj, scene)
             overlay.renew(obj, "STIFFNESS")
-        fields.protect(obj, np.flatnonzero(self.protected))
+            if not np.array_equal(self._target.vertices, self.vertices):
+                self._take(self._target)
+        if (self._marked != self.protected).any():
+            fields.protect(obj, np.flatnonzero(self.protected))
         self.before, self._marked = self.design, self.protected
-        self._see(obj)
         self._sums = self._now(obj, scene)
+
+    def put_away(self) -> None:
+        self._panels.put_away()
 
 
 # -- the easel that stands there ---------------------------------------------------------------------------------------
@@ -180,7 +294,8 @@ class Easel:
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
     """The object's easel, set up anew where it holds something else by now. Raises ``FlexMapsError`` where it has no spirals."""
-    if not (_easels and _easels[0].fresh(obj, scene)):
+    if not (_easels and _easels[0].renewed(obj, scene)):
+        forget()
         _easels[:] = [Easel(obj, scene)]
     return _easels[0]
 
@@ -188,7 +303,8 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
 @bpy.app.handlers.persistent
 def forget(*_: object) -> None:
     """Put it away, such as before another file is opened."""
-    _easels.clear()
+    while _easels:
+        _easels.pop().put_away()
 
 
 def active(context: bpy.types.Context) -> bool:

@@ -150,15 +150,9 @@ class PanelDrawing:
         centres = arrange.side_by_side(design.flat)
         return cls(design, PLAIN, centres, solids.light(design, centres), [])
 
-    def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
-        """Put them beside the model, in pieces, so that a window stays alive between them.
-
-        Raises ``FlexMapsError`` where the object was deleted meanwhile.
-        """
-        uid = obj.session_uid
-        collection.clear(obj)
-        place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
-        mesh = polygons(f"{obj.name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
+    def mesh(self, name: str) -> bpy.types.Mesh:
+        """The solids in their colours, metres."""
+        mesh = polygons(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
         layout = self.design.flat.layout
         # connectors have their seam's colour, as on the assembly sheet
         palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
@@ -166,13 +160,29 @@ class PanelDrawing:
             self.solid.seam_of < 0, layout.patch_of[self.solid.quad_of], len(layout.patches) + self.solid.seam_of
         )
         paint(mesh, np.repeat(palette[row], self.solid.sizes, axis=0))
-        wear(mesh, palette[row])
+        used = np.flatnonzero(np.bincount(row))
+        wear(mesh, palette[used], np.searchsorted(used, row))
+        return mesh
+
+    def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
+        """Put their mesh beside the model, in the place of whatever was laid out there; metres, where."""
+        collection.clear(obj)
+        place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
         made = collection.add(obj, scene, "panels", "panels", mesh, place)
         if self.look:
             made[LOOK] = self.look
         if self.solid.flat:  # thick in renders only
             thick = made.modifiers.new("Thickness", "SOLIDIFY")
             thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False
+        return place
+
+    def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
+        """Put them beside the model, in pieces, so that a window stays alive between them.
+
+        Raises ``FlexMapsError`` where the object was deleted meanwhile.
+        """
+        uid = obj.session_uid
+        place = self.stand(obj, scene, self.mesh(obj.name))
         for k, curves in enumerate(self.outlines):
             yield
             obj = find(uid)

@@ -67,6 +67,16 @@ class LiveShape:
         self._arrays = (*self.drawn(unit), self.bands(unit))
         return self
 
+    @property
+    def is_drawn(self) -> bool:
+        """Whether all that is computed for drawing is there."""
+        return self._arrays is not None
+
+    @property
+    def drawn_bands(self) -> tuple[Any, Any] | None:
+        """What ``bands`` gave, once it is drawn."""
+        return None if self._arrays is None else self._arrays[3]
+
     def batches(self, unit: float) -> tuple[Any, Any, Any]:
         """What the graphics card draws: faces, bands or ``None``, lines; made once."""
         if self._batches is None:

@@ -17,14 +17,17 @@ def bands(
     width: Float[np.ndarray, "quads 4"],
     wind: Float[np.ndarray, " quads"],
     lift: float,
+    pieces: int | None = None,
 ) -> tuple[Float[np.ndarray, "points 3"], Int[np.ndarray, "triangles 3"]]:
     """Points and triangles of the arms, from the joints to the centres; what blends neighbours at their joints is left out.
 
     wind : radians, the twist with the sign of the sense of rotation; lift : how far the bands float above the quads
+    pieces : of every arm; as many as there is room for if not given
     corners, width, lift : in one unit of length, which is that of the points
     """
     count = len(corners)
-    pieces = int(np.clip(MOST // (8 * max(count, 1)) - 1, LEAST_PIECES, MOST_PIECES))
+    if pieces is None:
+        pieces = int(np.clip(MOST // (8 * max(count, 1)) - 1, LEAST_PIECES, MOST_PIECES))
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]  # they lie in one plane (Varignon)
     axes = np.stack([spokes[:, 0], np.cross(normal, spokes[:, 0])], axis=1)
@@ -34,8 +37,8 @@ def bands(
     arms = Arms(np.zeros((count, 2)), radius, angle, wind, width, width, np.zeros_like(flat), np.ones_like(radius))
     t = np.broadcast_to(np.linspace(0.0, 1.0, pieces + 1), (*radius.shape, pieces + 1))
     edges = np.stack([edge(arms, t, side)[0] for side in (LEFT, RIGHT)], axis=3)  # (F, 4, pieces + 1, 2, 2)
-    points = (edges.reshape(count, -1, 2) @ axes).reshape(*edges.shape[:-1], 3)
-    points += _warped(points.reshape(count, -1, 3), corners, spokes).reshape(points.shape)
+    points = (edges.reshape(count, 8 * (pieces + 1), 2) @ axes).reshape(*edges.shape[:-1], 3)
+    points += _warped(points.reshape(count, 8 * (pieces + 1), 3), corners, spokes).reshape(points.shape)
     points += (centre + lift * normal)[:, None, None, None]
     first = np.arange(4 * count)[:, None] * 2 * (pieces + 1) + 2 * np.arange(pieces)
     one, two = np.stack([first, first + 1, first + 3], axis=-1), np.stack([first, first + 3, first + 2], axis=-1)

@@ -6,7 +6,7 @@ Built arm by arm, for cutting a sheet with thousands of holes into triangles wou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
 from ..spirals.caps import Cap
+from ..spirals.contours import Hubs
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, edge, opposite_sides
+from ..spirals.spiral import LEFT, RIGHT, Arms, edge, opposite_sides
 from .rim_mesh import RimMesh
 
 DEGREES = 9.5  # of an arm's twist between two of its steps
@@ -33,6 +34,8 @@ class Solid:
     quad_of : the quad that every face belongs to
     seam_of : the seam whose connector it is a part of, -1 for none
     flat : whether it is only the upper side
+    places : where the edges' points are among the vertices, of the lower side and of the upper one, or of the upper alone; as ``_edges`` has
+        them; -1 for those that are none
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -41,16 +44,23 @@ class Solid:
     quad_of: Int[np.ndarray, " faces"]
     seam_of: Int[np.ndarray, " faces"]
     flat: bool = False
+    places: Int[np.ndarray, "sides quads 4 2 steps"] | None = None
 
 
-def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] = (), most: int = 100_000) -> Solid:
+def light(
+    design: SpiralDesign,
+    centres: np.ndarray,
+    tips: Sequence[Tip | Cap] = (),
+    most: int = 100_000,
+    wound: float | None = None,
+) -> Solid:
     """Like ``solid``, but of many spirals only the upper side and in coarser steps, about ``most`` faces in all.
 
-    So a window is not held up by them.
+    So a window is not held up by them. ``wound``: radians, twist for which the steps are enough; the design's largest if not given.
     """
-    count, steps = len(design.width), _steps(design, DEGREES)
+    count, steps = len(design.width), _steps(design, DEGREES, wound)
     if count * 16 * steps <= most:
-        return solid(design, centres, tips)
+        return solid(design, centres, tips, wound=wound)
     tips = (*tips, *design.caps)
     steps = max(min(steps, most // (4 * count)), 5)
     flat = _edges(design, centres, steps, tips)
@@ -64,12 +74,16 @@ def light(design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] =
     corners = np.concatenate([loops.ravel(), plates.ravel(), heads.triangles.ravel()])
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
-    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True)
+    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, places=index[None])
     return _with_rim(made, design, centres)
 
 
 def solid(
-    design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap] = (), degrees_per_step: float = DEGREES
+    design: SpiralDesign,
+    centres: np.ndarray,
+    tips: Sequence[Tip | Cap] = (),
+    degrees_per_step: float = DEGREES,
+    wound: float | None = None,
 ) -> Solid:
     """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
 
@@ -79,7 +93,7 @@ def solid(
     their true shape.
     """
     layout, tips = design.flat.layout, (*tips, *design.caps)
-    steps = min(_steps(design, degrees_per_step), max(MOST // (16 * len(design.width)), 5))
+    steps = min(_steps(design, degrees_per_step, wound), max(MOST // (16 * len(design.width)), 5))
     flat = _edges(design, centres, steps, tips)
     index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
     heads = _Heads.of(design, centres, tips, index)
@@ -102,7 +116,9 @@ def solid(
     used[corners] = True
     number = np.cumsum(used) - 1
     points = np.concatenate([bottom, top])[used]
-    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)))
+    places = np.stack([same[index], same[index] + up])
+    places = np.where(used[places], number[places], -1)
+    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), places=places)
     return _with_rim(made, design, centres)
 
 
@@ -119,13 +135,13 @@ def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
         points = np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
         faces, quad_of = strip.faces(count)
     sizes = np.concatenate([np.full(len(f), f.shape[1]) for f in faces])
-    return Solid(
-        np.concatenate([made.vertices, points]),
-        np.concatenate([made.corners, *(f.ravel() for f in faces)]),
-        np.concatenate([made.sizes, sizes]),
-        np.concatenate([made.quad_of, quad_of]),
-        np.concatenate([made.seam_of, np.full(len(sizes), -1)]),
-        made.flat,
+    return replace(
+        made,
+        vertices=np.concatenate([made.vertices, points]),
+        corners=np.concatenate([made.corners, *(f.ravel() for f in faces)]),
+        sizes=np.concatenate([made.sizes, sizes]),
+        quad_of=np.concatenate([made.quad_of, quad_of]),
+        seam_of=np.concatenate([made.seam_of, np.full(len(sizes), -1)]),
     )
 
 
@@ -182,21 +198,27 @@ class _Heads:
         )
 
 
-def _steps(design: SpiralDesign, degrees_per_step: float) -> int:
+def _steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
     """Points along every arm's edges."""
-    return 5 + int(np.ceil(np.degrees(design.twist.max(initial=0.0)) / degrees_per_step))
+    most = design.twist.max(initial=0.0) if wound is None else wound
+    return 5 + int(np.ceil(np.degrees(most) / degrees_per_step))
 
 
 def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
     """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm, from the joint, or its tip, to the hub."""
-    arms, root = design.arms, design.roots
-    share = np.linspace(0.0, 1.0, steps)
     begin = design.begin.copy()
     begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
-    begin = begin[..., None]
-    left = edge(arms, begin + (root.left[..., None] - begin) * share, LEFT)[0]
-    right = edge(arms, begin + (np.roll(root.right, 1, axis=1)[..., None] - begin) * share, RIGHT)[0]
-    return np.stack([left, right], axis=2) + centres[design.flat.layout.patch_of][:, None, None, None]
+    return (
+        arm_edges(design.arms, design.roots, begin, steps) + centres[design.flat.layout.patch_of][:, None, None, None]
+    )
+
+
+def arm_edges(arms: Arms, root: Hubs, begin: Float[np.ndarray, "quads 4"], steps: int) -> np.ndarray:
+    """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm from its t ``begin`` to its root, in its patch's frame."""
+    share, first = np.linspace(0.0, 1.0, steps), begin[..., None]
+    left = edge(arms, first + (root.left[..., None] - first) * share, LEFT)[0]
+    right = edge(arms, first + (np.roll(root.right, 1, axis=1)[..., None] - first) * share, RIGHT)[0]
+    return np.stack([left, right], axis=2)
 
 
 def _joined(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:

@@ -97,11 +97,14 @@ class Optimisation:
         before, after = self.before.match, self.after.match
         flat = (self.before.design.flat, self.after.design.flat)
         moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
-        target, wished = self.point.problem.target, {}
+        target = self.point.problem.target
+        wished: dict[str, Any] = {}
         if target.wishes is not None:
             ends = [target.compare(s.equilibrium.pose.centres).wished for s in (self.before, self.after)]
             names = ("wished_mm_before", "wished_mm")
             wished = {"wishes": len(target.wishes.quads)} | dict(zip(names, (1e3 * end for end in ends), strict=True))
+            why = target.wishes.unreachable(float(self.after.equilibrium.per_joint.sum()), len(self.design.width))
+            wished |= {"wish": why} if why else {}
         return {
             "method": self.method,
             "start": self.start,

@@ -141,6 +141,8 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     better = described.get("optimise", {})
     if "end" in better:
         notes.append((not better["finished"], f"How optimising ended: {better['end']}"))
+    if better.get("wish"):
+        notes.append((True, better["wish"]))
     if "scan" in described:
         notes += [(False, f"Scan {described['scan']['file']}: {text}") for text in described["scan"]["remarks"]]
     if "reach" in described:

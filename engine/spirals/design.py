@@ -275,8 +275,11 @@ def fitted(
     return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
 
 
-def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
-    """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there."""
+def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
+    """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there.
+
+    Of slots only those in which some of ``quads`` have a part, if given.
+    """
     low, high = width_range(design.flat, design.params)
     known = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
     width, twist = np.where(known[:, None], design.width, low[:, None]), np.where(known, design.twist, 0.0)
@@ -286,7 +289,8 @@ def outside(design: SpiralDesign) -> Int[np.ndarray, " n"]:
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # where connectors have no room, ends can be glued
     room = Room.of(design.flat, replace(design.params, slot_seam=0.0))
-    terms = room.terms(np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None), below=-slack)
+    spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
+    terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False
     return np.flatnonzero(~(known & fits))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -11,7 +13,9 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import handles, states
 from flexmaps.bridge.view import picking
+from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.mechanics.loads import standing
 
 
 def test_a_held_spiral_is_a_support_and_undo_is_one_step(simulated: Any) -> None:
@@ -89,3 +93,27 @@ def test_the_spiral_under_the_mouse_is_that_of_the_shown_shape(simulated: Any, c
     assert picking.quad_at(points, quads, middle + 10.0 * normal, normal) is None
     assert content(simulated) == before
     assert np.abs(points - picking.target(simulated)).max() > 1e-4  # the simulated one, not the target
+
+
+def test_the_commands_pull_and_wish(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pulled, wished = tmp_path / "pulled.blend", tmp_path / "wished.blend"
+    assert (
+        main(["pull", "shape:dome", "--edge", "30", "--at", "0,3", "--force", "0", "-0.5", "2", "--out", str(pulled)])
+        == 0
+    )
+    assert main(["wish", str(pulled), "--at", "lowest", "--by", "0", "0", "-5", "--out", str(wished)]) == 0
+    assert main(["wish", str(wished), "--at", "0", "--by", "0", "0", "0", "--out", str(wished)]) == 0
+    made = api.load(wished).result
+    assert np.flatnonzero(made.force.any(axis=1)).tolist() == [0, 3]
+    np.testing.assert_allclose(made.force[3], [0.0, -0.5, 2.0], atol=1e-6)
+    low = set(standing(made.mesh, "lowest").tolist()) - {0}
+    assert low and set(made.wishes.quads.tolist()) == low
+    np.testing.assert_allclose(made.wishes.offsets(made.mesh)[min(low)], [0.0, 0.0, -0.005], atol=1e-6)
+    for wrong in (
+        ["--at", "many", "--by", "0", "0", "1"],
+        ["--at", "1", "--by", "0", "nan", "1"],
+        ["--at", "1", "--by", "0"],
+    ):
+        with suppress(SystemExit):
+            assert main(["wish", "shape:dome", "--edge", "30", *wrong]) == 2
+        assert "flexmaps" in capsys.readouterr().err

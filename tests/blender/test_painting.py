@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import fields, mesh, notes, states
-from flexmaps.bridge.view import easel
+from flexmaps.bridge.view import dabs, easel, flat_panels
 from flexmaps.command.main import main
+from flexmaps.engine.display.moving import MovingPanels
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.spirals.painting import Stroke
 from support.buttons import press
@@ -40,9 +41,50 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     simulated.flexmaps.optimise.iterations, simulated.flexmaps.optimise.codesign = 1, False
     press("optimise")  # from these spirals, and no others
     assert notes.read(simulated.data)["optimise"]["start"] == "given"
-    assert easel.of(simulated, bpy.context.scene) is not on, "but not when something else changed the spirals"
+    on = easel.of(simulated, bpy.context.scene)  # something else changed the spirals
+    np.testing.assert_allclose(np.degrees(on.design.twist), attribute(simulated, "flexmaps_twist"), rtol=1e-6)
+    np.testing.assert_allclose(on.design.width.ravel() * 1e3, attribute(simulated, "flexmaps_width"), rtol=1e-6)
+    assert not on.changed.any()
     press("spirals")
     assert "painted" not in notes.read(simulated.data)["spirals"]
+
+
+def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralled: Any) -> None:
+    scene = bpy.context.scene
+
+    def beside(obj: Any) -> tuple[Any, np.ndarray]:
+        (panels,) = flat_panels.panels_of(obj)
+        return panels.data, np.array([v.co for v in panels.data.vertices])
+
+    on = easel.of(spiralled, scene)
+    seen, states_of = [], []
+    for brush, quad in (("stiffer", 3), ("softer", 20)):
+        work = dabs.Dabs(on, brush, inverted=False)
+        weight = on.ground.weight(on.ground.centres[quad], on.ground.normals[quad], 0.06)
+        for _ in range(3):
+            work.add([0.4 * weight], np.zeros(3))
+        work.wait()
+        work.close()
+        on.write(scene)
+        bpy.ops.ed.undo_push(message="stroke")
+        seen.append(beside(spiralled))
+        states_of.append(on.design)
+        anew = MovingPanels(on.design).solid
+        np.testing.assert_allclose(seen[-1][1], anew.vertices, atol=1e-6)  # single precision
+    assert seen[0][0] == seen[1][0] and not np.array_equal(seen[0][1], seen[1][1]), "one mesh, other points"
+    bpy.ops.ed.undo()
+    obj = bpy.context.object
+    assert easel.of(obj, bpy.context.scene) is on, "only spirals have changed"
+    np.testing.assert_allclose(on.design.twist, states_of[0].twist, rtol=1e-6)
+    np.testing.assert_array_equal(beside(obj)[1], seen[0][1])
+    full = easel.Easel(obj, bpy.context.scene)
+    np.testing.assert_allclose(on.stiffness, full.stiffness, rtol=1e-5)
+    full.put_away()
+    wrong = dabs.Dabs(on, "nothing", inverted=False)
+    with pytest.raises(FlexMapsError, match="no brush"):
+        wrong.add([np.ones(len(on.design.twist))], np.zeros(3))
+        wrong.wait()
+    wrong.close()
 
 
 def test_a_stroke_taken_back_leaves_everything_as_it_was(spiralled: Any, content: Any) -> None:

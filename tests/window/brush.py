@@ -190,8 +190,69 @@ def protects():
     yield from picture("optimised")
 
 
+def held_up(what):
+    """From now on the slowest of every event of a stroke, and of every upload of what is drawn, in seconds of this thread's processor."""
+    stroke, drawing = hands.module("operators.painting").PaintStroke, hands.module("bridge.view.easel").Painting
+
+    def timed(name, action, *given):
+        begun = time.thread_time()
+        try:
+            return action(*given)
+        finally:
+            what[name] = max(what.get(name, 0.0), time.thread_time() - begun)
+
+    modal, written, batches = stroke.modal, stroke._written, drawing.batches
+    # Blender looks how many arguments there are
+    stroke.modal = lambda self, context, event: timed("an event", modal, self, context, event)
+    stroke._written = lambda self, context, event: timed("writing a stroke", written, self, context, event)
+    drawing.batches = lambda self, unit: timed("drawing, without the card's own", batches, self, unit)
+
+
+def large():
+    """A thousand spirals: what a stroke takes of the window's thread."""
+    module = importlib.import_module("bl_ext.user_default.flexmaps.engine.surface.shapes")
+    mesh = module.dome(18)
+    data = bpy.data.meshes.new("dome")
+    data.from_pydata((mesh.vertices * 0.02 / mesh.median_edge).tolist(), [], mesh.quads.tolist())
+    obj = bpy.data.objects.new("dome", data)
+    for other in bpy.context.scene.objects:
+        other.hide_set(True)
+        other.select_set(False)
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    obj.select_set(True)
+    obj.flexmaps.connect.connector = "none"
+    for name in ("trace", "spirals"):
+        yield from press(name)
+    yield from hands.click("operator", "flexmaps.pick_brush")
+    yield 2.0
+    with hands.in_view():
+        bpy.ops.view3d.view_axis(type="TOP")
+        bpy.ops.view3d.view_selected()
+    yield 1.0
+    brush = bpy.context.window_manager.flexmaps_brush
+    centre, size = middle()
+    brush.brush, brush.size, brush.strength = "softer", int(0.1 * size), 0.7
+    held_up(FOUND.setdefault("held", {}))
+    for down in (-0.2, 0.2):
+        before = spirals(obj)
+        yield from drag(
+            (centre[0] - 0.2 * size, centre[1] + down * size), (centre[0] + 0.2 * size, centre[1] + down * size)
+        )
+        yield 1.0
+        expect((spirals(obj)[1] != before[1]).any(), "a stroke is written")
+        yield from hands.key("ctrl+z")
+        yield 1.0
+        expect(np.array_equal(spirals(bpy.context.object)[1], before[1]), "and undone")
+        obj = bpy.context.object
+        yield from hands.key("ctrl+shift+z")
+        yield 1.0
+        obj = bpy.context.object
+    yield from picture("large")
+
+
 def walk():
-    for part in (begin, strokes, keys, protects):
+    for part in (begin, strokes, keys, protects, large):
         start = time.perf_counter()
         yield from part()
         FOUND.setdefault("seconds", {})[part.__name__] = round(time.perf_counter() - start, 1)

@@ -104,8 +104,10 @@ def test_with_its_window(
 
 def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     shutil.copy2(zip_file, tmp_path)
-    with kept(real_blender, tmp_path, ROOT / "out" / "window-brush"):
+    pictures = ROOT / "out" / "window-brush"
+    with kept(real_blender, tmp_path, pictures):
         found = driven(real_blender, HERE / "brush.py", tmp_path, window=True)
+    (pictures / "figures.json").write_text(json.dumps(found, indent=1))
     assert found["wrong"] == []
 
 

@@ -235,6 +235,7 @@ class View3D {
     if (this.asked) return;
     this.asked = true;
     requestAnimationFrame(() => {
+      this.resize(); // now rather than when the browser tells, which would be after the picture and make another one
       this.asked = false;
       this.render();
     });

@@ -310,19 +310,26 @@ function rounded(value) {
 /** Start the view in its element; without WebGL the pictures stay that stand in its place. */
 async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
+  const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
   try {
-    const probe = document.createElement("canvas").getContext("webgl2");
-    if (!probe || typeof DecompressionStream === "undefined") throw new Error("no WebGL");
-    probe.getExtension("WEBGL_lose_context")?.loseContext();
+    // of the canvas itself, with which three.js goes on: another one, only to try, would have to be made and given back
+    const canvas = /** @type {HTMLCanvasElement} */ (root.querySelector("canvas"));
+    if (!canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: false }) || typeof DecompressionStream === "undefined") {
+      throw new Error("no WebGL");
+    }
     const piece = JSON.parse(/** @type {HTMLElement} */ (document.getElementById("piece")).textContent ?? "");
     const arrays = await unpacked(piece.arrays, piece.block);
     root.hidden = false;
+    for (const each of instead) each.style.display = "none"; // before the first picture, which else is drawn twice: its room grows
     const page = new Page(root, piece, arrays);
-    for (const each of document.querySelectorAll(".instead")) each.remove();
+    for (const each of instead) each.remove();
     hook(page);
   } catch (error) {
     root.remove();
-    for (const each of document.querySelectorAll(".instead")) each.classList.add("needed");
+    for (const each of instead) {
+      each.style.display = "";
+      each.classList.add("needed");
+    }
     if (!(error instanceof Error) || error.message !== "no WebGL") throw error;
   }
 }
