@@ -12,7 +12,7 @@ from ..bridge.store import advice, equilibrium, notes, states
 from ..bridge.view import plot
 from ..engine.optimisation import remedies
 from ..engine.params import OptimiseParams
-from .rows import choice_row, fold, more, number, numbers, settings_rows, wrapped
+from .rows import choice_row, first_that_fits, fold, more, number, numbers, settings_rows, wrapped
 from .stages import StagePanel, button, look, result
 
 ALWAYS = ("arms", "lies")  # what is always in sight
@@ -111,9 +111,9 @@ def _remedies(layout: Any, context: bpy.types.Context, advised: remedies.Amounts
             text = iface_("Larger: {:g} times").format(amount)
             button(column, context, "flexmaps.make_larger", text=text, translate=False, icon="FULLSCREEN_ENTER")
         elif name == remedies.THINNER:
-            text = iface_("Sheet of {:g} mm instead of {:g} mm").format(
-                amount, context.object.flexmaps.spiral.thickness
-            )
+            now = context.object.flexmaps.spiral.thickness
+            whole = iface_("Sheet of {:g} mm instead of {:g} mm").format(amount, now)
+            text = first_that_fits(whole, iface_("Sheet of {:g} mm").format(amount))
             button(column, context, "flexmaps.make_thinner", text=text, translate=False, icon="MOD_SOLIDIFY")
         elif name == remedies.FINER:
             text = iface_("Finer: {} quads").format(amount)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import MISSING, fields
+from functools import lru_cache
 from typing import Any
 
+import blf
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-# pixels at an interface scale of 1: what frames and an icon take of a line, a letter of Blender's font in the mean, and the
-# sidebar's width where no window tells it; read off pictures of the sidebar
-MARGIN, LETTER, UNKNOWN = 60, 6.5, 240
-LEAST = 12  # letters of a line at least, however narrow the sidebar is; by eye
-BOX = 20  # pixels of a box to tick; likewise
-# letters that a value of each type takes, with what frames it; by eye
-VALUE = {"BOOLEAN": 3, "INT": 6, "FLOAT": 8, "ENUM": 12, "STRING": 10}
+# pixels at an interface scale of 1, read off pictures of the sidebar: what frames and tabs take of a line, an icon, the space
+# between two words that stand side by side, what a button has beside its words, a box to tick, and the sidebar's width where no
+# window tells it
+FRAMES, ICON, GAP, EDGES, BOX, UNKNOWN = 72, 20, 8, 16, 20, 291
+# pixels that a value of each type takes, with what frames it; by eye
+VALUE = {"BOOLEAN": 20, "INT": 39, "FLOAT": 52, "ENUM": 78, "STRING": 65}
 
 
 def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
@@ -29,7 +29,7 @@ def setting_row(layout: bpy.types.UILayout, properties: Any, name: str) -> None:
     """One setting: its name in its field, or above it where the sidebar is too narrow for the whole name and a value."""
     prop = properties.bl_rna.properties[name]
     label = iface_(prop.name)
-    if len(label) + VALUE[prop.type] <= _letters(bpy.context, MARGIN):
+    if _wide(label) + VALUE[prop.type] <= _room(bpy.context):
         layout.prop(properties, name)
     elif prop.type == "BOOLEAN":
         row = layout.row()
@@ -68,7 +68,7 @@ def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:
 
 def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False) -> None:
     """What it is, and how much, in one line or, where the sidebar is too narrow, two; red where it is past its limit."""
-    narrow = len(iface_(label)) + len(value) > _letters(bpy.context, MARGIN)
+    narrow = _wide(iface_(label)) + GAP + _wide(value) > _room(bpy.context)
     row = (box.column(align=True) if narrow else box).row()
     row.alert = alert
     row.label(text=label)
@@ -79,13 +79,14 @@ def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False)
 
 
 def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[tuple[str, str], ...]) -> None:
-    """Buttons that switch the overlay; the one that is on is pressed in. Two a row where more would not be readable."""
-    narrow = max(len(iface_(label)) for _, label in kinds) * len(kinds) > _letters(bpy.context, MARGIN)
+    """Buttons that switch the overlay; the one that is on is pressed in. Fewer a row where more would not be readable."""
+    button = max(_wide(iface_(label)) for _, label in kinds) + EDGES
+    a_row = next((k for k in (len(kinds), 2) if k * button <= _room(bpy.context) - ICON), 1)
     column = layout.column(align=True)
     for k, (kind, label) in enumerate(kinds):
-        if k == 0 or (narrow and k % 2 == 0):
+        if k % a_row == 0:
             row = column.row(align=True)
-            row.label(text="", icon="OVERLAY" if k == 0 else "BLANK1")
+            row.label(text="", icon="BLANK1" if k else "OVERLAY")
         row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
 
 
@@ -95,16 +96,51 @@ def wrapped(
     """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for k, line in enumerate(textwrap.wrap(iface_(text), max(LEAST, _letters(context, MARGIN + beside)))):
-        column.label(text=line, icon=icon if k == 0 else "BLANK1", translate=False)
+    below = "NONE" if icon == "NONE" else "BLANK1"
+    for k, line in enumerate(_lines(iface_(text), _room(context) - ICON - beside)):
+        column.label(text=line, icon=icon if k == 0 else below, translate=False)
 
 
-def _letters(context: bpy.types.Context, taken: int) -> int:
-    """About how many letters the sidebar has room for in a line of which so many pixels are ``taken``."""
+def first_that_fits(*texts: str) -> str:
+    """The first of some words for a button with an icon that the sidebar shows whole; the last where none is."""
+    return next((text for text in texts if _wide(text) <= _room(bpy.context) - ICON), texts[-1])
+
+
+def _room(context: bpy.types.Context) -> float:
+    """Pixels, at an interface scale of 1, that the sidebar has for the words of one line."""
     region = context.region
-    unit = context.preferences.system.ui_scale or 1.0  # 0 without a window
-    width = region.width if region is not None else UNKNOWN
-    return int((width / unit - taken) / LETTER)
+    return (UNKNOWN if region is None else region.width / _unit()) - FRAMES
+
+
+def _unit() -> float:
+    return bpy.context.preferences.system.ui_scale or 1.0  # 0 without a window
+
+
+def _wide(text: str) -> float:
+    """Pixels, at an interface scale of 1, that some words take in Blender's font."""
+    unit = _unit()
+    return _measured(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
+
+
+@lru_cache(4096)
+def _measured(text: str, size: float) -> float:
+    blf.size(0, size)
+    return float(blf.dimensions(0, text)[0])
+
+
+def _lines(text: str, room: float) -> list[str]:
+    """A sentence in lines that have room; a longer word, such as a path, goes on in the next line."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and _wide(f"{lines[-1]} {word}") <= room:
+            lines[-1] += f" {word}"
+            continue
+        while len(word) > 1 and _wide(word) > room:
+            most = next((k for k in range(len(word) - 1, 1, -1) if _wide(word[:k]) <= room), 1)
+            lines.append(word[:most])
+            word = word[most:]
+        lines.append(word)
+    return lines
 
 
 # -- how values are written ----------------------------------------------------------------------------------------------

@@ -163,7 +163,7 @@ class MeshPanel(StagePanel, bpy.types.Panel):
 def _findings(layout: Any, context: bpy.types.Context) -> None:
     checks = notes.read(context.object.data).get("checks")
     if checks == []:
-        layout.label(text="Nothing to complain about", icon="CHECKMARK")
+        wrapped(layout, context, "Nothing to complain about", icon="CHECKMARK")
     for index, finding in enumerate(checks or ()):
         row = layout.box().row()
         icon = "ERROR" if finding["severity"] == "warning" else "CANCEL"

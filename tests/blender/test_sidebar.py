@@ -206,8 +206,8 @@ def test_in_a_narrow_sidebar_values_go_below_their_names(monkeypatch: pytest.Mon
         def column(self, **_: Any) -> Box:
             return self
 
-    for letters, wanted in ((60, 1), (12, 2)):
-        monkeypatch.setattr(rows, "_letters", lambda *_, letters=letters: letters)
+    for room, wanted in ((400, 1), (80, 2)):
+        monkeypatch.setattr(rows, "_room", lambda _, room=room: room)
         Box.rows = 0
         rows.number(Box(), "Largest distance", "0.52 mm")
         assert Box.rows == wanted
@@ -218,8 +218,8 @@ def test_in_a_narrow_sidebar_long_settings_stand_below_their_names(dome: Any, mo
 
     fields: list[str | None] = []
     monkeypatch.setattr(Drawn, "prop", lambda self, owner, name, text=None: fields.append(text))
-    for letters, whole in ((80, True), (14, False)):
-        monkeypatch.setattr(rows, "_letters", lambda *_, letters=letters: letters)
+    for room, whole in ((500, True), (95, False)):
+        monkeypatch.setattr(rows, "_room", lambda _, room=room: room)
         drawn = Drawn()
         fields.clear()
         for section, name in (("optimise", "lies"), ("optimise", "restart"), ("spiral", "thickness")):
