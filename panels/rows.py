@@ -10,10 +10,10 @@ import blf
 import bpy
 from bpy.app.translations import pgettext_iface as iface_
 
-# pixels at an interface scale of 1, read off pictures of the sidebar: what frames and tabs take of a line, an icon, the space
-# between two words that stand side by side, what a button has beside its words, a box to tick, and the sidebar's width where no
-# window tells it
-FRAMES, ICON, GAP, EDGES, BOX, UNKNOWN = 72, 20, 8, 16, 20, 291
+# pixels at an interface scale of 1, read off pictures of the sidebar: what tabs and edges take of a line, what a box takes more, an
+# icon, the space between two words that stand side by side, what a button has beside its words, a box to tick, and the sidebar's
+# width where no window tells it
+FRAMES, INSET, ICON, GAP, EDGES, TICK, UNKNOWN = 58, 14, 20, 8, 10, 20, 291
 # pixels that a value of each type takes, with what frames it; by eye
 VALUE = {"BOOLEAN": 20, "INT": 39, "FLOAT": 52, "ENUM": 78, "STRING": 65}
 
@@ -34,7 +34,7 @@ def setting_row(layout: bpy.types.UILayout, properties: Any, name: str) -> None:
     elif prop.type == "BOOLEAN":
         row = layout.row()
         row.prop(properties, name, text="")
-        wrapped(row.column(), bpy.context, label, beside=BOX)
+        wrapped(row.column(), bpy.context, label, beside=TICK)
     else:
         column = layout.column(align=True)
         wrapped(column, bpy.context, label)
@@ -68,7 +68,7 @@ def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:
 
 def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False) -> None:
     """What it is, and how much, in one line or, where the sidebar is too narrow, two; red where it is past its limit."""
-    narrow = _wide(iface_(label)) + GAP + _wide(value) > _room(bpy.context)
+    narrow = _wide(iface_(label)) + GAP + _wide(value) > _room(bpy.context) - INSET
     row = (box.column(align=True) if narrow else box).row()
     row.alert = alert
     row.label(text=label)
@@ -96,14 +96,14 @@ def wrapped(
     """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
     column = layout.column(align=True)
     column.scale_y = 0.8
-    below = "NONE" if icon == "NONE" else "BLANK1"
-    for k, line in enumerate(_lines(iface_(text), _room(context) - ICON - beside)):
+    below, taken = ("NONE", 0) if icon == "NONE" else ("BLANK1", ICON)
+    for k, line in enumerate(_lines(iface_(text), _room(context) - INSET - taken - beside)):
         column.label(text=line, icon=icon if k == 0 else below, translate=False)
 
 
 def first_that_fits(*texts: str) -> str:
     """The first of some words for a button with an icon that the sidebar shows whole; the last where none is."""
-    return next((text for text in texts if _wide(text) <= _room(bpy.context) - ICON), texts[-1])
+    return next((text for text in texts if _wide(text) <= _room(bpy.context) - ICON - EDGES), texts[-1])
 
 
 def _room(context: bpy.types.Context) -> float:
