@@ -133,6 +133,9 @@ class Studio:
         if self._pack is None:
             bpy.ops.render.render(scene=self.scene.name, **how)
         else:
+            # Blender 5.2 breaks down where it writes a scene whose view layers were never brought up to date
+            for layer in self.scene.view_layers:
+                layer.update()
             bpy.data.libraries.write(str(self._pack), {self.scene})
 
     def clear(self) -> None:
