@@ -18,7 +18,7 @@ from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
 from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
 from ..store.surface import Surface
-from . import choices, collection, colouring, flat_panels, materials, meshes, scan_points
+from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
@@ -184,7 +184,7 @@ def save_alone(path: str | Path, result: Result, name: str, used: Settings | Non
         _filled(scene, result, name, used)
         path.unlink(missing_ok=True)
         try:
-            bpy.data.libraries.write(str(path), {scene}, compress=True)
+            one_scene.write(path, scene, compress=True)
         except RuntimeError as error:
             raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
     finally:

@@ -17,7 +17,7 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
-from . import collection, meshes
+from . import collection, meshes, one_scene
 
 MARGIN = 1.06  # size of the picture over that of what is in it
 UNDENOISED = 4  # times as many samples where there is no denoiser; not measured
@@ -133,10 +133,7 @@ class Studio:
         if self._pack is None:
             bpy.ops.render.render(scene=self.scene.name, **how)
         else:
-            # Blender 5.2 breaks down where it writes a scene whose view layers were never brought up to date
-            for layer in self.scene.view_layers:
-                layer.update()
-            bpy.data.libraries.write(str(self._pack), {self.scene})
+            one_scene.write(self._pack, self.scene)
 
     def clear(self) -> None:
         world = self.scene.world
