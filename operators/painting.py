@@ -14,10 +14,9 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.objects import changed_by_modifiers, unusable
 from ..engine.errors import FlexMapsError
 from .brush import FROM, sources
-from .stage import OnObject, Polled, redraw, still_running
+from .stage import TICK, OnObject, Polled, redraw, still_running
 
 SPACING = 0.25  # of the radius, between two dabs on the way of the pointer
-TICK = 0.02  # seconds between two looks at what is computed beside the window, as of jobs
 FLOW = 0.4  # of the strength, by one dab: four of them, as one place gets them from a passing brush, make nine tenths of it; by eye
 
 

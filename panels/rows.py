@@ -14,6 +14,7 @@ from bpy.app.translations import pgettext_iface as iface_
 # icon, the space between two words that stand side by side, what a button has beside its words, a box to tick, and the sidebar's
 # width where no window tells it
 FRAMES, INSET, ICON, GAP, EDGES, TICK, UNKNOWN = 58, 14, 20, 8, 10, 20, 291
+LEAST = 78  # pixels of a line of a sentence at least, however narrow the sidebar is: a dozen letters; by eye
 # pixels that a value of each type takes, with what frames it; by eye
 VALUE = {"BOOLEAN": 20, "INT": 39, "FLOAT": 52, "ENUM": 78, "STRING": 65}
 
@@ -97,7 +98,7 @@ def wrapped(
     column = layout.column(align=True)
     column.scale_y = 0.8
     below, taken = ("NONE", 0) if icon == "NONE" else ("BLANK1", ICON)
-    for k, line in enumerate(_lines(iface_(text), _room(context) - INSET - taken - beside)):
+    for k, line in enumerate(_lines(iface_(text), max(LEAST, _room(context) - INSET - taken - beside))):
         column.label(text=line, icon=icon if k == 0 else below, translate=False)
 
 

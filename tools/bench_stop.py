@@ -40,9 +40,9 @@ def main(arguments: list[str]) -> int:
 def stages(wanted: list[str]) -> Iterator[Row]:
     """A row a stage, run in their order on one object."""
     import bpy
-    from bench_window import piece
+    from bench_window import saddle
 
-    obj = piece()
+    obj = saddle()
     obj.flexmaps.export.folder = str(ROOT / "out" / "bench-stop")
     name = f"{len(obj.data.polygons)} quads"
     for stage in STAGES[: 1 + max(STAGES.index(word) for word in wanted)]:

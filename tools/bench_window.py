@@ -11,9 +11,12 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rows import Row, at_most, row
+
+if TYPE_CHECKING:
+    from flexmaps.engine.surface.mesh import QuadMesh
 
 ROOT = Path(__file__).resolve().parent.parent
 WINDOW = ROOT / "out" / "window" / "figures.json"  # left by the window test
@@ -31,7 +34,7 @@ def progress(_: argparse.Namespace) -> Iterator[Row]:
             first = figures.get("first_progress_ms")
             if first is not None:
                 yield at_most("real window", f"{name}: click to progress, s", 0.2, 1e-3 * first)
-    obj = piece()
+    obj = saddle()
     from flexmaps.operators import layout, optimise, regularise, simulate, spirals
 
     stages = (regularise.Regularise, layout.Trace, layout.Merge, layout.Flatten)
@@ -75,15 +78,19 @@ def _first_sight(cls: type) -> float:
         background.stop_current()
 
 
-def piece() -> Any:
+def saddle() -> Any:
     """A saddle of 2401 quads in a new file, the active object."""
+    from flexmaps.engine.surface import shapes
+
+    return piece(shapes.saddle(49))
+
+
+def piece(mesh: QuadMesh) -> Any:
+    """A mesh in a new file, quads of 20 mm, the active object."""
     import bpy
 
     _enable()
-    from flexmaps.engine.surface import shapes
-
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    mesh = shapes.saddle(49)
     data = bpy.data.meshes.new("piece")
     data.from_pydata((mesh.vertices * (0.02 / mesh.median_edge)).tolist(), [], mesh.quads.tolist())
     obj = bpy.data.objects.new("piece", data)
@@ -107,7 +114,7 @@ def panels(_: argparse.Namespace) -> Iterator[Row]:
     import bpy
     from random_calls import Nothing
 
-    obj = piece()
+    obj = saddle()
     for button in ("check", "flatten", "spirals", "simulate"):
         getattr(bpy.ops.flexmaps, button)()
     from flexmaps import panels
@@ -152,7 +159,7 @@ def preview(_: argparse.Namespace) -> Iterator[Row]:
     if not hasattr(bpy.types, "FLEXMAPS_OT_preview"):
         yield row("2400 spirals", "preview", "", "there is no preview", None)
         return
-    obj = piece()
+    obj = saddle()
     bpy.ops.flexmaps.flatten()
     bpy.ops.flexmaps.spirals()
     bpy.ops.flexmaps.simulate()

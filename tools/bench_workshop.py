@@ -33,7 +33,7 @@ from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.fewer import joints as joints_of
 from flexmaps.engine.fabrication.nesting.fewer import sheets_needed
-from flexmaps.engine.fabrication.nesting.packing import fill, fill_but_offcuts
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts
 from flexmaps.engine.params import Settings, SheetParams, changed
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -151,7 +151,11 @@ def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> lis
     made, flat, params = result.sheets, result.flat, settings.sheet
     assert made is not None and flat is not None
     shapes, packing = [p.outline.sampled(2e-5) for p in made.panels], made.packing
-    wrong = overlaps(shapes, packing.rotation, packing.shift, packing.sheet, params.spacing)
+    placed = laid_shapes(packing, shapes)
+    wrong = sum(
+        too_near([p for p, at in zip(placed, packing.sheet, strict=True) if at == k], params.spacing)
+        for k in range(len(packing.sizes))
+    )
     area = sum(p.outline.area for p in made.panels)
     quads = float(shapely.area(shapely.polygons(flat.corners)).sum())
     found = nesting.strip(shapes, params, STRIP_SECONDS)
@@ -170,20 +174,17 @@ def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> lis
     ]
 
 
-def overlaps(
-    shapes: list[np.ndarray], rotation: np.ndarray, shift: np.ndarray, sheet: np.ndarray, spacing: float
-) -> int:
-    """How many pairs of panels on one sheet are nearer to each other than they should be, by shapely."""
-    placed = [
+def laid_shapes(packing: Packing, shapes: list[np.ndarray]) -> list[shapely.Polygon]:
+    """Outlines as they lie on their sheets, metres, moved by shapely."""
+    return [
         shapely.affinity.translate(shapely.affinity.rotate(shapely.Polygon(s), r, origin=(0, 0), use_radians=True), *m)
-        for s, r, m in zip(shapes, rotation, shift, strict=True)
+        for s, r, m in zip(shapes, packing.rotation, packing.shift, strict=True)
     ]
-    return sum(
-        a.distance(b) < spacing - 1e-7
-        for i, a in enumerate(placed)
-        for k, b in enumerate(placed[:i])
-        if sheet[i] == sheet[k]
-    )
+
+
+def too_near(on: list[shapely.Polygon], spacing: float) -> int:
+    """How many pairs of shapes on one sheet are nearer to each other than they should be, by shapely."""
+    return sum(a.distance(b) < spacing - 1e-7 for i, a in enumerate(on) for b in on[:i])
 
 
 def remnants(draws: int = 12) -> list[Row]:
@@ -196,18 +197,13 @@ def remnants(draws: int = 12) -> list[Row]:
                                  margin=random.uniform(0.0, 0.008))  # fmt: skip
             shapes = [_star(random.uniform(0.015, 0.05), random) for _ in range(20)]
             packing = nesting.nest(shapes, params)
-        placed = [
-            shapely.affinity.translate(
-                shapely.affinity.rotate(shapely.Polygon(s), r, origin=(0, 0), use_radians=True), *move
-            )
-            for s, r, move in zip(shapes, packing.rotation, packing.shift, strict=True)
-        ]
+        placed = laid_shapes(packing, shapes)
         for k, remnant in enumerate(packing.remnants):
             on = [p for p, number in zip(placed, packing.sheet, strict=True) if number == k]
             laid += len(on)
             sheet = remnant.polygon
             wrong += sum(not sheet.contains(p) or p.distance(sheet.boundary) < params.margin - 1e-7 for p in on)
-            wrong += sum(a.distance(b) < params.spacing - 1e-7 for i, a in enumerate(on) for b in on[:i])
+            wrong += too_near(on, params.spacing)
     return [
         row("remnants", "panels laid on remnants", "", laid, None),
         at_most("remnants", "overlaps, too near or outside", 0, wrong),

@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import bench_window
 import bpy
-import flexmaps
 import numpy as np
 from flexmaps.bridge.view import dabs, easel
 from flexmaps.engine.surface import shapes
@@ -27,7 +27,7 @@ def timed(action: Callable[..., Any], *given: Any) -> float:
 
 def painted(count: int, share: float, limit: float) -> Iterator[Row]:
     """Strokes of that share of a dome's spirals, each with an undo and a redo; the slowest of each counts, in seconds of the window's thread."""
-    obj = piece(count)
+    obj = dome(count)
     rng, name = np.random.default_rng(0), f"dome {len(obj.data.polygons)}"
     found: dict[str, list[float]] = {"brush: a dab": [], "brush: writing a stroke": [], "brush: after an undo": []}
     opened = timed(easel.of, obj, bpy.context.scene)
@@ -65,18 +65,9 @@ def _dab(work: dabs.Dabs, on: easel.Easel, at: int, radius: float) -> None:
     work.add([FLOW * ground.weight(ground.centres[at], ground.normals[at], radius)], np.zeros(3))
 
 
-def piece(count: int) -> bpy.types.Object:
+def dome(count: int) -> bpy.types.Object:
     """A dome of about so many spirals, with them."""
-    if not hasattr(bpy.types.Object, "flexmaps"):
-        flexmaps.register()
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    mesh = shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0)))
-    data = bpy.data.meshes.new("piece")
-    data.from_pydata((mesh.vertices * (0.02 / mesh.median_edge)).tolist(), [], mesh.quads.tolist())
-    obj = bpy.data.objects.new("piece", data)
-    bpy.context.scene.collection.objects.link(obj)
-    bpy.context.view_layer.objects.active = obj
-    obj.select_set(True)
+    obj = bench_window.piece(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
     bpy.ops.flexmaps.trace()
     bpy.ops.flexmaps.spirals()
     bpy.ops.ed.undo_push(message="begin")

@@ -12,11 +12,8 @@ from flexmaps.engine.mechanics.rim import Beams
 from scipy.sparse.linalg import splu
 
 PIECES = 400  # of the beams, so many that their number counts for nothing
-ROUND, RINGS, LAYERS = (
-    6,
-    4,
-    1,
-)  # elements of the solid: on a quarter of the hole, from there outwards, through the sheet
+# elements of the solid: on a quarter of the hole, from there outwards, through the sheet
+ROUND, RINGS, LAYERS = 6, 4, 1
 ALONG = 4  # on each side of the square round the hole
 
 

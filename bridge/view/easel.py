@@ -70,17 +70,12 @@ class Painting(LiveShape):
         if former is None or known is None:
             found = bands.bands(corners, normal, design.width / unit, wind, lift)
             return found[0].astype(np.float32), found[1].astype(np.int32)
-        changed = np.flatnonzero(other(former._design, design))
+        changed = np.flatnonzero(design.unlike(former._design))
         points = known[0].reshape(len(corners), -1, 3).copy()
         pieces = points.shape[1] // 8 - 1
         part = corners[changed], normal[changed], design.width[changed] / unit, wind[changed], lift, pieces
         points[changed] = bands.bands(*part)[0].reshape(len(changed), *points.shape[1:])
         return points.reshape(-1, 3), known[1]
-
-
-def other(one: SpiralDesign, two: SpiralDesign) -> Bool[np.ndarray, " quads"]:
-    """The spirals in which two designs differ."""
-    return (one.width != two.width).any(axis=1) | (one.twist != two.twist)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +126,7 @@ class Easel:
         self._readied: SpiralDesign | None = None
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(self._seen(equilibrium.shown_positions(obj.data)))
+        self._take(Seen.of(self, self._placed(equilibrium.shown_positions(obj.data))))
         self._sums = self._now(obj, scene)
 
     def _taken(self, obj: bpy.types.Object, surface: Surface) -> Snapshot:
@@ -170,7 +165,7 @@ class Easel:
         if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
             return False
         old, found = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
-        if found is None or len(surface.spoilt) or len(outside(found, other(old, found))):
+        if found is None or len(surface.spoilt) or len(outside(found, found.unlike(old))):
             return False
         taken, self._surface = self._taken(obj, surface), surface
         self._hold(replace(found, painted=bool((taken.note or {}).get("painted"))), taken)
@@ -179,18 +174,23 @@ class Easel:
             self._renew_stiffness(old)
         else:
             self.stiffness = known.astype(float)
-        seen = self._seen(equilibrium.shown_positions(obj.data))
-        if np.array_equal(seen.vertices, self.vertices):
+        moved = self._elsewhere(equilibrium.shown_positions(obj.data))
+        if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:
-            self._take(seen)
+            self._take(moved)
         self._sums = now
         return True
 
-    def _seen(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen:
-        """The object as it looks with its vertices at these places, in its own frame."""
+    def _placed(self, positions: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
+        """Vertices in metres and world axes, of places in the object's own frame."""
         frame = self._surface.to_metres
-        return Seen.of(self, positions.astype(float) @ frame[:3, :3].T + frame[:3, 3])
+        return positions.astype(float) @ frame[:3, :3].T + frame[:3, 3]
+
+    def _elsewhere(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen | None:
+        """The object as it looks with its vertices at these places, in its own frame; ``None`` where it is seen there already."""
+        vertices = self._placed(positions)
+        return None if np.array_equal(vertices, self.vertices) else Seen.of(self, vertices)
 
     def _take(self, seen: Seen) -> None:
         self.vertices, self.ground, self.shape = seen.vertices, seen.ground, seen.shape
@@ -229,7 +229,7 @@ class Easel:
     def _renew_stiffness(self, old: SpiralDesign) -> None:
         from ...engine.mechanics.arms.spiral_stiffness import renewed
 
-        changed = other(old, self.design)
+        changed = self.design.unlike(old)
         if changed.any():
             self.stiffness = renewed(self.stiffness, self.design, self._used.material.chosen, changed)
             low, high = self.range
@@ -244,7 +244,7 @@ class Easel:
     @property
     def changed(self) -> Bool[np.ndarray, " quads"]:
         """The spirals that are others than the object holds."""
-        return other(self.before, self.design)
+        return self.design.unlike(self.before)
 
     @property
     def is_ready(self) -> bool:
@@ -259,10 +259,10 @@ class Easel:
             self._block = design_report(self.design, measured=False)
             self._panels.follow(self.design)
             # the simulated shape goes when other spirals are written
-            target = self._seen(self._surface.positions)
-            if not np.array_equal(target.vertices, self.vertices):
-                target.shape.prepared(self._unit)
-            self._target, self._readied = target, self.design
+            self._target = self._elsewhere(self._surface.positions)
+            if self._target is not None:
+                self._target.shape.prepared(self._unit)
+            self._readied = self.design
 
     def write(self, scene: bpy.types.Scene) -> None:
         """Give the object what was painted: its spirals are done then, and what was made from the former ones is out of date."""
@@ -278,7 +278,7 @@ class Easel:
             states.stamp(obj, scene)
             self._panels.show(obj, scene)
             overlay.renew(obj, "STIFFNESS")
-            if not np.array_equal(self._target.vertices, self.vertices):
+            if self._target is not None:
                 self._take(self._target)
         if (self._marked != self.protected).any():
             fields.protect(obj, np.flatnonzero(self.protected))

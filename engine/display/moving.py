@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Bool, Float
-from ..spirals.contours import Hubs, ends, hubs
+from ..spirals.contours import ends, hubs
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import opposite_sides
@@ -30,42 +30,30 @@ class MovingPanels:
         self._make(design)
 
     def _make(self, design: SpiralDesign) -> None:
-        self.design, self._roots = design, design.roots
+        self.design = design
         self.solid = light(design, self.centres, wound=max(design.params.twist_max, float(design.twist.max())))
 
     def follow(self, design: SpiralDesign) -> None:
         """Show another design in the same flat patches with the same settings: of its spirals, only those that are others are drawn anew."""
-        before = self.design
-        changed = (before.width != design.width).any(axis=1) | (before.twist != design.twist)
+        changed = design.unlike(self.design)
         if not changed.any():
             return
         places, mesh = self.solid.places, design.flat.layout.mesh
-        touched = changed | changed[opposite_sides(mesh)[0]].any(
-            axis=1
-        )  # arms blend into those that they are joined with
+        # arms blend into those that they are joined with
+        touched = changed | changed[opposite_sides(mesh)[0]].any(axis=1)
         if places is None or (_ended_otherwise(design) & touched).any():
             self._make(design)
             return
         quads = np.flatnonzero(touched)
         own = design.arms.of(quads)
-        found = hubs(own, design.params.fillet)
         begin = ends(design.flat.layout, design.arms, slot_needed(design.params))[quads]
-        points = arm_edges(own, found, begin, places.shape[-1])
+        points = arm_edges(own, hubs(own, design.params.fillet), begin, places.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]
         vertices = self.solid.vertices.copy()
         for side in places:
             where = side[quads]
             vertices[where[where >= 0], :2] = points[where >= 0]
-        for name, values in vars(found).items():
-            whole = getattr(self._roots, name).copy()
-            whole[quads] = values
-            self._roots = replace(self._roots, **{name: whole})
         self.design, self.solid = design, replace(self.solid, vertices=vertices)
-
-    @property
-    def roots(self) -> Hubs:
-        """Where the slots of the design end, as ``SpiralDesign.roots``."""
-        return self._roots
 
 
 def _ended_otherwise(design: SpiralDesign) -> Bool[np.ndarray, " quads"]:

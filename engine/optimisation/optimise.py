@@ -148,8 +148,8 @@ def optimise(
 ) -> Optimisation:
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
-    Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the curvature-adjusted one or the uniform one, whichever is nearest to the target; from a
-    painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the
+    curvature-adjusted one or the uniform one, whichever is nearest to the target; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.

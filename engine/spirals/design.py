@@ -68,6 +68,10 @@ class SpiralDesign:
     painted: bool = False
     drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
+    def unlike(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
+        """The spirals in which another design of the same quads differs."""
+        return (self.width != other.width).any(axis=1) | (self.twist != other.twist)
+
     @cached_property
     def arms(self) -> Arms:
         """The true shape of every arm."""

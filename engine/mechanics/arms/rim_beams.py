@@ -71,9 +71,8 @@ def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndar
             own = (frame * factor[..., None, :]) @ np.swapaxes(frame, -1, -2)
             found[:, :, rows] += own @ (more - found)[:, :, rows]
     compliance = tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
-    return 0.5 * (
-        compliance + np.swapaxes(compliance, 1, 2)
-    )  # where a sheet has a grain, the factors know no mixed entries
+    # where a sheet has a grain, the factors know no mixed entries
+    return 0.5 * (compliance + np.swapaxes(compliance, 1, 2))
 
 
 def _softer(
