@@ -8,7 +8,10 @@ import shapely
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import process as nest_process
+from flexmaps.engine.fabrication.nesting import search
+from flexmaps.engine.fabrication.nesting.outlines import simplified
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, pack, used_length
+from flexmaps.engine.fabrication.nesting.search import Search
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity
@@ -111,14 +114,14 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
     for k in range(10):
         comb += [[0.01 * k, 0.05], [0.01 * k + 0.009, 0.05], [0.01 * k + 0.009, 0.01], [0.01 * k + 0.01, 0.01]]
     comb += [[0.1, 0]]
-    simple = nesting._simplified(np.array(comb), 0.003)
+    simple = simplified(np.array(comb), 0.003)
     assert len(simple) < 14
     assert shapely.Polygon(simple).contains(shapely.Polygon(comb))
 
 
 def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
     shapes = [_wedge(0.38, 0.17, 0.02)] * 12
-    monkeypatch.setattr(nesting, "TURN", 60)  # one call of spyrrow that would go on for a minute
+    monkeypatch.setattr(search, "TURN", 60)  # one call of spyrrow that would go on for a minute
     asked = []
 
     def stopped():
@@ -158,11 +161,11 @@ def test_a_sheet_is_emptied_where_the_others_have_room():
     params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
-    search = nesting._Search(shapes, params, Progress())
+    one = Search(shapes, params, Progress())
     try:
-        packing = search.emptied(rough)
+        packing = one.emptied(rough)
     finally:
-        search.finish()
+        one.finish()
     assert sorted(np.bincount(packing.sheet).tolist())[0] < sorted(np.bincount(rough.sheet).tolist())[0] or len(
         packing.sizes
     ) < len(rough.sizes)

@@ -26,6 +26,7 @@ from ...patches.splitting.split import Piece, allowed
 from ...progress import SILENT, Progress
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from .nest import nest
+from .outlines import HULLS, hull_area
 from .packing import Packing, pack, used_length
 
 CELLS = 256  # of the raster along a sheet on which cuts are judged: half as many as for panels, a quarter of the time
@@ -81,6 +82,19 @@ def sheets_needed(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], shee
     """The number of sheets, of which the emptiest counts as far as it is used."""
     used = [used_length(packing, shapes, k) + sheet.margin for k in range(len(packing.sizes))]
     return len(used) - 1 + min(min(used) / sheet.sheet_width, 1.0)
+
+
+def _by_hulls(shapes: list[np.ndarray], sheet: SheetParams) -> float:
+    """Sheets that shapes are expected to need once they are nested: each bears so much of their convex hulls, the large ones first."""
+    bears = HULLS * (sheet.sheet_width - 2.0 * sheet.margin) * (sheet.sheet_height - 2.0 * sheet.margin)
+    used: list[float] = []
+    for area in sorted((hull_area(shape) / bears for shape in shapes), reverse=True):
+        fullest = max((k for k, one in enumerate(used) if one + area <= 1.0), key=lambda k: used[k], default=None)
+        if fullest is None:
+            used.append(area)
+        else:
+            used[fullest] += area
+    return len(used) - 1 + min(min(used), 1.0)
 
 
 def _noted(made: FlatPatches, flat: FlatPatches, params: LayoutParams, before: float, after: float) -> FlatPatches:
@@ -184,7 +198,7 @@ class _Cutting:
         p = self.sheet
         shapes = [self._shape(flat, quads) for quads in PatchLayout(flat.layout.mesh, cut).patches]
         found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, rotation=p.rotation, cells=finer * CELLS)  # fmt: skip
-        return sheets_needed(found, shapes, p)
+        return min(sheets_needed(found, shapes, p), _by_hulls(shapes, p))
 
     def _shape(self, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
         """The outline of some quads of one patch, as they lie in it."""
