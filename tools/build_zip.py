@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from platform import machine
 from typing import NamedTuple
 
 import binaries
@@ -25,6 +26,8 @@ PLATFORMS = {
     "linux-x64": [f"manylinux_2_{n}_x86_64" for n in (28, 27, 24, 17)] + ["manylinux2014_x86_64"],
     "windows-x64": ["win_amd64"],
     "macos-arm64": [f"macosx_{n}_0_arm64" for n in (11, 12, 13, 14, 15)] + ["macosx_10_9_universal2"],
+    "macos-x64": [f"macosx_10_{n}_x86_64" for n in (9, 12, 14, 15)]
+    + [f"macosx_{n}_0_x86_64" for n in (11, 12, 13, 14, 15)],
 }
 PURE = ("ezdxf", "fonttools")  # their compiled wheels are four times as large and no faster at what they do here
 
@@ -44,6 +47,9 @@ LINES = {
     "debian-13-blender": Line("3.13", "4.2.0", "5.1.0"),  # Debian's own Blender, 4.3, runs on the system's Python
 }
 USUAL = ("blender-4.2-to-5.0", "blender-5.1-or-newer")
+ENDED = {
+    "macos-x64": USUAL[:1]
+}  # Blender 4.5 is the last for Macs of Intel (developer.blender.org, release notes of 5.0)
 
 
 def main(argv: list[str]) -> int:
@@ -63,7 +69,7 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
     built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
-        for line in wanted.line or USUAL:
+        for line in wanted.line or usual(platform):
             built.append(build(platform, line))
             print(f"{built[-1].relative_to(ROOT)}  {built[-1].stat().st_size / 1e6:.1f} MB", flush=True)
     if wanted.repository is not None:
@@ -74,7 +80,13 @@ def main(argv: list[str]) -> int:
 
 def own_platform() -> str | None:
     """This machine's name among ``PLATFORMS``; ``None`` where no zip is made for its system."""
-    return {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform)
+    mac = "macos-arm64" if machine() == "arm64" else "macos-x64"
+    return {"linux": "linux-x64", "win32": "windows-x64", "darwin": mac}.get(sys.platform)
+
+
+def usual(platform: str) -> tuple[str, ...]:
+    """The lines for which there is a Blender on a platform."""
+    return ENDED.get(platform, USUAL)
 
 
 def own_line() -> str:

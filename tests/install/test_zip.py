@@ -92,16 +92,19 @@ def test_every_wheel_and_library_has_a_licence_that_fits(build_zip: ModuleType, 
         content.writestr("shapely.libs/libstranger.so", "")
     unknown = tmp_path / "stranger-1-py3-none-any.whl"
     zipfile.ZipFile(unknown, "w").close()
-    assert len(third_party.faults([planted, unknown])) == 3
+    assert len(third_party.faults([planted, unknown])) == 4
     blenders_own = tmp_path / "numpy-2.4.0-cp313-cp313-win_amd64.whl"
     zipfile.ZipFile(blenders_own, "w").close()
     assert any("Blender brings numpy" in one for one in third_party.faults([blenders_own]))
+    # what is compiled into a wheel is named with its source too
+    assert "| MPL-2.0 | spyrrow | sparrow 0.1.0 (<https://github.com/JeroenGar/sparrow/tree/" in page
+    assert "libfftw3" not in page or "<https://www.fftw.org>" in page
 
 
 def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path) -> None:
     """Blender's own tool makes the repository's list; it refuses zips of which two fit the same Blender."""
     for platform in build_zip.PLATFORMS:
-        for line in build_zip.USUAL:
+        for line in build_zip.usual(platform):
             with zipfile.ZipFile(tmp_path / f"{line}-{platform}.zip", "w") as file:
                 file.writestr("__init__.py", "")
                 file.writestr(
@@ -112,7 +115,8 @@ def test_one_repository_can_offer_all_zips(build_zip: ModuleType, tmp_path: Path
     for version, fitting in (("4.2.0", 1), ("4.5.9", 1), ("5.0.3", 1), ("5.1.0", 1), ("6.0.0", 1), ("4.1.1", 0)):
         for platform in build_zip.PLATFORMS:
             fits = [entry for entry in listed if entry["platforms"] == [platform] and _serves(entry, version)]
-            assert len(fits) == fitting, (version, platform)
+            ended = platform == "macos-x64" and version >= "5.1"
+            assert len(fits) == (0 if ended else fitting), (version, platform)
 
 
 def _serves(entry: dict[str, str], version: str) -> bool:
