@@ -66,12 +66,15 @@ def main(argv: list[str]) -> int:
         metavar="DIR",
         help="also make a folder for a web server, from which Blender installs",
     )
+    parser.add_argument("--pip", action="store_true", help="also make the package for pip")
     wanted = parser.parse_args(argv)
     built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
         for line in wanted.line or usual(platform):
             built.append(build(platform, line))
             print(f"{built[-1].relative_to(ROOT)}  {built[-1].stat().st_size / 1e6:.1f} MB", flush=True)
+    if wanted.pip:
+        print(package(DIST).relative_to(ROOT))
     if wanted.repository is not None:
         repository(built, wanted.repository)
         print(f"{wanted.repository}: put it onto any web server; index.html there is the page to drag from")
@@ -127,6 +130,16 @@ def _staged(platform: str, line: str, wheels: list[Path], stage: Path, folder: P
     blender_ext("build", "--source-dir", str(stage), "--output-filepath", str(target))
     blender_ext("validate", str(target))
     return target
+
+
+def package(folder: Path) -> Path:
+    """The wheel for pip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed."""
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", "wheel"]
+    with tempfile.TemporaryDirectory() as place:  # where no other wheel lies
+        subprocess.run([*pip, "--no-deps", "--no-build-isolation", "-w", place, str(ROOT)], check=True)
+        (made,) = Path(place).glob("*.whl")
+        folder.mkdir(parents=True, exist_ok=True)
+        return Path(shutil.copy2(made, folder))
 
 
 def repository(zips: list[Path], folder: Path) -> None:

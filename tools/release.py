@@ -165,8 +165,7 @@ def _package(folder: Path) -> None:
     """The wheel for pip, installed into an empty folder, where its command answers."""
     print("Building the package for pip", flush=True)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
-    _run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(folder), str(ROOT)])
-    (wheel,) = folder.glob("*.whl")
+    wheel = build_zip.package(folder)
     with tempfile.TemporaryDirectory() as empty:
         _run([*pip, "install", "--no-deps", "--target", empty, str(wheel)])
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}

@@ -103,7 +103,7 @@ def table(rows: list[Row]) -> None:
 def packages() -> Path:
     """The folder of the packages that make the site, filled on the first call. Raises ``NoGenerator``."""
     folder = ROOT / ".venv-site-{}.{}".format(*sys.version_info[:2])
-    pins = WEBSITE / "requirements.txt"
+    pins = WEBSITE / "locked.txt"  # what requirements.txt beside it names, with checksums
     stamp, wanted = folder / "flexmaps-stamp", hashlib.sha256(pins.read_bytes()).hexdigest()
     if stamp.is_file() and stamp.read_text() == wanted:
         return folder
@@ -118,6 +118,7 @@ def packages() -> Path:
         "install",
         "-q",
         "--no-deps",
+        "--require-hashes",
         "--target",
     ]
     done = subprocess.run([*pip, str(folder), "-r", str(pins)], capture_output=True, text=True)

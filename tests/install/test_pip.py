@@ -6,7 +6,9 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -14,20 +16,17 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(build_zip: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made: Path = build_zip.package(tmp_path_factory.mktemp("dist"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def folder(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where pip has put it; what it depends on is in this environment already."""
     target = tmp_path_factory.mktemp("pip")
-    pip = [
-        sys.executable,
-        "-m",
-        "pip",
-        "--disable-pip-version-check",
-        "install",
-        "-q",
-        "--no-deps",
-        "--no-build-isolation",
-    ]
-    subprocess.run([*pip, "--target", str(target), str(ROOT)], check=True)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "-q", "--no-deps"]
+    subprocess.run([*pip, "--target", str(target), str(wheel)], check=True)
     return target
 
 
@@ -60,3 +59,35 @@ def test_everything_that_it_reads_came_along(folder: Path) -> None:
 def test_a_mistake_is_told_in_one_line(folder: Path) -> None:
     done = run(folder, "check", "nothing.obj")
     assert done.returncode == 2 and "nothing.obj" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(1200)  # Blender itself is fetched
+@pytest.mark.parametrize("oldest", [False, True], ids=["as pip chooses", "the oldest that it allows"])
+def test_in_a_clean_environment(wheel: Path, tmp_path: Path, oldest: bool) -> None:
+    """With all that it needs from the package index, by its own ranges and none of the pins; then with the least of each."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "own")], check=True)
+    inside = tmp_path / "own" / ("Scripts" if os.name == "nt" else "bin")
+    pip = [str(inside / "python"), "-m", "pip", "--disable-pip-version-check", "install", "-q"]
+    subprocess.run([*pip, f"{wheel}[blender]"], check=True, env=environment)
+    if oldest:
+        subprocess.run([*pip, "--no-deps", *least()], check=True, env=environment)
+    command = [str(inside / "flexmaps"), "run", "shape:strip", "--out", "out", "--nesting", "FAST", "--no-pictures"]
+    done = subprocess.run(
+        [*command, "--optimise", "--optimise-iterations", "2"],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert {"sheet-01.svg", "sheet-01.dxf", "report.html", "model.blend"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+
+
+def least() -> list[str]:
+    """The pins of the oldest versions that pyproject.toml allows; of numpy those that Blender itself asks for stay."""
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["dependencies"]
+    return [one.split(";")[0].strip().replace(">=", "==") for one in needed if not one.startswith("numpy")]
