@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -151,12 +152,20 @@ def repository(zips: list[Path], folder: Path) -> None:
     with tempfile.TemporaryDirectory() as alone:  # the tool lists all zips of a folder
         for path in zips:
             shutil.copy2(path, folder)
-            (Path(alone) / path.name).symlink_to(path.resolve())
+            linked(str(path.resolve()), str(Path(alone, path.name)))
         blender_ext("server-generate", "--repo-dir", alone, "--html", "--html-template", str(TEMPLATE))
         for name in ("index.html", "index.json"):  # after the zips: what they name is there
             part = folder / f"{name}.part"
             shutil.copy2(Path(alone) / name, part)
             part.replace(folder / name)
+
+
+def linked(source: str, target: str) -> None:
+    """A second name for a large file, where the disk can give one, instead of a copy."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def manifest(platform: str, line: str, wheels: list[str]) -> str:

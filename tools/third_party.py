@@ -156,7 +156,8 @@ BUNDLED: dict[str, str | None] = {
 LIGHTER = {"libigl": re.compile(r"igl/(__init__\.py|pyigl_core\..*)|libigl-[^/]*\.dist-info/.*")}
 LOCAL = "flexmaps"  # the local version label (PEP 440) of a wheel that was changed
 PAGE = Path(__file__).resolve().parent.parent / "engine" / "runs" / "page"
-NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib)$")
+NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib|exe)$")
+ALONE = (".dll", ".dylib", ".exe")  # what is no module of Python, wherever it lies
 
 
 def lighter(wheel: Path, folder: Path) -> Path:
@@ -229,7 +230,11 @@ def faults(wheels: Iterable[Path]) -> list[str]:
         for one in names:
             base = PurePosixPath(one).name
             beside = any(part.endswith((".libs", ".dylibs")) for part in PurePosixPath(one).parts)
-            if beside and NATIVE.search(base) and not base.startswith(tuple(package.libraries) or ("/",)):
+            if (
+                (beside or base.endswith(ALONE))
+                and NATIVE.search(base)
+                and not base.startswith(tuple(package.libraries) or ("/",))
+            ):
                 found.append(f"{wheel.name}: the library {base} is not listed")
     return found
 

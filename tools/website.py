@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import browser
+import build_zip
 import site_code
 import site_links
 import site_pages
@@ -148,18 +149,10 @@ def build(target: Path, repository: Path | None = None) -> list[Row]:
     for name in FRONT:
         shutil.copyfile(ROOT / "docs" / "images" / name, part / "_images" / Path(name).name)
     if repository is not None:
-        shutil.copytree(repository, part / INSTALL, copy_function=_linked)
+        shutil.copytree(repository, part / INSTALL, copy_function=build_zip.linked)
     shutil.rmtree(target, ignore_errors=True)
     part.rename(target)
     return [Row("pages", len(list(target.rglob("*.html"))), tuple(said))]
-
-
-def _linked(source: str, target: str) -> None:
-    """A second name for a large file, where the disk can give one, instead of a copy."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copy2(source, target)
 
 
 # -- what it is checked by ---------------------------------------------------------------------------------------------
