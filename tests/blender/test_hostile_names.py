@@ -19,6 +19,7 @@ import pypdfium2
 import pytest
 from flexmaps import api
 from flexmaps.command import main as command
+from flexmaps.engine import MARK
 from flexmaps.engine.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
@@ -137,3 +138,14 @@ def test_objects_whose_names_come_to_the_same_have_files_of_their_own(add: Any) 
     on_disk = {unicodedata.normalize("NFC", file).casefold() for file in files.values()}
     assert len(on_disk) == len(names), files
     assert files["other"] == "other" and sum(file.casefold() == "a_b" for file in files.values()) == 1
+
+
+def test_every_file_says_which_version_made_it(written: Path, tmp_path: Path) -> None:
+    """But for pictures, and for what others' formats have no place for; a Blender file says it beside the notes."""
+    api.calibration_sheet(tmp_path)
+    silent = []
+    for path in [*written.rglob("*"), *tmp_path.rglob("*")]:
+        if path.is_file() and path.suffix not in (".png", ".blend"):
+            data = zipfile.ZipFile(path).read("3D/3dmodel.model") if path.suffix == ".3mf" else path.read_bytes()
+            silent += [] if MARK.encode() in data else [path.name]
+    assert silent == []

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from flexmaps.engine import VERSION
 
+pytestmark = pytest.mark.timeout(900)  # Blender starts many times, maybe on a busy machine
 NEXT = "99.0.0"
 
 # steps come as lines of JSON on standard input, answers go as lines to standard output
