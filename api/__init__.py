@@ -1,9 +1,11 @@
 """FlexMaps from Python: every stage as a function, on an object in Blender, on a mesh file, or on arrays.
 
-    from bl_ext.user_default.flexmaps import api     # in Blender, with the extension installed
-    from flexmaps import api                         # beside Blender as a Python module, from a checkout
+    try:
+        from bl_ext.user_default.flexmaps import api  # in Blender, with the extension installed
+    except ImportError:
+        from flexmaps import api  # beside Blender as a Python module, from pip or a checkout
 
-    piece = api.load("surface.obj", edge=20)         # quads of 20 mm
+    piece = api.load("surface.obj", edge=20)  # quads of 20 mm
     piece = api.layout(api.regularise(piece))
     piece = api.optimise(api.spirals(piece), supports="lowest")
     print(api.report(piece)["optimise"]["laplacian_rmse_mm"])

@@ -119,11 +119,24 @@ def explore(
     folder : gets table, plot and pictures; an exploration that was stopped, which gives what it found so far, goes on there
     goals : as "rms_percent<=1"; minimised : the two measures of the front; search : how many and where, see ``explored``
     """
+    if search.get("scheduler"):
+        _refuse_offline()
     told, question = progress_of(progress), space(vary, piece.settings, goals, minimised)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid.items()}
     return explored(results, piece.settings, question, folder, progress=told, **search)
+
+
+def _refuse_offline() -> None:
+    """A Blender that may not go online reaches no cluster; what Blender as a Python module reaches is its script's to say."""
+    import bpy
+
+    if bpy.app.binary_path and not bpy.app.online_access:
+        raise FlexMapsError(
+            "Blender may not go online, which reaching a cluster needs; allow it under Preferences > System > Network, or start "
+            "Blender with --online-mode"
+        )
 
 
 def use(piece: Piece, values: Mapping[str, Any]) -> Piece:

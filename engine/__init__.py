@@ -16,4 +16,4 @@ from pathlib import Path as _Path
 MANIFEST = _Path(__file__).resolve().parents[1] / "blender_manifest.toml"  # the one place where the version stands
 PROGRAM = "FlexMaps for Blender"
 VERSION = _re.search(r'^version = "(.+)"', MANIFEST.read_text(encoding="utf-8"), _re.MULTILINE)[1]  # type: ignore[index]
-MARK = f"{PROGRAM} {VERSION}"  # in every file that the program writes
+MARK = f"{PROGRAM} {VERSION}"  # in every file that the program writes, but for tables and PNG pictures

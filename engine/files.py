@@ -42,7 +42,7 @@ _WINDOWS = {
     206: "the path is longer than Windows allows; choose a folder nearer to the drive",
 }
 # learn.microsoft.com, Naming Files, Paths, and Namespaces
-_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{n}" for name in ("COM", "LPT") for n in range(10))}
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{digit}" for name in ("COM", "LPT") for digit in "0123456789¹²³")}
 # bytes of a name in UTF-8: most file systems take 255, and an ending, a number and -assembly come behind it
 LONGEST = 150
 TRIES, PAUSE = 10, 0.1  # of a move, and seconds between: virus scanners look at a new file for about so long

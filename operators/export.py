@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,13 +100,22 @@ def folder_of(text: str) -> Path:
 def file_name(name: str) -> str:
     """What an object's files are called, unlike those of all other meshes of this .blend file.
 
-    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case alone: the later of
-    them in the order of the names get a number.
+    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case or in how an accent
+    is written alone: the later of them in the order of the names get a number.
     """
-    wanted = _plain(name).casefold()
-    alike = sorted(o.name for o in bpy.data.objects if o.type == "MESH" and _plain(o.name).casefold() == wanted)
-    number = alike.index(name) + 1 if name in alike else 1
-    return _plain(name) if number == 1 else f"{_plain(name)}_{number}"
+    taken = set[str]()
+    for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
+        numbers = (_plain(other) if number == 1 else f"{_plain(other)}_{number}" for number in count(1))
+        own = next(free for free in numbers if _on_disk(free) not in taken)
+        if other == name:
+            return own
+        taken.add(_on_disk(own))
+    raise AssertionError("the name itself is among them")
+
+
+def _on_disk(name: str) -> str:
+    """By what those systems tell names apart that look at neither case nor the way in which an accent is written."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def _plain(name: str) -> str:

@@ -39,7 +39,7 @@ def main(arguments: list[str]) -> int:
     table = Table(36)
     with tempfile.TemporaryDirectory() as place:
         for platform in build_zip.PLATFORMS if options.platform == "all" else [options.platform]:
-            for line in build_zip.USUAL:
+            for line in build_zip.usual(platform):
                 made = build_zip.build(platform, line, Path(place))
                 table.add(
                     at_most(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from platform import machine
 from typing import NamedTuple
 
 import binaries
@@ -25,6 +27,8 @@ PLATFORMS = {
     "linux-x64": [f"manylinux_2_{n}_x86_64" for n in (28, 27, 24, 17)] + ["manylinux2014_x86_64"],
     "windows-x64": ["win_amd64"],
     "macos-arm64": [f"macosx_{n}_0_arm64" for n in (11, 12, 13, 14, 15)] + ["macosx_10_9_universal2"],
+    "macos-x64": [f"macosx_10_{n}_x86_64" for n in (9, 12, 14, 15)]
+    + [f"macosx_{n}_0_x86_64" for n in (11, 12, 13, 14, 15)],
 }
 PURE = ("ezdxf", "fonttools")  # their compiled wheels are four times as large and no faster at what they do here
 
@@ -44,6 +48,9 @@ LINES = {
     "debian-13-blender": Line("3.13", "4.2.0", "5.1.0"),  # Debian's own Blender, 4.3, runs on the system's Python
 }
 USUAL = ("blender-4.2-to-5.0", "blender-5.1-or-newer")
+ENDED = {
+    "macos-x64": USUAL[:1]
+}  # Blender 4.5 is the last for Macs of Intel (developer.blender.org, release notes of 5.0)
 
 
 def main(argv: list[str]) -> int:
@@ -60,12 +67,15 @@ def main(argv: list[str]) -> int:
         metavar="DIR",
         help="also make a folder for a web server, from which Blender installs",
     )
+    parser.add_argument("--pip", action="store_true", help="also make the package for pip")
     wanted = parser.parse_args(argv)
     built = []
     for platform in PLATFORMS if wanted.platform == "all" else [wanted.platform]:
-        for line in wanted.line or USUAL:
+        for line in wanted.line or usual(platform):
             built.append(build(platform, line))
             print(f"{built[-1].relative_to(ROOT)}  {built[-1].stat().st_size / 1e6:.1f} MB", flush=True)
+    if wanted.pip:
+        print(package(DIST).relative_to(ROOT))
     if wanted.repository is not None:
         repository(built, wanted.repository)
         print(f"{wanted.repository}: put it onto any web server; index.html there is the page to drag from")
@@ -74,7 +84,13 @@ def main(argv: list[str]) -> int:
 
 def own_platform() -> str | None:
     """This machine's name among ``PLATFORMS``; ``None`` where no zip is made for its system."""
-    return {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform)
+    mac = "macos-arm64" if machine() == "arm64" else "macos-x64"
+    return {"linux": "linux-x64", "win32": "windows-x64", "darwin": mac}.get(sys.platform)
+
+
+def usual(platform: str) -> tuple[str, ...]:
+    """The lines for which there is a Blender on a platform."""
+    return ENDED.get(platform, USUAL)
 
 
 def own_line() -> str:
@@ -117,6 +133,16 @@ def _staged(platform: str, line: str, wheels: list[Path], stage: Path, folder: P
     return target
 
 
+def package(folder: Path) -> Path:
+    """The wheel for pip in a folder; returns its path. Raises ``CalledProcessError`` with the reason printed."""
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", "wheel"]
+    with tempfile.TemporaryDirectory() as place:  # where no other wheel lies
+        subprocess.run([*pip, "--no-deps", "--no-build-isolation", "-w", place, str(ROOT)], check=True)
+        (made,) = Path(place).glob("*.whl")
+        folder.mkdir(parents=True, exist_ok=True)
+        return Path(shutil.copy2(made, folder))
+
+
 def repository(zips: list[Path], folder: Path) -> None:
     """A folder for any web server that Blender installs and updates from: zips, index.json, and a page to drag them from.
 
@@ -126,12 +152,20 @@ def repository(zips: list[Path], folder: Path) -> None:
     with tempfile.TemporaryDirectory() as alone:  # the tool lists all zips of a folder
         for path in zips:
             shutil.copy2(path, folder)
-            (Path(alone) / path.name).symlink_to(path.resolve())
+            linked(str(path.resolve()), str(Path(alone, path.name)))
         blender_ext("server-generate", "--repo-dir", alone, "--html", "--html-template", str(TEMPLATE))
         for name in ("index.html", "index.json"):  # after the zips: what they name is there
             part = folder / f"{name}.part"
             shutil.copy2(Path(alone) / name, part)
             part.replace(folder / name)
+
+
+def linked(source: str, target: str) -> None:
+    """A second name for a large file, where the disk can give one, instead of a copy."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def manifest(platform: str, line: str, wheels: list[str]) -> str:

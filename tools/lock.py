@@ -1,6 +1,7 @@
-"""``lock`` of tools/dev.py: requirements/locked.txt anew, every package that is downloaded with the checksums of all its files.
+"""``lock`` of tools/dev.py: requirements/locked.txt anew, every package that is downloaded with the checksums of all its files, and
+the same of what makes the site.
 
-What is wanted stands in dev.txt and runtime.txt, for people. From these uv (https://docs.astral.sh/uv) finds what else comes with
+What is wanted stands in dev.txt and runtime.txt, and in tools/website/requirements.txt, for people. From these uv (https://docs.astral.sh/uv) finds what else comes with
 them on every system and Python, and asks the package index for the checksums. pip refuses any file that has none of them.
 """
 
@@ -15,22 +16,42 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "requirements"
 LOCKED = FOLDER / "locked.txt"
-HEAD = "# Made by `python3 tools/dev.py lock` from dev.txt and runtime.txt: every package, its files' checksums; pip takes no others\n"
+WEBSITE = ROOT / "tools" / "website"
+SITE = WEBSITE / "locked.txt"
+HEAD = "# Made by `python3 tools/dev.py lock` from {}: every package, its files' checksums; pip takes no others\n"
 
 
 def main(argv: list[str]) -> int:
-    """Write the file anew; the exit status is 0 when that went well."""
+    """Write the files anew; the exit status is 0 when that went well."""
     with tempfile.TemporaryDirectory() as place:
         pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "-q", "--target", place, "uv"]
         subprocess.run(pip, check=True)
         uv = next(path for path in Path(place).rglob("uv*") if path.name in {"uv", "uv.exe"} and path.is_file())
-        made = Path(place) / LOCKED.name
-        made.write_bytes(LOCKED.read_bytes() if LOCKED.is_file() else b"")  # what comes along stays in its version
-        options = ["--universal", "--python-version", "3.11", "--generate-hashes", "--no-header", "--no-annotate", "-q"]
-        subprocess.run([uv, "pip", "compile", str(FOLDER / "dev.txt"), *options, "-o", str(made)], check=True)
-        LOCKED.write_text(HEAD + made.read_text(encoding="utf-8"), encoding="utf-8", newline="\n")
-    print(f"{LOCKED.relative_to(ROOT)}: {len(hashes(LOCKED.read_text(encoding='utf-8')))} packages")
+        _locked(uv, FOLDER / "dev.txt", LOCKED, "dev.txt and runtime.txt", "3.11")
+        # of this one every package is named, and one wants the fifth Python 3.11 or newer
+        _locked(uv, WEBSITE / "requirements.txt", SITE, "requirements.txt", "3.11.5", "--no-deps")
     return 0
+
+
+def _locked(uv: Path, wanted: Path, target: Path, of: str, python: str, *more: str) -> None:
+    """Write a file of checksums of what another one wants on a Python or newer; what only comes along stays in its version."""
+    options = [
+        "--universal",
+        "--python-version",
+        python,
+        "--generate-hashes",
+        "--no-header",
+        "--no-annotate",
+        "-q",
+        *more,
+    ]
+    with tempfile.TemporaryDirectory() as place:
+        made = Path(place) / target.name
+        made.write_bytes(target.read_bytes() if target.is_file() else b"")
+        subprocess.run([uv, "pip", "compile", str(wanted), *options, "-o", str(made)], check=True)
+        text = HEAD.format(of) + made.read_text(encoding="utf-8")
+    target.write_text(text, encoding="utf-8", newline="\n")
+    print(f"{target.relative_to(ROOT)}: {len(hashes(text))} packages")
 
 
 def hashes(text: str) -> dict[str, list[str]]:

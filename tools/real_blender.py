@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 PACKAGES = (
@@ -74,16 +75,21 @@ def obstacle() -> str | None:
             if subprocess.run(command, capture_output=True).returncode:
                 return f"mmdebstrap could not be installed: '{' '.join(command)}' failed"
     print(f"Making a real Blender in {folder()} (once, about a minute)", file=sys.stderr, flush=True)
-    making = folder().with_name(folder().name + "-making")
-    shutil.rmtree(making, ignore_errors=True)
-    making.parent.mkdir(parents=True, exist_ok=True)
+    folder().parent.mkdir(parents=True, exist_ok=True)
+    making = Path(
+        tempfile.mkdtemp(prefix=f"{folder().name}-making-", dir=folder().parent)
+    )  # somebody else may make it, too
+    making.chmod(0o755)  # for apt's own user
     command = ["mmdebstrap", "--variant=minbase", f"--include={PACKAGES}", SUITE, str(making)]
     done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip()]
-        return f"mmdebstrap failed: {lines[-1] if lines else 'no reason given'}"
-    making.rename(folder())
-    return None
+    if done.returncode == 0 and not folder().exists():
+        making.rename(folder())
+        return None
+    shutil.rmtree(making, ignore_errors=True)
+    if done.returncode == 0:
+        return None
+    lines = [line for line in done.stderr.splitlines() if line.startswith("E: ")] or done.stderr.splitlines()
+    return f"mmdebstrap failed: {lines[0] if lines else 'no reason given'}"
 
 
 def run(

@@ -47,7 +47,7 @@ def main(argv: list[str]) -> int:
     wanted = parser.parse_args(argv)
 
     def make(folder: Path) -> None:
-        built(folder, wanted.platform or list(build_zip.PLATFORMS), wanted.line or list(build_zip.USUAL))
+        built(folder, wanted.platform or list(build_zip.PLATFORMS), wanted.line)
 
     try:
         release(ROOT, wanted.version, make, dry=wanted.dry_run)
@@ -145,11 +145,14 @@ def written(root: Path, texts: dict[str, str], *, keep: bool) -> Iterator[None]:
 # -- what is made and tried ----------------------------------------------------------------------------------------------
 
 
-def built(folder: Path, platforms: list[str], lines: list[str]) -> None:
-    """Every zip, the repository and the wheel for pip, looked at and tried as far as this machine can. Raises ``Refused``."""
+def built(folder: Path, platforms: list[str], lines: list[str] | None) -> None:
+    """Every zip, the repository and the wheel for pip, looked at and tried as far as this machine can. Raises ``Refused``.
+
+    lines : None for those that there are on each platform
+    """
     zips = []
     for platform in platforms:
-        for line in lines:
+        for line in lines or build_zip.usual(platform):
             print(f"Building for {platform}, {line}", flush=True)
             zips.append(build_zip.build(platform, line, folder))
     build_zip.repository(zips, folder / "repository")
@@ -162,8 +165,7 @@ def _package(folder: Path) -> None:
     """The wheel for pip, installed into an empty folder, where its command answers."""
     print("Building the package for pip", flush=True)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q"]
-    _run([*pip, "wheel", "--no-deps", "--no-build-isolation", "-w", str(folder), str(ROOT)])
-    (wheel,) = folder.glob("*.whl")
+    wheel = build_zip.package(folder)
     with tempfile.TemporaryDirectory() as empty:
         _run([*pip, "install", "--no-deps", "--target", empty, str(wheel)])
         environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}

@@ -57,6 +57,12 @@ class Block:
     setting: str = ""
 
 
+def text_of(path: Path) -> str:
+    """A page's Markdown; of a Python file, what it says at its top, which the reference shows."""
+    text = path.read_text(encoding="utf-8")
+    return (ast.get_docstring(ast.parse(text)) or "") if path.suffix == ".py" else text
+
+
 def blocks(text: str) -> Iterator[Block]:
     """The blocks of a Markdown page, in their order."""
     found = []
@@ -217,7 +223,7 @@ def python_faults(path: Path) -> tuple[int, list[str]]:
         os.chdir(folder)
         try:
             names: dict[str, object] = {"__name__": "__main__", "os": os, "api": api}
-            for block in blocks(path.read_text(encoding="utf-8")):
+            for block in blocks(text_of(path)):
                 if block.language != "python":
                     continue
                 ran += 1
@@ -239,16 +245,15 @@ def _small_files() -> None:
 
     mesh = shapes.saddle(4)
     points = "".join(f"v {x} {z} {-y}\n" for x, y, z in mesh.vertices)  # y up, as .obj files are
-    Path("surface.obj").write_text(
-        points + "".join("f " + " ".join(str(k + 1) for k in quad) + "\n" for quad in mesh.quads)
-    )
+    corners = "".join("f " + " ".join(str(k + 1) for k in quad) + "\n" for quad in mesh.quads)
+    Path("surface.obj").write_text(points + corners, encoding="utf-8")
 
 
 def summary(paths: Iterable[Path]) -> tuple[dict[str, int], list[str]]:
     """What is looked at without running it: how many blocks of each kind pages have, and the faults of shell blocks and names."""
     counts, found = dict.fromkeys(("python", "shell", ""), 0), list[str]()
     for path in paths:
-        text = path.read_text(encoding="utf-8")
+        text = text_of(path)
         for block in blocks(text):
             counts[block.language] += 1
             if block.language == "shell":

@@ -215,13 +215,16 @@ def licences() -> str:
     for name, version in sorted(pins, key=lambda pin: pin[0].lower()):
         package = third_party.PACKAGES[name.lower().replace("-", "_")]
         lines.append(f"| {name} | {version} | {package.licence} | <{package.source}> |")
-        libraries += [f"| {library} | {name} | {licence} |" for library, licence in package.libraries.items()]
+        libraries += [
+            f"| {begin} | {name} | {library.licence} | <{library.source}> |"
+            for begin, library in package.libraries.items()
+        ]
     lines += [
         "",
         "Compiled libraries inside them, on one system or another:",
         "",
-        "| library | in | licence |",
-        "|---|---|---|",
+        "| library | in | licence | source |",
+        "|---|---|---|---|",
         *libraries,
         "",
     ]

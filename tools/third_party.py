@@ -10,11 +10,14 @@ import base64
 import csv
 import hashlib
 import io
+import json
 import re
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from email.parser import HeaderParser
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
+from urllib.parse import unquote
 
 # what may stand beside the program's own GPL-3.0-or-later, by the list of the Free Software Foundation; the words of each
 # that are looked for in its text
@@ -25,22 +28,57 @@ COMPATIBLE = {
     "GPL-3.0-or-later": "either version 3 of the License, or",
     "PSF-2.0": "PYTHON SOFTWARE FOUNDATION LICENSE",
 }
+# the same in the words of Python's classifiers, for wheels that say their licence no better
+CLASSIFIERS = {"MIT License": "MIT", "BSD License": "BSD-3-Clause", "Mozilla Public License 2.0 (MPL 2.0)": "MPL-2.0"}
+# of what is compiled into a wheel without lying beside it, as its own list of parts says (CycloneDX): compatible too, by the same list
+OF_PARTS = {
+    "MIT",
+    "MPL-2.0",
+    "Apache-2.0",
+    "Apache-2.0 WITH LLVM-exception",
+    "BSD-3-Clause",
+    "Unicode-3.0",
+    "Unlicense",
+    "Zlib",
+}
+UNSAID = {"sparrow": "MPL-2.0"}  # parts whose list leaves it out, by their own pages (github.com/JeroenGar/sparrow)
+
+
+class Library(NamedTuple):
+    """A compiled library of somebody else's beside a package: its licence, and where its source is."""
+
+    licence: str
+    source: str
 
 
 class Package(NamedTuple):
     """A wheel that is shipped.
 
     licence : of the package's own code, SPDX; source : where that is; libraries : what compiled libraries lie beside it, by the
-    beginnings of their names, and their licences
+    beginnings of their names
     """
 
     licence: str
     source: str
-    libraries: dict[str, str] = {}
+    libraries: dict[str, Library] = {}
 
 
-_GCC = "GPL-3.0-or-later WITH GCC-exception-3.1"
-_MICROSOFT = "redistributable of Microsoft's compiler, a system library in the sense of the GPL"
+class Part(NamedTuple):
+    """What is compiled into a wheel: its name, version, licence (SPDX; "" where none is known), and its source if not in the usual place."""
+
+    name: str
+    version: str
+    licence: str
+    source: str = ""
+
+
+_GCC = Library("GPL-3.0-or-later WITH GCC-exception-3.1", "https://gcc.gnu.org")
+_GEOS = Library("LGPL-2.1-or-later", "https://github.com/libgeos/geos")
+_MICROSOFT = Library(
+    "redistributable of Microsoft's compiler, a system library in the sense of the GPL",
+    "https://learn.microsoft.com/cpp/windows/redistributing-visual-cpp-files",
+)
+_OPENBLAS = Library("BSD-3-Clause", "https://github.com/OpenMathLib/OpenBLAS")
 _SUITESPARSE = ("libamd", "libcamd", "libccolamd", "libcolamd", "libcholmod", "libumfpack", "libsuitesparseconfig")
 
 # libraries as the wheels' own licence files and their makers' pages name them
@@ -50,15 +88,19 @@ PACKAGES = {
         "https://github.com/cvxopt/cvxopt",
         {
             **dict.fromkeys(
-                _SUITESPARSE, "BSD-3-Clause, LGPL-2.1-or-later or GPL-2.0-or-later, by the part (SuiteSparse)"
+                _SUITESPARSE,
+                Library(
+                    "BSD-3-Clause, LGPL-2.1-or-later or GPL-2.0-or-later, by the part (SuiteSparse)",
+                    "https://github.com/DrTimothyAldenDavis/SuiteSparse",
+                ),
             ),
-            "libdsdp": "DSDP, a licence like MIT",
-            "libfftw3": "GPL-2.0-or-later",
-            "libglpk": "GPL-3.0-or-later",
-            "libgsl": "GPL-3.0-or-later",
-            "libgmp": "LGPL-3.0-or-later or GPL-2.0-or-later",
-            "libsatlas": "BSD-3-Clause",
-            "libopenblas": "BSD-3-Clause",
+            "libdsdp": Library("DSDP, a licence like MIT", "https://www.mcs.anl.gov/hs/software/DSDP"),
+            "libfftw3": Library("GPL-2.0-or-later", "https://www.fftw.org"),
+            "libglpk": Library("GPL-3.0-or-later", "https://www.gnu.org/software/glpk"),
+            "libgsl": Library("GPL-3.0-or-later", "https://www.gnu.org/software/gsl"),
+            "libgmp": Library("LGPL-3.0-or-later or GPL-2.0-or-later", "https://gmplib.org"),
+            "libsatlas": Library("BSD-3-Clause", "https://math-atlas.sourceforge.net"),
+            "libopenblas": _OPENBLAS,
             **dict.fromkeys(("libgfortran", "libquadmath", "libgcc_s", "libgomp"), _GCC),
         },
     ),
@@ -73,14 +115,14 @@ PACKAGES = {
         "BSD-3-Clause",
         "https://github.com/scipy/scipy",
         {
-            "libscipy_openblas": "BSD-3-Clause",
+            "libscipy_openblas": _OPENBLAS,
             **dict.fromkeys(("libgfortran", "libquadmath", "libgcc_s"), _GCC),
         },
     ),
     "shapely": Package(
         "BSD-3-Clause",
         "https://github.com/shapely/shapely",
-        {"libgeos": "LGPL-2.1-or-later", "geos": "LGPL-2.1-or-later", "msvcp140": _MICROSOFT},
+        {"libgeos": _GEOS, "geos": _GEOS, "msvcp140": _MICROSOFT},
     ),
     "spyrrow": Package("MIT", "https://github.com/PaulDL-RS/spyrrow"),
     "threadpoolctl": Package("BSD-3-Clause", "https://github.com/joblib/threadpoolctl"),
@@ -114,7 +156,8 @@ BUNDLED: dict[str, str | None] = {
 LIGHTER = {"libigl": re.compile(r"igl/(__init__\.py|pyigl_core\..*)|libigl-[^/]*\.dist-info/.*")}
 LOCAL = "flexmaps"  # the local version label (PEP 440) of a wheel that was changed
 PAGE = Path(__file__).resolve().parent.parent / "engine" / "runs" / "page"
-NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib)$")
+NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib|exe)$")
+ALONE = (".dll", ".dylib", ".exe")  # what is no module of Python, wherever it lies
 
 
 def lighter(wheel: Path, folder: Path) -> Path:
@@ -172,31 +215,93 @@ def faults(wheels: Iterable[Path]) -> list[str]:
         with zipfile.ZipFile(wheel) as content:
             names = content.namelist()
             texts = " ".join(content.read(one).decode(errors="ignore") for one in _licences(names))
+            made_of = [*parts(content)]
+            said = _metadata(content)
         if COMPATIBLE[package.licence] not in " ".join(texts.split()):
             found.append(f"{wheel.name}: no licence file with the words of {package.licence}")
+        found += [f"{wheel.name}: {fault}" for fault in _unlike(package, said)]
+        found += [
+            f"{wheel.name}: {one.name} {one.version} inside is under '{one.licence or 'no licence that it says'}'"
+            for one in made_of
+            if not _allowed(one.licence)
+        ]
         if name in LIGHTER:
             found += [f"{wheel.name}: {one} is to be left out" for one in names if not LIGHTER[name].fullmatch(one)]
         for one in names:
             base = PurePosixPath(one).name
             beside = any(part.endswith((".libs", ".dylibs")) for part in PurePosixPath(one).parts)
-            if beside and NATIVE.search(base) and not base.startswith(tuple(package.libraries) or ("/",)):
+            if (
+                (beside or base.endswith(ALONE))
+                and NATIVE.search(base)
+                and not base.startswith(tuple(package.libraries) or ("/",))
+            ):
                 found.append(f"{wheel.name}: the library {base} is not listed")
     return found
 
 
+def parts(wheel: zipfile.ZipFile) -> Iterator[Part]:
+    """What is compiled into a wheel, by the lists that its maker put into it (PEP 770); libraries beside it are ``PACKAGES``' to say."""
+    for name in wheel.namelist():
+        if not re.fullmatch(r"[^/]+\.dist-info/sboms/.+\.json", name):
+            continue
+        for one in json.loads(wheel.read(name))["components"]:
+            if one.get("purl", "").startswith(("pkg:rpm/", "pkg:deb/", "pkg:apk/", "pkg:pypi/")):
+                continue  # whose files lie beside it, and itself
+            said = [each.get("expression") or each.get("license", {}).get("id", "") for each in one.get("licenses", ())]
+            state = re.search(r"vcs_url=git\+(https://.+?)(?:\.git)?\?rev=(\w+)", unquote(one.get("purl", "")))
+            source = f"{state[1]}/tree/{state[2]}" if state else ""
+            yield Part(one["name"], one.get("version", ""), " AND ".join(said) or UNSAID.get(one["name"], ""), source)
+
+
+def _allowed(licence: str) -> bool:
+    """Whether a licence of a part (SPDX) leaves a way that is ``OF_PARTS``'."""
+    every = [re.split(r" OR |/", one.strip("() ")) for one in licence.split(" AND ")]
+    return all(any(way.strip() in OF_PARTS for way in ways) for ways in every)
+
+
+def _metadata(wheel: zipfile.ZipFile) -> dict[str, list[str]]:
+    """The words in which a wheel describes itself (packaging.python.org, core metadata), by their names."""
+    found: dict[str, list[str]] = {}
+    for name in wheel.namelist():
+        if re.fullmatch(r"[^/]+\.dist-info/METADATA", name):
+            for key, value in HeaderParser().parsestr(wheel.read(name).decode()).items():
+                found.setdefault(key.lower(), []).append(str(value))
+    return found
+
+
+def _unlike(package: Package, said: dict[str, list[str]]) -> Iterator[str]:
+    """Where a wheel's own words differ from what is listed of it."""
+    last = [text.split(" :: ")[-1] for text in said.get("classifier", ()) if text.startswith("License :: ")]
+    licences = said.get("license-expression") or [CLASSIFIERS[word] for word in last if word in CLASSIFIERS]
+    if licences and licences != [package.licence]:
+        yield f"it says that it is under {', '.join(licences)}, and {package.licence} is listed"
+    places = " ".join([*said.get("project-url", ()), *said.get("home-page", ())])
+    if package.source.removeprefix("https://") not in places:
+        yield f"its source is listed as {package.source}, of which it says nothing"
+
+
 def page(wheels: Iterable[Path]) -> str:
-    """THIRD_PARTY.md: a row for every wheel with name, version, licence and source; then the licences of the libraries in them."""
-    rows, libraries = [], []
+    """THIRD_PARTY.md: a row for every wheel with name, version, licence and source; then what is compiled that lies in them."""
+    rows, libraries, compiled = [], [], []
     for wheel in sorted(wheels):
         name, version = wheel.name.split("-")[:2]
         package = PACKAGES[name.lower()]
         with zipfile.ZipFile(wheel) as content:
             texts = [one.split("/", 1)[-1] for one in _licences(content.namelist())]
-            beside = {PurePosixPath(one).name for one in content.namelist() if NATIVE.search(one)}
+            beside = sorted({PurePosixPath(one).name for one in content.namelist() if NATIVE.search(one)})
+            inside = [*parts(content)]
         rows.append(f"| {name} | {version} | {package.licence} | <{package.source}> | {', '.join(texts)} |")
-        for begin, licence in package.libraries.items():
-            if any(one.startswith(begin) for one in beside):
-                libraries.append(f"| {begin} | {name} | {licence} |")
+        for begin, library in package.libraries.items():
+            files = [one for one in beside if one.startswith(begin)]
+            if files:
+                libraries.append(f"| {', '.join(files)} | {name} | {library.licence} | <{library.source}> |")
+        for licence in sorted({one.licence for one in inside}):
+            of = [
+                f"{one.name} {one.version}" + f" (<{one.source}>)" * bool(one.source)
+                for one in inside
+                if one.licence == licence
+            ]
+            compiled.append(f"| {licence} | {name} | {', '.join(of)} |")
     three = re.search(r"three\.js ([\d.]+)", (PAGE / "three.min.js").read_text(encoding="utf-8")[:200])
     assert three is not None
     return "\n".join([
@@ -209,14 +314,22 @@ def page(wheels: Iterable[Path]) -> str:
         "|---|---|---|---|---|",
         *rows,
         "",
-        *(["Compiled libraries that lie inside some of these wheels:", "", "| library | in | licence |", "|---|---|---|", *libraries, ""]
-          if libraries else []),
+        *_section("Compiled libraries that lie inside some of these wheels:", ("library", "in", "licence", "source"), libraries),
+        *_section("Parts that are compiled into them; the source of each is at `https://crates.io/crates/NAME/VERSION`, unless another place\n"
+                  "is named:", ("licence", "in", "parts"), compiled),
         f"The report's page holds a part of three.js {three.group(1)} (MIT, <https://github.com/mrdoob/three.js>); its licence",
         "lies beside it, in `engine/runs/page/three.LICENSE.txt`.",
         "",
         f"Versions that end in `+{LOCAL}` are the wheels of that version without optional parts that FlexMaps never loads.",
         "",
     ])  # fmt: skip
+
+
+def _section(said: str, columns: tuple[str, ...], rows: list[str]) -> list[str]:
+    """A sentence and its table, where there is anything to tell."""
+    if not rows:
+        return []
+    return [said, "", f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", *rows, ""]
 
 
 def _licences(names: Iterable[str]) -> list[str]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import browser
+import build_zip
 import site_code
 import site_links
 import site_pages
@@ -27,6 +28,7 @@ WEBSITE = ROOT / "tools" / "website"
 # the front page's pictures, which no page of Sphinx's names, or not by these names
 FRONT = ("hero.jpg", "assembly.webp", "tutorial/shape.jpg", "tutorial/sheet.jpg", "gallery/canopy.jpg", "gallery/torus.jpg",
          "gallery/three-holes.jpg", "gallery/suzanne.jpg")  # fmt: skip
+# of which pictures are kept
 SEEN = (
     "index",
     "quickstart",
@@ -102,7 +104,7 @@ def table(rows: list[Row]) -> None:
 def packages() -> Path:
     """The folder of the packages that make the site, filled on the first call. Raises ``NoGenerator``."""
     folder = ROOT / ".venv-site-{}.{}".format(*sys.version_info[:2])
-    pins = WEBSITE / "requirements.txt"
+    pins = WEBSITE / "locked.txt"  # what requirements.txt beside it names, with checksums
     stamp, wanted = folder / "flexmaps-stamp", hashlib.sha256(pins.read_bytes()).hexdigest()
     if stamp.is_file() and stamp.read_text() == wanted:
         return folder
@@ -117,6 +119,7 @@ def packages() -> Path:
         "install",
         "-q",
         "--no-deps",
+        "--require-hashes",
         "--target",
     ]
     done = subprocess.run([*pip, str(folder), "-r", str(pins)], capture_output=True, text=True)
@@ -146,31 +149,23 @@ def build(target: Path, repository: Path | None = None) -> list[Row]:
     for name in FRONT:
         shutil.copyfile(ROOT / "docs" / "images" / name, part / "_images" / Path(name).name)
     if repository is not None:
-        shutil.copytree(repository, part / INSTALL, copy_function=_linked)
+        shutil.copytree(repository, part / INSTALL, copy_function=build_zip.linked)
     shutil.rmtree(target, ignore_errors=True)
     part.rename(target)
     return [Row("pages", len(list(target.rglob("*.html"))), tuple(said))]
-
-
-def _linked(source: str, target: str) -> None:
-    """A second name for a large file, where the disk can give one, instead of a copy."""
-    try:
-        os.link(source, target)
-    except OSError:
-        shutil.copy2(source, target)
 
 
 # -- what it is checked by ---------------------------------------------------------------------------------------------
 
 
 def checked() -> list[Path]:
-    """The Markdown pages whose code is checked; the examples are run by tests of their own."""
+    """The pages whose code is checked, and the first words of the API; the examples are run by tests of their own."""
     pages = [
         ROOT / name
         for name in site_pages.PAGES
         if name.endswith(".md") and not name.startswith(("tools/", "database/"))
     ]
-    return [*pages, ROOT / "README.md"]
+    return [*pages, ROOT / "README.md", ROOT / "api" / "__init__.py"]
 
 
 def code(run: bool) -> list[Row]:
@@ -181,9 +176,7 @@ def code(run: bool) -> list[Row]:
     if run:
         broken: list[str] = []
         with_code = [
-            page
-            for page in pages
-            if any(b.language == "python" for b in site_code.blocks(page.read_text(encoding="utf-8")))
+            page for page in pages if any(b.language == "python" for b in site_code.blocks(site_code.text_of(page)))
         ]
         command = [
             sys.executable,
@@ -202,12 +195,13 @@ def code(run: bool) -> list[Row]:
 
 
 def looked_at(folder: Path, pictures: Path) -> list[Row]:
-    """Pages in a browser, at the width of a desktop and of a phone, light and dark; pictures to look at."""
+    """All pages in a browser, at the width of a desktop and of a phone, some dark too; pictures of some to look at."""
     said, wide, count = list[str](), list[str](), 0
+    every = sorted(path.relative_to(folder).with_suffix("").as_posix() for path in folder.rglob("*.html"))
     for size in SIZES:
         for dark in (False, True):
             with browser.Browser(size, dark=dark) as page:
-                for name in SEEN if not dark else SEEN[:3]:
+                for name in every if not dark else SEEN[:3]:
                     path = folder / f"{name}.html"
                     page.open(path)
                     count += 1
@@ -218,8 +212,8 @@ def looked_at(folder: Path, pictures: Path) -> list[Row]:
                     ]
                     over = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
                     wide += [f"{where}: {over} pixels"] if over > 0 else []
-                    kind = f"{Path(name).name}-{size}{'-dark' if dark else ''}"
-                    page.picture(pictures / f"{kind}.png")
+                    if name in SEEN:
+                        page.picture(pictures / f"{Path(name).name}-{size}{'-dark' * dark}.png")
     return [
         Row("messages and requests in a browser", count, tuple(said)),
         Row("pages wider than the window", count, tuple(wide)),

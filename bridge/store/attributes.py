@@ -35,7 +35,7 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 # what we write: name without prefix -> domain, kind, least and largest value; numbers of patches and seams also lie below the
 # number of quads or edges
 OURS: dict[str, tuple[str, str, float, float]] = {
-    "cut": ("EDGE", "BOOLEAN", 0, 1),
+    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, for "seam"
     "seam": ("EDGE", "INT", -1, np.inf),
     "choices": ("EDGE", "INT", 0, 255),  # bit k: cut in proposal k
     "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
@@ -164,6 +164,8 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
                 unsound[name] = np.unique(np.nonzero(wrong)[0])
             else:
                 sound[name] = values
+    if "cut" in sound and PREFIX + "seam" not in mesh.attributes:
+        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # cuts whose numbers nobody noted
     return sound, unsound
 
 

@@ -51,6 +51,9 @@ LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness", "protect")
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
+UNSEALED_NOTES = (
+    "An early version of FlexMaps made the notes of earlier stages, and they are left out: run the stages again"
+)
 
 
 # -- surface ---------------------------------------------------------------------------------------------------------
@@ -112,7 +115,7 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: Float[np.ndarray, "4 4"]) -
     vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     values, unsound = attributes.ours(mesh)
     left = tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
-    left += (UNSOUND_NOTES,) if notes.unsound(mesh) else ()
+    left += (UNSOUND_NOTES,) if notes.unsound(mesh) else (UNSEALED_NOTES,) if notes.unsealed(mesh) else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     none = np.zeros(0, dtype=np.int64)
     face_of = np.repeat(np.arange(len(sizes)), sizes)

@@ -40,9 +40,9 @@ def _parsed(text: str, checksum: str) -> dict[str, Any] | None:
 
 
 def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
-    """What ``_put`` wrote; empty where there is nothing, None where it is something else."""
+    """What ``_put`` wrote; empty where there is nothing, or what has no checksum yet, None where it is something else."""
     text, checksum = mesh.get(name), mesh.get(name + SUM)
-    if text is None:
+    if text is None or checksum is None:
         return {}
     return _parsed(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
 
@@ -57,9 +57,14 @@ def unsound(mesh: bpy.types.Mesh) -> bool:
     return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None
 
 
+def unsealed(mesh: bpy.types.Mesh) -> bool:
+    """Whether a version made the notes that knew no checksums; they cannot be told from damaged ones, and count as nothing too."""
+    return any(name in mesh and name + SUM not in mesh for name in (NAME, MADE_FROM))
+
+
 def _begin(mesh: bpy.types.Mesh) -> None:
-    """Call before writing: removes damaged notes."""
-    if unsound(mesh):
+    """Call before writing: removes notes that count as nothing."""
+    if unsound(mesh) or unsealed(mesh):
         for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
             if name in mesh:
                 del mesh[name]
@@ -92,6 +97,8 @@ def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> No
 
 def made_with(mesh: bpy.types.Mesh) -> str:
     """The version of the program that made what is noted: the newest, if that is newer than this one, else the oldest."""
+    if unsealed(mesh):
+        return versions.UNSTAMPED
     made = made_from(mesh)
     found = [str(made.get(name, {}).get(PROGRAM, versions.UNSTAMPED)) for name in read(mesh).keys() - {"checks"}]
     newest = max(found, key=versions.order, default=VERSION)

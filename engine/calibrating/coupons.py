@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from .. import MARK
 from ..errors import FlexMapsError
 from ..materials import Material
 
@@ -71,7 +72,7 @@ class Coupons:
 
     def text(self) -> str:
         """The JSON document that is kept beside the sheet, SI."""
-        return json.dumps({"flexmaps": "calibration", **asdict(self)}, indent=1) + "\n"
+        return json.dumps({"flexmaps": "calibration", "program": MARK, **asdict(self)}, indent=1) + "\n"
 
 
 def members(made: Coupons) -> dict[str, Any]:
@@ -86,6 +87,7 @@ def read(path: str | Path) -> Coupons:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         assert found.pop("flexmaps") == "calibration"
+        found.pop("program", None)  # files of earlier versions do not say it
         found["spirals"] = tuple(SpiralCoupon(**one) for one in found["spirals"])
         found["clearances"] = tuple(map(float, found["clearances"]))
         made = Coupons(**found)

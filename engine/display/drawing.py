@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from .. import MARK
 from ..arrays import Float
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
@@ -97,7 +98,7 @@ def svg(drawing: Drawing) -> str:
     title = escape(drawing.title)
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {w} {h}" width="{w}" height="{h}" role="img"'
-        f' aria-label="{title}" font-family="{FONT}"><title>{title}</title>'
+        f' aria-label="{title}" font-family="{FONT}"><title>{title}</title><metadata>{MARK}</metadata>'
     ]
     for item in drawing.items:
         lines += _svg(item)

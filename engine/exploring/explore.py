@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import MARK
 from ..arrays import Float
 from ..errors import Cancelled, FlexMapsError
 from ..progress import SILENT, Progress
@@ -95,6 +96,7 @@ class Exploration:
     def report(self) -> dict[str, Any]:
         """It as it is written and shown."""
         return {
+            "program": MARK,
             "note": self.note,
             "finished": self.finished,
             "goals": [str(goal) for goal in self.space.goals],

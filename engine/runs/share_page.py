@@ -12,6 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from .. import MARK
 from ..display.drawing import FONT, Drawing, svg
 from ..fabrication.estimates import duration
 
@@ -30,7 +31,7 @@ def environment() -> Any:
     made = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    made.globals |= {"font": FONT}
+    made.globals |= {"font": FONT, "mark": MARK}
     made.filters |= {"duration": duration}
     return made
 

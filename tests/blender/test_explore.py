@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
 import pytest
+from flexmaps import api
 from flexmaps.bridge.store import explored
 from flexmaps.command import main as command
 from flexmaps.engine.exploring import run as running
@@ -105,3 +107,10 @@ def test_what_cannot_be_explored_is_told_in_one_line(
     assert command.main(["explore", "shape:strip", "--out", str(tmp_path / "x"), *words]) == 2
     said = [line for line in capsys.readouterr().err.splitlines() if line.startswith("flexmaps:")]
     assert len(said) == 1
+
+
+def test_no_cluster_where_blender_may_not_go_online(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The network is asked for in the manifest, and used where the preferences allow it alone."""
+    monkeypatch.setattr(bpy, "app", SimpleNamespace(binary_path="blender", online_access=False))
+    with pytest.raises(api.FlexMapsError, match="may not go online"):
+        api.explore(api.load("shape:strip"), {"spiral.thickness": "2:3"}, scheduler="tcp://127.0.0.1:1")

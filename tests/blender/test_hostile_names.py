@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import unicodedata
 import zipfile
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,6 +19,7 @@ import pypdfium2
 import pytest
 from flexmaps import api
 from flexmaps.command import main as command
+from flexmaps.engine import MARK
 from flexmaps.engine.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
@@ -127,10 +129,23 @@ def test_scripts_in_a_file_are_not_run(tmp_path: Path) -> None:
 
 
 def test_objects_whose_names_come_to_the_same_have_files_of_their_own(add: Any) -> None:
-    """On Windows and macOS names that differ in case alone are one file; everywhere the plain forms of a.b and a_b are."""
-    names = ("a.b", "a_b", "A_B", "other")
+    """On Windows and macOS names that differ in case alone are one file, on macOS those of one letter in two ways to write it too;
+    everywhere the plain forms of a.b and a_b are, and a number behind one may make it a third one's name."""
+    names = ("a.b", "a_b", "A_B", "a_b_2", "a_B_3", "caf\u00e9", "cafe\u0301", "other")
     for name in names:
         add(bowl()).name = name
     files = {name: file_name(name) for name in names}
-    assert len({file.casefold() for file in files.values()}) == len(names)
+    on_disk = {unicodedata.normalize("NFC", file).casefold() for file in files.values()}
+    assert len(on_disk) == len(names), files
     assert files["other"] == "other" and sum(file.casefold() == "a_b" for file in files.values()) == 1
+
+
+def test_every_file_says_which_version_made_it(written: Path, tmp_path: Path) -> None:
+    """But for pictures, and for what others' formats have no place for; a Blender file says it beside the notes."""
+    api.calibration_sheet(tmp_path)
+    silent = []
+    for path in [*written.rglob("*"), *tmp_path.rglob("*")]:
+        if path.is_file() and path.suffix not in (".png", ".blend"):
+            data = zipfile.ZipFile(path).read("3D/3dmodel.model") if path.suffix == ".3mf" else path.read_bytes()
+            silent += [] if MARK.encode() in data else [path.name]
+    assert silent == []

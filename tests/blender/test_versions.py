@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import notes, states
@@ -27,6 +28,45 @@ def older(tmp_path: Path) -> Path:
     notes._put(obj.data, notes.MADE_FROM, made)
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     return path
+
+
+OLDER = sorted((Path(__file__).resolve().parents[1] / "older").glob("*.blend"))
+
+
+def first_mesh(path: Path) -> Any:
+    """The one object of a file that holds a scene alone."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    (obj,) = (obj for obj in bpy.data.objects if obj.type == "MESH")
+    bpy.context.window.scene = obj.users_scene[0]
+    obj.users_scene[0].view_layers[0].objects.active = obj
+    obj.select_set(True)
+    return obj
+
+
+@pytest.mark.parametrize("path", OLDER, ids=[path.stem for path in OLDER])
+def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path) -> None:
+    """Layout, spirals and settings are there; what changed is said; the stages go on from there, by hand and by script."""
+    obj = first_mesh(path)
+    with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
+        piece = api.load(obj)
+    assert notes.made_with(obj.data) == versions.UNSTAMPED
+    made = piece.result
+    assert made.flat is not None and made.design is not None and made.design.width.shape == (8, 4)
+    assert len(made.flat.layout.patches) == 2
+    assert 1e-3 <= made.design.width.min() < made.design.width.max() and np.ptp(made.design.twist) > 0.1, (
+        "of its optimiser"
+    )
+    assert (piece.settings.optimise.iterations, piece.settings.spiral.thickness) == (4, pytest.approx(3e-3))
+    damaged = [one.message for one in made.findings if "damaged" in one.message]
+    assert damaged == []
+    assert api.simulate(piece).result.simulation is not None
+    with pytest.warns(versions.OtherVersion):
+        assert api.export(api.load(obj), tmp_path / "sheets", formats=("svg",))
+    for stage in ("check", "flatten", "spirals", "simulate"):
+        assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}, stage
+    assert notes.made_with(obj.data) == VERSION and not notes.unsealed(obj.data)
+    assert states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+    assert api.load(obj).result.findings == []
 
 
 def opened(path: Path) -> Any:

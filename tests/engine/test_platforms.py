@@ -85,7 +85,7 @@ def test_a_path_that_is_too_long_for_windows(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "wanted"),
     [
-        ("Vase.001", "Vase_001"), ("CON", "CON_"), ("nul", "nul_"), ("com7", "com7_"), ("Com7a", "Com7a"), ("aux.x", "aux_x"),
+        ("Vase.001", "Vase_001"), ("CON", "CON_"), ("nul", "nul_"), ("com7", "com7_"), ("Com7a", "Com7a"), ("aux.x", "aux_x"), ("COM\u00b9", "COM\u00b9_"),
         ("piece. ", "piece__"), ("..", "__"), ("../../etc/x", "______etc_x"), ("C:\\x", "C__x"), ("a\u202eb\u2028\ud800", "a_b__"),
         ("花瓶 é ☂", "花瓶_é_☂"), ("हिन्दी", "हिन्दी"), ("", ""),
     ],
@@ -119,16 +119,16 @@ def test_no_two_files_differ_in_case_alone() -> None:
 
 
 def test_a_console_that_lacks_letters(tmp_path: Path) -> None:
-    """The command line with the code page of Western Windows, and names in other scripts."""
+    """The command line with the code pages of Western Windows and of its old consoles, and names in other scripts."""
     mesh = tmp_path / "花瓶.obj"
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
     script = "import sys; sys.path.append(sys.argv.pop(1)); import dev; dev.load_package()\nfrom flexmaps.command import main; "
     script += "sys.stdout.flush(); import os; status = main.main(sys.argv[1:]); sys.stdout.flush(); os._exit(status)"
-    environment = dict(os.environ, PYTHONIOENCODING="cp1252", PYTHONUTF8="0")
-    for file, status in ((mesh, (0, 2)), (mesh.with_name("वृक्ष.obj"), (2,))):
+    for file, status, page in ((mesh, (0, 2), "cp437"), (mesh.with_name("वृक्ष.obj"), (2,), "cp1252")):
+        environment = dict(os.environ, PYTHONIOENCODING=page, PYTHONUTF8="0")
         command = [sys.executable, "-c", script, str(ROOT / "tools"), "check", str(file)]
         done = subprocess.run(command, env=environment, capture_output=True, timeout=120)
-        told = (done.stdout + done.stderr).decode("cp1252")
+        told = (done.stdout + done.stderr).decode(page)
         assert done.returncode in status and "Traceback" not in told and "fault" not in told, told
     assert "\\u0935" in told, "what the console cannot show is told by its number"
 

@@ -19,12 +19,14 @@ def lock(build_zip: ModuleType) -> ModuleType:
 
 
 def test_every_pin_has_checksums(root: Path, lock: ModuleType) -> None:
-    known = lock.hashes(lock.LOCKED.read_text(encoding="utf-8"))
-    assert all(words for words in known.values())
-    for name in ("dev.txt", "runtime.txt"):
-        pins = re.findall(
-            r"^([\w.-]+==[\w.+!]+)", (root / "requirements" / name).read_text(encoding="utf-8"), re.MULTILINE
-        )
+    for name, locked in (
+        ("requirements/dev.txt", lock.LOCKED),
+        ("requirements/runtime.txt", lock.LOCKED),
+        ("tools/website/requirements.txt", lock.SITE),
+    ):
+        known = lock.hashes(locked.read_text(encoding="utf-8"))
+        assert all(words for words in known.values())
+        pins = re.findall(r"^([\w.-]+==[\w.+!]+)", (root / name).read_text(encoding="utf-8"), re.MULTILINE)
         missing = [pin for pin in pins if lock.plain(pin) not in known]
         assert pins and not missing, "python3 tools/dev.py lock"
 

@@ -8,6 +8,9 @@ import zipfile
 from pathlib import Path
 from types import ModuleType
 
+import pytest
+
+pytestmark = pytest.mark.timeout(900)  # Blender starts many times, maybe on a busy machine
 INIT = """
 from importlib import metadata
 
@@ -84,7 +87,7 @@ def test_beside_older_newer_and_broken_wheels(real_blender: ModuleType, debian_z
         wheel(other, "jinja2", "3.9.0", sources),  # newer, and it works
     ])  # fmt: skip
     extension(broken, "shapely", [wheel(broken, "shapely", "99.0.0", {"shapely/__init__.py": b"NEW = True\n"})])
-    done = real_blender.shell(LINES.format(), tmp_path, timeout=250)
+    done = real_blender.shell(LINES.format(), tmp_path, timeout=800)
 
     def said(name: str, kind: str) -> str:
         path = tmp_path / f"{name}.{kind}"
