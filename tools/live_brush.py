@@ -49,7 +49,7 @@ def painted(count: int, share: float, limit: float) -> Iterator[Row]:
         steps.append(timed(lambda: bpy.ops.ed.undo_push(message="stroke")))
         bpy.ops.ed.undo()
         obj = bpy.context.object
-        found["brush: after an undo"].append(timed(easel.of, obj, bpy.context.scene))
+        found["brush: after an undo"].append(timed(_taken_again, obj))
         bpy.ops.ed.redo()
         obj = bpy.context.object
     for what, seconds in found.items():
@@ -58,6 +58,11 @@ def painted(count: int, share: float, limit: float) -> Iterator[Row]:
     yield at_most(name, "brush: taken in hand, once, s", None, opened)
     yield at_most(name, "brush: a dab until it can be seen, s by the clock, median", None, float(np.median(seen)))
     easel.forget()
+
+
+def _taken_again(obj: bpy.types.Object) -> None:
+    """What follows an undo: the easel takes the former spirals, and computes how they look, as the next redraw does."""
+    easel.of(obj, bpy.context.scene).shape.prepared(bpy.context.scene.unit_settings.scale_length)
 
 
 def _dab(work: dabs.Dabs, on: easel.Easel, at: int, radius: float) -> None:
