@@ -181,7 +181,7 @@ def wished():
         f"the wish lies where the pointer let go: {FOUND['wish_mm']}",
     )
     yield from picture("wished")
-    obj.flexmaps.optimise.iterations, obj.flexmaps.optimise.codesign = 3, False
+    obj.flexmaps.optimise.iterations, obj.flexmaps.optimise.codesign = 1, False
     yield from hands.click("operator", "flexmaps.optimise")
     block = yield from optimised()
     FOUND["wished_mm"] = [block.get("wished_mm_before"), block.get("wished_mm")]
@@ -194,13 +194,14 @@ def wished():
 
 def optimised():
     """Wait until Optimise has left its block, and give it."""
-    ends = time.perf_counter() + PATIENCE
-    while time.perf_counter() < ends:
-        told = json.loads(bpy.context.object.data.get("flexmaps_report", "{}"))
-        if "optimise" in told:
-            return told["optimise"]
+    job, ends = hands.module("bridge.hosts.background").current, time.perf_counter() + PATIENCE
+    told = {}
+    while ("optimise" not in told or job() is not None) and time.perf_counter() < ends:
         yield 0.2
-    return {}
+        told = json.loads(bpy.context.object.data.get("flexmaps_report", "{}"))
+    yield from hands.aside()
+    yield from hands.still(hands.sidebar())
+    return told.get("optimise", {})
 
 
 hands.drive(walk(), FOUND)
