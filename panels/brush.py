@@ -30,7 +30,7 @@ def draw(layout: Any, context: bpy.types.Context) -> None:
         row = layout.row(align=True)
         row.label(text=iface_("{} protected").format(marked), icon="LOCKED", translate=False)
         row.operator("flexmaps.unprotect", text="", icon="X")
-    body = fold(layout, "flexmaps_paint_from", "From weights or colours")
+    body = fold(layout, "flexmaps_paint_from", "From weights")
     if body is not None:
         body.prop(brush, "source", text="", icon="GROUP_VERTEX")
         body.prop(brush, "what", text="")

@@ -47,6 +47,7 @@ class SimulatePanel(StagePanel, bpy.types.Panel):
             body.operator("flexmaps.compare_file", icon="POINTCLOUD_DATA")
             block = notes.read(obj.data).get("scan")
             if block is not None:
+                body.separator(factor=0.5)
                 _scan(result(body, context, "scan"), context, block)
 
 
@@ -100,6 +101,6 @@ def _scan(layout: Any, context: bpy.types.Context, block: dict[str, Any]) -> Non
     size = "{:.2f} mm, {:.2f} %"
     number(grid, "RMS distance", size.format(block["rms_mm"], block["rms_percent"]))
     number(grid, "Largest distance", size.format(block["max_mm"], block["max_percent"]))
-    number(grid, "Shown by the scan", iface_("{:.0f} % of the spirals").format(100 * block["covered"]))
+    number(grid, "Spirals shown", f"{100 * block['covered']:.0f} %")
     number(grid, "Points beside the piece", f"{100 * block['points_beside']:.0f} %")
     choice_row(layout, context.window_manager, "flexmaps_overlay", (("SCAN", "Distance of the scan"),))

@@ -1,10 +1,12 @@
 """Measures how soon a piece follows a change, and whether it goes on doing so.
 
-python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces brush hand window]
+python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces brush wishes foreign hand window]
 
 ``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
 the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
-of the zoo, and how far the live shape at rest is from a simulation's. ``brush``: how long painting holds up Blender's window. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
+of the zoo, and how far the live shape at rest is from a simulation's. ``brush``: how long painting holds up Blender's window.
+``wishes``: how much nearer Optimise brings spirals to where they are wished. ``foreign``: live mode and the brush, with a rim too, on meshes of
+other origin beside the checkout. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
 modes in Blender as a module with the process beside it. ``window``: what the window tests have left in out/window-live and out/window-brush.
 """
 
@@ -13,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import pickle
 import resource
 import tempfile
 import time
@@ -25,19 +26,18 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.live.given import Given
-from flexmaps.engine.live.piece import Shape
-from flexmaps.engine.live.session import Call, forget, step
+from flexmaps.engine.live.session import forget
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.loads import standing
-from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from live_cases import given_of, of_mesh, stroke
+from live_followed import Followed, distance
 from rows import Row, Table, at_most, row
 from zoo import SURFACES
 
 ROOT = Path(__file__).resolve().parent.parent
+SHARED = ROOT.parent / "shared" / "meshes" / "foreign"
 WINDOW, BRUSH = (ROOT / "out" / f"window-{name}" / "figures.json" for name in ("live", "brush"))
 SIZES = (
     (400, 0.060, 0.2),
@@ -67,39 +67,6 @@ def main(arguments: list[str]) -> int:
 
 
 # -- how soon --------------------------------------------------------------------------------------------------------------
-
-
-class Followed:
-    """A piece in this very process, so that all of its work counts; what goes through the pipe is written and read as there."""
-
-    def __init__(self, given: Given):
-        self.given = given
-        self.rest = self.told(given.changes(None), whole=True)
-
-    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> Shape:
-        while not (shape := self._step(Call("piece", changes, whole))).resting:
-            changes, whole = None, False
-        return shape
-
-    def follow(self, wanted: Given) -> tuple[float, float, Shape]:
-        """Seconds of processor to the first picture and to rest, and the shape."""
-        began, first = time.process_time(), 0.0
-        changes: dict[str, Any] | None = wanted.changes(self.given)
-        while True:
-            shape = self._step(Call("piece", changes))
-            first, changes = first or time.process_time() - began, None
-            if shape.resting:
-                self.given, self.rest = wanted, shape
-                return first, time.process_time() - began, shape
-
-    def _step(self, call: Call) -> Shape:
-        from flexmaps.bridge.view.followed import Followed as Picture
-
-        shape = step(pickle.loads(pickle.dumps(call)))
-        assert shape is not None
-        shape = pickle.loads(pickle.dumps(shape))
-        Picture.of(shape, 1.0)
-        return shape
 
 
 def changes(_: argparse.Namespace) -> Iterator[Row]:
@@ -183,23 +150,26 @@ def surfaces(options: argparse.Namespace) -> Iterator[Row]:
     forget()
 
 
-def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
-    """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
-    from flexmaps.engine.live.session import _pieces
-
-    at = _pieces["piece"]._at
-    assert at is not None and shape.vertices is not None
-    design = replace(made, width=given.width, twist=given.twist)
-    found = simulate(design, made.flat.layout.mesh, given.material, given.simulate, start=at.pose)
-    return 1e3 * float(np.abs(found.vertices - shape.vertices).max())
-
-
 def brush(_: argparse.Namespace) -> Iterator[Row]:
     """Painting on domes of three sizes."""
     from live_brush import painted
 
     for count, _first, _rest in SIZES:
         yield from painted(count, SHARE, TICK)
+
+
+def wishes(_: argparse.Namespace) -> Iterator[Row]:
+    """Wishes that no turn of the piece fulfils."""
+    from live_wishes import wished
+
+    yield from wished()
+
+
+def foreign(_: argparse.Namespace) -> Iterator[Row]:
+    """Surfaces with quads that the project did not make."""
+    from live_foreign import tried
+
+    yield from tried(SHARED, TICK)
 
 
 # -- whether it goes on ----------------------------------------------------------------------------------------------------
@@ -266,6 +236,8 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "changes": changes,
     "surfaces": surfaces,
     "brush": brush,
+    "wishes": wishes,
+    "foreign": foreign,
     "hand": hand,
     "window": window,
 }

@@ -18,11 +18,11 @@ from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 
 
-def of_mesh(mesh: QuadMesh) -> tuple[FlatPatches, SpiralDesign]:
+def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    return flat, design.from_curvature(flat, SpiralParams(), rms_curvature(mesh))
+    return flat, design.from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 
 def given_of(made: SpiralDesign, **others: Any) -> Given:

@@ -176,7 +176,12 @@ def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """What a simulation found, for people, and whether that is a warning."""
     away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
     said = remarks(block)
-    return " ".join([f"{block['status']} {away}", *said]), bool(said) or not sound(block)
+    return " ".join(map(_ended, [block["status"], away, *said])), bool(said) or not sound(block)
+
+
+def _ended(text: str) -> str:
+    """With a full stop, which findings that stand in lists do without."""
+    return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
 def strained(block: dict[str, Any]) -> bool:

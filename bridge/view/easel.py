@@ -33,6 +33,7 @@ TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
 PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale
 LIFT = 0.012  # how far the arms float above the faces, in edges
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of spirals that Optimise has to leave alone; by eye
+STEPS = 64  # states of the spirals that an easel knows again: as many as Blender can undo by default, and as many more
 
 _easels: list[Easel] = []
 
@@ -127,7 +128,8 @@ class Easel:
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
         self._take(Seen.of(self, self._placed(equilibrium.shown_positions(obj.data))))
-        self._sums = self._now(obj, scene)
+        self._known: dict[object, np.ndarray] = {}
+        self._keep(self._now(obj, scene))
 
     def _taken(self, obj: bpy.types.Object, surface: Surface) -> Snapshot:
         from ..store import snapshot
@@ -165,22 +167,33 @@ class Easel:
         if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
             return False
         old, found = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
-        if found is None or len(surface.spoilt) or len(outside(found, found.unlike(old))):
+        known = self._known.get(now["design"])
+        if found is None or len(surface.spoilt) or (known is None and len(outside(found, found.unlike(old)))):
             return False
         taken, self._surface = self._taken(obj, surface), surface
         self._hold(replace(found, painted=bool((taken.note or {}).get("painted"))), taken)
-        known = surface.values.get("stiffness")  # of any other design it is dropped
-        if known is None:
-            self._renew_stiffness(old)
+        stored = surface.values.get("stiffness")  # of any other design it is dropped
+        if known is not None:
+            self.stiffness = known
+        elif stored is not None:
+            self.stiffness = stored.astype(float)
         else:
-            self.stiffness = known.astype(float)
+            self._renew_stiffness(old)
         moved = self._elsewhere(equilibrium.shown_positions(obj.data))
         if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:
             self._take(moved)
-        self._sums = now
+        self._keep(now)
         return True
+
+    def _keep(self, sums: dict[str, object]) -> None:
+        """Note what the object holds, and that its spirals can be cut and how stiff they are: an undo brings them back, a redo too."""
+        self._sums = sums
+        self._known.pop(sums["design"], None)
+        self._known[sums["design"]] = self.stiffness
+        if len(self._known) > STEPS:
+            del self._known[next(iter(self._known))]
 
     def _placed(self, positions: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
         """Vertices in metres and world axes, of places in the object's own frame."""
@@ -283,7 +296,7 @@ class Easel:
         if (self._marked != self.protected).any():
             fields.protect(obj, np.flatnonzero(self.protected))
         self.before, self._marked = self.design, self.protected
-        self._sums = self._now(obj, scene)
+        self._keep(self._now(obj, scene))
 
     def put_away(self) -> None:
         self._panels.put_away()

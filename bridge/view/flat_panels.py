@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import bpy
@@ -153,16 +154,24 @@ class PanelDrawing:
     def mesh(self, name: str) -> bpy.types.Mesh:
         """The solids in their colours, metres."""
         mesh = polygons(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
+        rgb, palette, of = self.coloured
+        paint(mesh, rgb)
+        wear(mesh, palette, of)
+        return mesh
+
+    @cached_property
+    def coloured(
+        self,
+    ) -> tuple[Float[np.ndarray, "corners 3"], Float[np.ndarray, "colours 3"], Int[np.ndarray, " faces"]]:
+        """The colour of every corner, linear; the colours that are used, and which of them every face has."""
         layout = self.design.flat.layout
         # connectors have their seam's colour, as on the assembly sheet
         palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
         row = np.where(
             self.solid.seam_of < 0, layout.patch_of[self.solid.quad_of], len(layout.patches) + self.solid.seam_of
         )
-        paint(mesh, np.repeat(palette[row], self.solid.sizes, axis=0))
         used = np.flatnonzero(np.bincount(row))
-        wear(mesh, palette[used], np.searchsorted(used, row))
-        return mesh
+        return np.repeat(palette[row], self.solid.sizes, axis=0), palette[used], np.searchsorted(used, row)
 
     def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
         """Put their mesh beside the model, in the place of whatever was laid out there; metres, where."""

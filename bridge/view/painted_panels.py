@@ -26,23 +26,35 @@ class PaintedPanels:
         from ...engine.display.moving import MovingPanels
 
         self._moving = MovingPanels(design)
+        self._prepare()
         self._made = self._make(name)
 
     def follow(self, design: SpiralDesign) -> None:
         """Compute those of this design; touches nothing of Blender's, so that it may be called beside the window's thread."""
         self._moving.follow(design)
+        if self._corners is not self._moving.solid.corners:
+            self._prepare()
+
+    def _prepare(self) -> None:
+        """Compute what a mesh of these faces is made of, but for Blender's part of it."""
+        solid = self._moving.solid
+        parts = (solid.corners, solid.sizes, self._moving.centres)
+        self._corners = solid.corners
+        self._faces = f"{zlib.crc32(b''.join(np.ascontiguousarray(x).tobytes() for x in parts)):08x}"
+        self._drawing = flat_panels.PanelDrawing(
+            self._moving.design, flat_panels.PLAIN, self._moving.centres, solid, []
+        )
+        _ = self._drawing.coloured
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
         """Let the panels beside the object be those of the latest design."""
-        if self._corners is not self._moving.solid.corners:  # the faces are others
-            self.put_away()
-            self._made = self._make(obj.name)
         standing = flat_panels.panels_of(obj)
         if len(standing) == 1 and standing[0].data.get(FACES) == self._faces:
             self._move(standing[0].data)
             return
         mesh = self._waiting()
-        if mesh is None:
+        if mesh is None or mesh[FACES] != self._faces:
+            self.put_away()
             self._made = self._make(obj.name)
             mesh = self._waiting()
         assert mesh is not None
@@ -64,17 +76,8 @@ class PaintedPanels:
         mesh.attributes["position"].data.foreach_set("vector", points.ravel())
         mesh.update()
 
-    @property
-    def _drawing(self) -> flat_panels.PanelDrawing:
-        moving = self._moving
-        return flat_panels.PanelDrawing(moving.design, flat_panels.PLAIN, moving.centres, moving.solid, [])
-
     def _make(self, name: str) -> int:
         """A mesh that nothing uses; Blender's id of it."""
-        solid = self._moving.solid
-        parts = (solid.corners, solid.sizes, self._moving.centres)
-        self._corners = solid.corners
-        self._faces = f"{zlib.crc32(b''.join(np.ascontiguousarray(x).tobytes() for x in parts)):08x}"
         made = self._drawing.mesh(name)
         made[FACES] = self._faces
         return int(made.session_uid)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from flexmaps.bridge.view import dabs, easel, flat_panels
 from flexmaps.command.main import main
 from flexmaps.engine.display.moving import MovingPanels
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.painting import Stroke
 from support.buttons import press
 
@@ -85,6 +87,45 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
         wrong.add([np.ones(len(on.design.twist))], np.zeros(3))
         wrong.wait()
     wrong.close()
+
+
+def test_panels_with_a_rim_follow_strokes_at_the_border(spiralled: Any) -> None:
+    spiralled.flexmaps.spiral.border = "rim"
+    press("spirals")
+    on = easel.of(spiralled, bpy.context.scene)
+    border = on.design.flat.layout.mesh.border[on.design.flat.layout.mesh.quad_edges].any(axis=1)
+    for brush in ("softer", "stiffer"):
+        work = dabs.Dabs(on, brush, inverted=False)
+        work.add([0.5 * border], np.zeros(3))
+        work.wait()
+        work.close()
+        assert "coloured" in vars(on._panels._drawing), "beside the window's thread"
+        on.write(bpy.context.scene)
+        (panels,) = flat_panels.panels_of(spiralled)
+        anew = MovingPanels(on.design).solid
+        points, corners = np.empty((len(panels.data.vertices), 3)), np.empty(len(panels.data.loops), int)
+        panels.data.vertices.foreach_get("co", points.ravel())
+        panels.data.loops.foreach_get("vertex_index", corners)
+        np.testing.assert_allclose(points, anew.vertices, atol=1e-6)
+        np.testing.assert_array_equal(corners, anew.corners)
+
+
+def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_can_be_cut(
+    spiralled: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    monkeypatch.setattr(design, "outside", lambda *given: asked.append(given) or ())
+    scene = bpy.context.scene
+    on = easel.of(spiralled, scene)
+    first, stiff = on.design, on.stiffness
+    on.paint("softer", on.ground.weight(on.ground.centres[3], on.ground.normals[3], 0.06), Stroke())
+    on.write(scene)
+    mesh.write_design(spiralled, on._surface, first)  # as an undo leaves it
+    assert easel.of(spiralled, scene) is on and not asked
+    np.testing.assert_allclose(on.design.twist, first.twist, rtol=1e-6)
+    np.testing.assert_array_equal(on.stiffness, stiff)
+    mesh.write_design(spiralled, on._surface, replace(first, twist=0.9 * first.twist))
+    assert easel.of(spiralled, scene) is on and len(asked) == 1, "nobody had these before"
 
 
 def test_a_stroke_taken_back_leaves_everything_as_it_was(spiralled: Any, content: Any) -> None:

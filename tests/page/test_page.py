@@ -322,6 +322,18 @@ def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, siz
         assert page.messages == []
 
 
+def test_where_scripts_run_the_pictures_are_not_drawn_first(browser: ModuleType, folder: Path) -> None:
+    shown = "document.querySelector('.instead').getBoundingClientRect().height"
+    early = f"addEventListener('readystatechange', () => {{ window.early ??= {shown} }}, true)"
+    with browser.Browser() as page:
+        page.call("Page.addScriptToEvaluateOnNewDocument", source=early)
+        page.open(folder / "share.html", ready=READY)
+        assert page.evaluate("window.early") == 0  # when all was read and the page's own script had not begun
+        page.call("Emulation.setScriptExecutionDisabled", value=True)
+        page.open(folder / "share.html")
+        assert page.evaluate(shown) > 300
+
+
 @pytest.mark.thorough
 def test_how_long_a_thousand_spirals_take(
     browser: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,6 +4,7 @@ A number is typed into the sidebar, a spiral is clicked and another one dragged 
 keys; what was seen goes to result.json, the screens to pictures.
 """
 
+import json
 import sys
 import time
 from pathlib import Path
@@ -85,8 +86,23 @@ def walk():
     yield from picture("thicker")
     yield from handled(thicker)
     yield from undone()
+    yield from wished()
     FOUND["slowest"] = following().slowest
     hands.module("bridge.hosts.live").stop()
+
+
+def dragged(place, *held):
+    """Drag from a pixel by some 60 to the right and 20 down, with keys held."""
+    yield from hands.move(place)
+    for name in held:
+        hands.xdotool("keydown", name)
+    hands.xdotool("mousedown", 1)
+    yield 0.3
+    for k in range(1, 6):
+        yield from hands.move((place[0] + 12 * k, place[1] + 4 * k))
+    hands.xdotool("mouseup", 1)
+    for name in held:
+        hands.xdotool("keyup", name)
 
 
 def handled(vertices):
@@ -113,13 +129,8 @@ def handled(vertices):
     place = on_screen(other)
     pixel = np.linalg.norm(centres[other] - centres[quad]) / np.linalg.norm(np.subtract(place, on_screen(quad)))
     wanted = pixel * np.hypot(60, 20) / 0.02
-    yield from hands.move(place)
     since = time.perf_counter()
-    hands.xdotool("mousedown", 1)
-    yield 0.3
-    for k in range(1, 6):
-        yield from hands.move((place[0] + 12 * k, place[1] + 4 * k))
-    hands.xdotool("mouseup", 1)
+    yield from dragged(place)
     yield from moved("a spiral pulled", since, before)
     stored = bpy.context.object.data.attributes.get("flexmaps_pull")
     expect(stored is not None, "a drag pulls at a spiral")
@@ -138,6 +149,59 @@ def undone():
         expect(("flexmaps_pull" in bpy.context.object.data.attributes) == there, f"{keys[0]} is one step")
         expect(following() is not None and following().problem == "", f"{keys[0]} leaves Live on")
     yield from picture("redone")
+
+
+def wished():
+    """With Ctrl a drag wishes the spiral somewhere beside the target, and Optimise brings it nearer to there."""
+    obj, shape = bpy.context.object, following().shape
+    # on the other side of the top than the pulled one, where nothing covers it
+    pulled = int(np.argmax([value.vector.length for value in obj.data.attributes["flexmaps_pull"].data]))
+    top = shape.centres[int(np.argmax(shape.centres[:, 2]))]
+    quad = int(np.argmin(np.linalg.norm(shape.centres - (2.0 * top - shape.centres[pulled]), axis=1)))
+    corners = shape.quads[quad]
+    away = shape.vertices[corners].mean(axis=0) - hands.module("bridge.view.picking").target(obj)[corners].mean(axis=0)
+    here, there = on_screen(quad), on_screen(pulled)
+    pixel = np.linalg.norm(shape.centres[quad] - shape.centres[pulled]) / np.linalg.norm(np.subtract(here, there))
+    yield from dragged(here, "ctrl")
+    yield 1.0
+    obj = bpy.context.object
+    stored = obj.data.attributes.get("flexmaps_wish")
+    expect(stored is not None, "a drag with Ctrl wishes a spiral somewhere")
+    if stored is None:
+        return
+    found = [k for k, value in enumerate(stored.data) if value.vector.length]
+    expect(found == [quad], f"the wish is of the spiral under the pointer: {found}, not {quad}")
+    way = np.array(stored.data[quad].vector) - away
+    wanted = pixel * np.array([60, -20, 0])  # seen from above, rows go down
+    FOUND["wish_mm"] = [(1e3 * wanted).tolist(), (1e3 * way).tolist()]
+    # but for what the pointer moves until Blender calls it a drag
+    share = way @ wanted / (wanted @ wanted)
+    expect(
+        0.5 < share < 1.1 and np.linalg.norm(way - share * wanted) < 0.2 * np.linalg.norm(wanted),
+        f"the wish lies where the pointer let go: {FOUND['wish_mm']}",
+    )
+    yield from picture("wished")
+    obj.flexmaps.optimise.iterations, obj.flexmaps.optimise.codesign = 1, False
+    yield from hands.click("operator", "flexmaps.optimise")
+    block = yield from optimised()
+    FOUND["wished_mm"] = [block.get("wished_mm_before"), block.get("wished_mm")]
+    expect(block.get("wishes") == 1, f"Optimise knows of one wish: {block}")
+    expect(
+        block.get("wished_mm", 1.0) < block.get("wished_mm_before", 0.0), f"and brings it nearer: {FOUND['wished_mm']}"
+    )
+    yield from picture("optimised")
+
+
+def optimised():
+    """Wait until Optimise has left its block, and give it."""
+    job, ends = hands.module("bridge.hosts.background").current, time.perf_counter() + PATIENCE
+    told = {}
+    while ("optimise" not in told or job() is not None) and time.perf_counter() < ends:
+        yield 0.2
+        told = json.loads(bpy.context.object.data.get("flexmaps_report", "{}"))
+    yield from hands.aside()
+    yield from hands.still(hands.sidebar())
+    return told.get("optimise", {})
 
 
 hands.drive(walk(), FOUND)

@@ -24,7 +24,9 @@ async function unpacked(listed, block) {
  * @returns {Promise<Uint8Array>}
  */
 async function inflated(block) {
-  const deflated = Uint8Array.from(atob(block), (letter) => letter.charCodeAt(0));
+  const letters = atob(block);
+  const deflated = new Uint8Array(letters.length);
+  for (let i = 0; i < letters.length; i++) deflated[i] = letters.charCodeAt(i);
   const stream = new Blob([deflated]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }

@@ -17,6 +17,7 @@ class View3D {
     this.skin = skin;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.sortObjects = false; // they are few and in order; to sort them, three.js would measure each anew
     this.camera = new THREE.PerspectiveCamera(32, 1, 1, 1e5);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(...FROM);
@@ -37,7 +38,6 @@ class View3D {
     this.steps = 0; // see `update`
     this.away = 0; // from the middle, where all is seen
     this.size = ""; // of the canvas, in pixels of the page
-    this.resize();
   }
 
   /** @private */
@@ -125,18 +125,20 @@ class View3D {
     const middle = new THREE.Vector3();
     for (const axis of [right, up, back]) {
       let [low, high] = [Infinity, -Infinity];
-      for (const { point, rim } of points) {
-        const at = point.dot(axis);
-        low = Math.min(low, at - rim);
-        high = Math.max(high, at + rim);
+      for (let i = 0; i < points.length; i += 4) {
+        const at = axis.x * points[i] + axis.y * points[i + 1] + axis.z * points[i + 2];
+        low = Math.min(low, at - points[i + 3]);
+        high = Math.max(high, at + points[i + 3]);
       }
       middle.addScaledVector(axis, 0.5 * (low + high));
     }
     const tall = Math.tan((Math.PI * this.camera.fov) / 360);
     const wide = tall * this.camera.aspect;
     let away = this.skin.piece.edge;
-    for (const { point, rim } of points) {
-      point.sub(middle);
+    const point = new THREE.Vector3();
+    for (let i = 0; i < points.length; i += 4) {
+      point.fromArray(points, i).sub(middle);
+      const rim = points[i + 3];
       const beside = Math.max((Math.abs(point.dot(right)) + rim) / wide, (Math.abs(point.dot(up)) + rim) / tall);
       away = Math.max(away, point.dot(back) + ROOM * beside);
     }
@@ -152,23 +154,21 @@ class View3D {
   }
 
   /**
-   * The hubs that are there with the lengths of their arms, and the target if it is shown.
-   * @private @param {number} steps @returns {{point: THREE.Vector3, rim: number}[]}
+   * The hubs that are there with the lengths of their arms, and the target if it is shown: x, y, z and length of each.
+   * @private @param {number} steps @returns {number[]}
    */
   points(steps) {
-    const { skin } = this;
+    const { centres, shifts, rims, quads, arrays, piece } = this.skin;
     const found = [];
-    for (let quad = 0; quad < skin.quads; quad++) {
-      const panel = skin.arrays.patch[quad];
-      if (steps && skin.piece.panels[panel].step >= steps) continue;
-      const shift = skin.shifts.subarray(3 * panel);
-      const at = skin.centres.subarray(3 * quad);
-      const point = new THREE.Vector3(at[0] + shift[0], at[1] + shift[1], at[2] + shift[2]);
-      found.push({ point, rim: skin.rims[quad] });
+    for (let quad = 0; quad < quads; quad++) {
+      const panel = arrays.patch[quad];
+      if (steps && piece.panels[panel].step >= steps) continue;
+      for (let k = 0; k < 3; k++) found.push(centres[3 * quad + k] + shifts[3 * panel + k]);
+      found.push(rims[quad]);
     }
     if (this.target.visible) {
-      const target = skin.arrays.target;
-      for (let i = 0; i < target.length; i += 3) found.push({ point: new THREE.Vector3().fromArray(target, i), rim: 0 });
+      const { target } = arrays;
+      for (let i = 0; i < target.length; i += 3) found.push(target[i], target[i + 1], target[i + 2], 0);
     }
     return found;
   }
@@ -217,7 +217,7 @@ class View3D {
     this.ask();
   }
 
-  /** Fill the room that the page gives, if that is another than before. @private */
+  /** Fill the room that the page gives, if that is another than before. */
   resize() {
     const box = this.canvas.parentElement.getBoundingClientRect();
     const size = `${box.width} ${box.height}`;

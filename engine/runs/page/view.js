@@ -23,6 +23,7 @@ class Page {
     this.step = null;
     this.playing = 0;
     this.connect();
+    this.view.resize(); // not before all that takes room beside it is there
     this.follow();
   }
 
@@ -320,16 +321,12 @@ async function start() {
     const piece = JSON.parse(/** @type {HTMLElement} */ (document.getElementById("piece")).textContent ?? "");
     const arrays = await unpacked(piece.arrays, piece.block);
     root.hidden = false;
-    for (const each of instead) each.style.display = "none"; // before the first picture, which else is drawn twice: its room grows
     const page = new Page(root, piece, arrays);
     for (const each of instead) each.remove();
     hook(page);
   } catch (error) {
     root.remove();
-    for (const each of instead) {
-      each.style.display = "";
-      each.classList.add("needed");
-    }
+    for (const each of instead) each.classList.add("needed");
     if (!(error instanceof Error) || error.message !== "no WebGL") throw error;
   }
 }

@@ -1,0 +1,59 @@
+"""A live piece in this very process, for benches: what it takes to come to rest, and how far from a simulation it rests."""
+
+from __future__ import annotations
+
+import pickle
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from flexmaps.engine.live.given import Given
+from flexmaps.engine.live.piece import Shape
+from flexmaps.engine.live.session import Call, step
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals.design import SpiralDesign
+
+
+class Followed:
+    """A piece whose work all counts; what goes through the pipe is written and read as there."""
+
+    def __init__(self, given: Given):
+        self.given = given
+        self.rest = self.told(given.changes(None), whole=True)
+
+    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> Shape:
+        while not (shape := self._step(Call("piece", changes, whole))).resting:
+            changes, whole = None, False
+        return shape
+
+    def follow(self, wanted: Given) -> tuple[float, float, Shape]:
+        """Seconds of processor to the first picture and to rest, and the shape."""
+        began, first = time.process_time(), 0.0
+        changes: dict[str, Any] | None = wanted.changes(self.given)
+        while True:
+            shape = self._step(Call("piece", changes))
+            first, changes = first or time.process_time() - began, None
+            if shape.resting:
+                self.given, self.rest = wanted, shape
+                return first, time.process_time() - began, shape
+
+    def _step(self, call: Call) -> Shape:
+        from flexmaps.bridge.view.followed import Followed as Picture
+
+        shape = step(pickle.loads(pickle.dumps(call)))
+        assert shape is not None
+        shape = pickle.loads(pickle.dumps(shape))
+        Picture.of(shape, 1.0)
+        return shape
+
+
+def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
+    """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
+    from flexmaps.engine.live.session import _pieces
+
+    at = _pieces["piece"]._at
+    assert at is not None and shape.vertices is not None
+    design = replace(made, width=given.width, twist=given.twist)
+    found = simulate(design, made.flat.layout.mesh, given.material, given.simulate, start=at.pose)
+    return 1e3 * float(np.abs(found.vertices - shape.vertices).max())

@@ -1,0 +1,59 @@
+"""Live mode and the brush on meshes of other origin, with free borders and with rims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface.checking import check
+from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.mesh import QuadMesh
+from live_brush import spiralled, strokes
+from live_cases import given_of, of_mesh, stroke
+from live_followed import Followed
+from rows import Row, at_most, row
+
+# of quads alone and with a border, 240 to 871 of them
+NAMES = ("cmc1.obj", "0-static.off", "heart.obj", "chebyshev_sphere.obj", "six.off", "M2_eq_quad2.obj")
+SHARE = 0.05  # of the spirals, in a stroke
+STROKES = 3  # of which the slowest counts
+BORDERS = {"stubs": "", "rim": ", with a rim"}
+
+
+def tried(folder: Path, tick: float) -> Iterator[Row]:
+    """The meshes that lie in the folder; those that do not are named."""
+    for name in NAMES:
+        path = folder / name
+        if not path.is_file():
+            yield row(path.stem, "not measured: the mesh is missing", "", "", None)
+            continue
+        errors: list[str] = []
+        for border, words in BORDERS.items():
+            try:
+                mesh = check.as_quad_mesh(meshio.read(path))
+                for part in (_live, _brush):
+                    yield from part(mesh, path.stem, border, words, tick)
+            except FlexMapsError as error:
+                yield row(path.stem, f"refused{words}", "", "", None, {"because": str(error)[:120]})
+            except Exception as error:  # counted and told, so that the others are tried too
+                errors.append(f"{part.__name__[1:]}{words}: {type(error).__name__}: {error}")
+        yield at_most(path.stem, "errors", 0, len(errors), {"first": errors[0][:200]} if errors else None)
+
+
+def _live(mesh: QuadMesh, name: str, border: str, words: str, _tick: float) -> Iterator[Row]:
+    """Strokes that the shape follows."""
+    _, made = of_mesh(mesh, border)
+    piece, rng = Followed(given_of(made)), np.random.default_rng(1)
+    followed = [piece.follow(stroke(piece.given, rng, SHARE)) for _ in range(STROKES)]
+    slowest, came = max(rest for _, rest, _ in followed), sum(shape.converged for *_, shape in followed)
+    yield row(name, f"live: {len(mesh.quads)} spirals at rest, s{words}", "", float(f"{slowest:.3g}"), None)
+    yield row(name, f"live: strokes that came to rest{words}", f"{STROKES}", came, came == STROKES)
+
+
+def _brush(mesh: QuadMesh, name: str, border: str, words: str, tick: float) -> Iterator[Row]:
+    """Painting, and how long it holds up the window at the most."""
+    held = strokes(spiralled(mesh, border), SHARE, STROKES)
+    slowest = max(*held.dabs, *held.written, *held.undone)
+    yield at_most(name, f"brush: main thread, slowest, s{words}", tick, slowest)
