@@ -94,7 +94,7 @@ def _by_hulls(shapes: list[np.ndarray], sheet: SheetParams) -> float:
             used.append(area)
         else:
             used[fullest] += area
-    return len(used) - 1 + min(min(used), 1.0)
+    return len(used) - 1 + min(*used, 1.0)
 
 
 def _noted(made: FlatPatches, flat: FlatPatches, params: LayoutParams, before: float, after: float) -> FlatPatches:
