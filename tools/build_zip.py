@@ -48,9 +48,8 @@ LINES = {
     "debian-13-blender": Line("3.13", "4.2.0", "5.1.0"),  # Debian's own Blender, 4.3, runs on the system's Python
 }
 USUAL = ("blender-4.2-to-5.0", "blender-5.1-or-newer")
-ENDED = {
-    "macos-x64": USUAL[:1]
-}  # Blender 4.5 is the last for Macs of Intel (developer.blender.org, release notes of 5.0)
+# Blender 4.5 is the last for Macs of Intel (developer.blender.org, release notes of 5.0)
+ENDED = {"macos-x64": USUAL[:1]}
 
 
 def main(argv: list[str]) -> int:

@@ -76,9 +76,8 @@ def obstacle() -> str | None:
                 return f"mmdebstrap could not be installed: '{' '.join(command)}' failed"
     print(f"Making a real Blender in {folder()} (once, about a minute)", file=sys.stderr, flush=True)
     folder().parent.mkdir(parents=True, exist_ok=True)
-    making = Path(
-        tempfile.mkdtemp(prefix=f"{folder().name}-making-", dir=folder().parent)
-    )  # somebody else may make it, too
+    # a folder of one's own, for somebody else may be making it too
+    making = Path(tempfile.mkdtemp(prefix=f"{folder().name}-making-", dir=folder().parent))
     making.chmod(0o755)  # for apt's own user
     command = ["mmdebstrap", "--variant=minbase", f"--include={PACKAGES}", SUITE, str(making)]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -39,6 +39,17 @@ def test_a_sheet_is_worth_no_more_joints_than_is_said(squares):
     assert fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET)) is squares
 
 
+def test_hulls_tell_how_many_sheets_are_needed(squares):
+    # by hand: a sheet bears 0.786 of 590 x 390 mm, and so one square of 360 mm; of the third it takes what that is of it
+    bears = 0.786 * 0.59 * 0.39
+    assert fewer._by_hulls(fewer.outlines(squares), SheetParams()) == pytest.approx(2.0 + 0.36**2 / bears)
+    # halves go in pairs beside nothing else, quarters fill up the room beside a square
+    half, quarter = (np.array([[0, 0], [x, 0], [x, 0.18], [0, 0.18]]) for x in (0.36, 0.18))
+    whole = np.array([[0, 0], [0.36, 0], [0.36, 0.36], [0, 0.36]])
+    assert fewer._by_hulls([half, half], SheetParams()) == pytest.approx(0.36**2 / bears)
+    assert fewer._by_hulls([whole, quarter], SheetParams()) == pytest.approx((0.36**2 + 0.18**2) / bears)
+
+
 def test_it_can_be_stopped(squares):
     with pytest.raises(Cancelled):
         fewer.fewer_sheets(

@@ -1,6 +1,7 @@
 """Panels cut further, where that takes fewer sheets: as few joints more as a sheet is worth.
 
-Cut after cut, the one that pays most by the quick packing of the pieces is made; what all of them save is told by nesting in the end.
+Cut after cut, the one that pays most is made, by the quick packing of the pieces or by how much of a sheet their convex hulls usually
+cover, whichever takes fewer sheets; what all of them save is told by nesting in the end.
 The flat patches stand for the panels, which are drawn later and cover about as much of a sheet.
 """
 
@@ -119,7 +120,7 @@ class _Cut:
 
 
 class _Cutting:
-    """The search for cuts that pay, by the quick packing."""
+    """The search for cuts that pay, before anything is nested."""
 
     def __init__(self, flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress):
         self.flat, self.params, self.sheet, self.progress = flat, params, sheet, progress
@@ -129,7 +130,7 @@ class _Cutting:
         self.end = time.monotonic() + LONGEST * sheet.nesting_seconds
 
     def all(self) -> list[tuple[float, FlatPatches]]:
-        """Layouts with more and more cuts, and what each pays in joints, by the quick packing."""
+        """Layouts with more and more cuts, and what each is expected to pay in joints."""
         flat, found = self.flat, []
         first, paid, idle = joints(flat.layout), 0.0, 0
         start = self._needed(flat, flat.layout.cut, 1), self._needed(flat, flat.layout.cut, FINER)
@@ -194,7 +195,7 @@ class _Cutting:
         return self.sheet.cut_joints * saved - joints(PatchLayout(flat.layout.mesh, cut)) + first
 
     def _needed(self, flat: FlatPatches, cut: np.ndarray, finer: int) -> float:
-        """Sheets that the patches between cuts need, by the quick packing; cuts more than the flat patches' own are allowed."""
+        """Sheets that the patches between cuts are expected to need; cuts more than the flat patches' own are allowed."""
         p = self.sheet
         shapes = [self._shape(flat, quads) for quads in PatchLayout(flat.layout.mesh, cut).patches]
         found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, rotation=p.rotation, cells=finer * CELLS)  # fmt: skip
