@@ -52,6 +52,7 @@ class Row:
     counts: Counter[str] = field(default_factory=Counter)  # passed, failed, skipped
     reasons: Counter[str] = field(default_factory=Counter)  # why tests were skipped, and how many
     seconds: float = 0.0
+    failed: list[str] = field(default_factory=list)  # their names
     broken: list[int] = field(default_factory=list)  # exit statuses of processes that ended without telling what failed
 
     def add(self, other: Row) -> None:
@@ -59,6 +60,7 @@ class Row:
         self.counts += other.counts
         self.reasons += other.reasons
         self.seconds += other.seconds
+        self.failed += other.failed
         self.broken += other.broken
 
 
@@ -170,6 +172,7 @@ def _counted(results: Path) -> Row:
         kinds = {child.tag: child for child in case}
         if "failure" in kinds or "error" in kinds:
             row.counts["failed"] += 1
+            row.failed.append(f"{case.get('classname', '')}.{case.get('name', '')}")
         elif "skipped" in kinds:
             row.counts["skipped"] += 1
             # a whole file that was skipped has its reason in the text
@@ -190,6 +193,8 @@ def _summary(failed: list[str] | None, rows: dict[str, Row], seconds: float) -> 
         text = ", ".join(f"{row.counts[kind]} {kind}" for kind in KINDS if row.counts[kind] or kind == "passed")
         ends = "".join(f"; ended with status {status}" for status in row.broken)
         print(f"{tier:9} {text}, {row.seconds:.0f} s{ends}")
+        for name in row.failed:
+            print(f"{'':9} failed: {name}")
         for reason, count in sorted(row.reasons.items()):
             print(f"{'':9} skipped {count}: {reason}")
     print(f"{', '.join(f'{whole.counts[kind]} {kind}' for kind in KINDS)}, {seconds:.0f} s in all", flush=True)
