@@ -4,6 +4,25 @@ const FROM = [0.45, -0.8, 0.55]; // the direction of the first look
 const TURN_KEY = Math.PI / 24; // radians that an arrow key turns the piece
 const ROOM = 1.12; // how much more than the piece the view shows
 const GHOST = 0.2; // how much of the target is seen through it
+// Names of renderers that have no graphics card. Smoothing edges takes them two thirds of a picture's time, and drawing it this much
+// larger, which the browser makes small again, much less
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+const LARGER = 1.5;
+
+/**
+ * A canvas that three.js can draw on, in the place of the given one; null without WebGL. It goes on with the context that is made here.
+ * @param {HTMLCanvasElement} canvas
+ */
+function drawable(canvas) {
+  const asked = { antialias: true, alpha: true, stencil: false };
+  const gl = canvas.getContext("webgl2", asked);
+  const named = gl?.getExtension("WEBGL_debug_renderer_info");
+  if (!gl || !named || !SOFTWARE.test(gl.getParameter(named.UNMASKED_RENDERER_WEBGL))) return gl && canvas;
+  const plain = /** @type {HTMLCanvasElement} */ (canvas.cloneNode());
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  canvas.replaceWith(plain);
+  return plain.getContext("webgl2", { ...asked, antialias: false }) && plain;
+}
 
 class View3D {
   /**
@@ -16,7 +35,8 @@ class View3D {
     this.labels = labels;
     this.skin = skin;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    const smooth = this.renderer.getContext().getContextAttributes()?.antialias;
+    this.renderer.setPixelRatio(Math.min(Math.max(window.devicePixelRatio, smooth ? 1 : LARGER), 2));
     this.renderer.sortObjects = false; // they are few and in order; to sort them, three.js would measure each anew
     this.camera = new THREE.PerspectiveCamera(32, 1, 1, 1e5);
     this.camera.up.set(0, 0, 1);

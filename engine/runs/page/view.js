@@ -313,9 +313,7 @@ async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
   const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
   try {
-    // of the canvas itself, with which three.js goes on: another one, only to try, would have to be made and given back
-    const canvas = /** @type {HTMLCanvasElement} */ (root.querySelector("canvas"));
-    if (!canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: false }) || typeof DecompressionStream === "undefined") {
+    if (!drawable(/** @type {HTMLCanvasElement} */ (root.querySelector("canvas"))) || typeof DecompressionStream === "undefined") {
       throw new Error("no WebGL");
     }
     const piece = JSON.parse(/** @type {HTMLElement} */ (document.getElementById("piece")).textContent ?? "");
