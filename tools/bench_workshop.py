@@ -4,7 +4,7 @@ python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws 
 
 Played measurements: every reading of a kerf comb's gap, of the sag of a strip and of two spirals has an error of 2 % (normal), three
 readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
-Fill: of sheets of 600 x 400 mm, where of the emptiest sheet only the used end counts; where that is so of every sheet, as for somebody
+Fill: of sheets of 600 x 400 mm, borders without stubs as in the demo, where of the emptiest sheet only the used end counts; where that is so of every sheet, as for somebody
 who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a longer time: no sheets can be filled
 better than the strip, but for what the search did not find. Once with the default settings, once with panels that are cut further where a
 sheet less takes at most --joints joints more. What fills the sheets is counted twice. The outlines of panels leave out the slots that
@@ -146,7 +146,9 @@ def against_solids(name: str, made: Coupons) -> list[Row]:
 
 def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> list[Row]:
     """How well the sheets of a piece are filled, and an endless strip of the same panels; ``joints`` are what a sheet is worth."""
-    settings = changed(Settings(), {"sheet.nesting_seconds": seconds, "sheet.cut_joints": joints})
+    settings = changed(
+        Settings(), {"sheet.nesting_seconds": seconds, "sheet.cut_joints": joints, "spiral.border": "left_out"}
+    )
     result = job.run(polygons, settings, edge=EDGE)
     made, flat, params = result.sheets, result.flat, settings.sheet
     assert made is not None and flat is not None

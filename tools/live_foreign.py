@@ -1,4 +1,4 @@
-"""Live mode and the brush on meshes of other origin, with free borders and with rims."""
+"""Live mode and the brush on meshes of other origin, with every kind of border."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rows import Row, at_most, row
 NAMES = ("cmc1.obj", "0-static.off", "heart.obj", "chebyshev_sphere.obj", "six.off", "M2_eq_quad2.obj")
 SHARE = 0.05  # of the spirals, in a stroke
 STROKES = 3  # of which the slowest counts
-BORDERS = {"stubs": "", "rim": ", with a rim"}
+BORDERS = {"stubs": "", "rim": ", with a rim", "left_out": ", arms left out"}
 
 
 def tried(folder: Path, tick: float) -> Iterator[Row]:

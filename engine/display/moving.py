@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Bool, Float
+from ..arrays import Bool, Float, Int
+from ..spirals.caps import stumps
 from ..spirals.contours import ends, hubs
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import opposite_sides
 from . import arrange
-from .solids import Solid, arm_edges, light
+from .solids import Found, Solid, arm_edges, light, rim_points
 
 
 class MovingPanels:
@@ -38,25 +39,44 @@ class MovingPanels:
         changed = design.unlike(self.design)
         if not changed.any():
             return
-        places, mesh = self.solid.places, design.flat.layout.mesh
+        found, mesh = self.solid.found, design.flat.layout.mesh
         # arms blend into those that they are joined with
         touched = changed | changed[opposite_sides(mesh)[0]].any(axis=1)
-        if places is None or (_ended_otherwise(design) & touched).any():
+        if found is None or touched[[foot.arm // 4 for foot in design.feet]].any():
             self._make(design)
             return
         quads = np.flatnonzero(touched)
         own = design.arms.of(quads)
-        begin = ends(design.flat.layout, design.arms, slot_needed(design.params))[quads]
-        points = arm_edges(own, hubs(own, design.params.fillet), begin, places.shape[-1])
+        root, absent = hubs(own, design.params.fillet), design.absent[quads]
+        begin = np.where(absent, stumps(root), ends(design.flat.layout, design.arms, slot_needed(design.params))[quads])
+        points = arm_edges(own, root, begin, found.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]
-        vertices = self.solid.vertices.copy()
-        for side in places:
+        vertices, strip = self.solid.vertices.copy(), self.solid.strip
+        _move_caps(vertices, found, 4 * quads[:, None] + np.arange(4), points[..., 0, :], absent)
+        for side in found.edges:
             where = side[quads]
             vertices[where[where >= 0], :2] = points[where >= 0]
-        self.design, self.solid = design, replace(self.solid, vertices=vertices)
+        if strip is not None and touched[strip.rim.quad].any():
+            strip = strip.necked(design)
+            moved = rim_points(strip, design, self.centres, self.solid.flat)
+            vertices[len(vertices) - len(moved) :] = moved
+        self.design, self.solid = design, replace(self.solid, vertices=vertices, strip=strip)
 
 
-def _ended_otherwise(design: SpiralDesign) -> Bool[np.ndarray, " quads"]:
-    """Quads with arms that end in a cap or at a rim, which are bodies of their own."""
-    border = design.flat.layout.mesh.border[design.flat.layout.mesh.quad_edges]
-    return (design.absent | (border & (design.params.border == "rim"))).any(axis=1)
+def _move_caps(
+    vertices: Float[np.ndarray, "vertices 3"],
+    found: Found,
+    arm: Int[np.ndarray, "some 4"],
+    ends: Float[np.ndarray, "some 4 2 2"],
+    absent: Bool[np.ndarray, "some 4"],
+) -> None:
+    """Half circles over the ends of arms (left and right edge, metres) that lie otherwise by now: turned and scaled with their chords."""
+    new = np.full((found.edges[0].size // found.edges[0].shape[-1] // 2, 2), np.nan, dtype=complex)
+    new[arm[absent]] = ends[absent] @ np.array([1.0, 1j])
+    some = ~np.isnan(new[found.arm, 0])
+    for side, points in zip(found.edges, found.ends, strict=True):
+        old = vertices[side[..., 0].reshape(-1, 2)[found.arm[some]], :2] @ np.array([1.0, 1j])
+        to, at = new[found.arm[some]], points[some]
+        share = (vertices[at, :2] @ np.array([1.0, 1j]) - old[:, 0]) / (old[:, 1] - old[:, 0])
+        moved = to[:, 0] + share * (to[:, 1] - to[:, 0])
+        vertices[at, :2] = np.column_stack([moved.real, moved.imag])

@@ -6,7 +6,7 @@ follow the node's arms of the bent piece (see ``mechanics.arms.bent``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,17 @@ ROUND = 6  # points on a quarter of a hole, by eye
 class RimMesh:
     """P points of all plates, each above and below, and the triangles between them.
 
+    rim : whose B nodes they belong to; half : metres, half of the width of every neck
+    node : of every point; plane : s and y of every point, metres
     arm : 4 body + arm of the bent piece's nodes; t : as of a section; line, side : metres, flat, from the node's centre to the arm's
         middle line and from there to the point; centre : metres, of the node, flat
     quad : the quad of every point; triangles : counter-clockwise, above; walls : edges of the plates, material on the left
     """
 
+    rim: Rim
+    half: Float[np.ndarray, " nodes"]
+    node: Int[np.ndarray, " points"]
+    plane: Float[np.ndarray, "points 2"]
     arm: Int[np.ndarray, " points"]
     t: Float[np.ndarray, " points"]
     line: Float[np.ndarray, "points 3"]
@@ -46,19 +52,34 @@ class RimMesh:
         rim = design.rim
         if rim is None:
             return None
-        half = 0.5 * design.arms.joint_width[rim.quad, rim.side]
+        half = _necks(design, rim)
         parts, first = [], 0
         for node in range(len(rim.quad)):
             points, triangles, walls = _plate(rim, node, float(half[node]))
-            arm, t, line, side = _followed(rim, node, points)
-            count = len(points)
-            centre = np.broadcast_to(_flat(rim.centre)[node], (count, 3))
-            body = len(design.width) + node
-            parts.append((
-                4 * body + arm, t, line, side, centre, np.full(count, rim.quad[node]), first + triangles, first + walls
-            ))  # fmt: skip
-            first += count
-        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+            parts.append((np.full(len(points), node), points, first + triangles, first + walls))
+            first += len(points)
+        of, plane, triangles, walls = (np.concatenate(column) for column in zip(*parts, strict=True))
+        arm, t, line, side = _followed(rim, of, plane)
+        arm += 4 * (len(design.width) + of)
+        return cls(
+            rim, half, of, plane, arm, t, line, side, _flat(rim.centre)[of], rim.quad[of], triangles, walls
+        )  # fmt: skip
+
+    def necked(self, design: SpiralDesign) -> RimMesh:
+        """The same faces with the necks of another design on the same rim: as wide as its arms are.
+
+        Beside a neck the points of the strip's inner edge make room for it in proportion.
+        """
+        half = _necks(design, self.rim)
+        s, y = self.plane.T
+        old, new, reach = self.half[self.node], half[self.node], self.rim.reach[self.node, (s < 0.0).astype(int)]
+        way = np.abs(s)
+        beyond = new + (way - old) * (reach - new) / np.maximum(reach - old, 1e-12)
+        moved = np.where(way <= old, way * new / old, np.where(way < reach, beyond, way))
+        inner = y < -0.5 * self.rim.width + 1e-9
+        plane = np.column_stack([np.where(inner, np.sign(s) * moved, s), y])
+        _, t, line, side = _followed(self.rim, self.node, plane)
+        return replace(self, half=half, plane=plane, t=t, line=line, side=side)
 
     def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Middle points and upward normals in space."""
@@ -127,15 +148,19 @@ def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
     return np.concatenate(found) if found else np.empty(0)
 
 
+def _necks(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
+    return 0.5 * design.arms.joint_width[rim.quad, rim.side]
+
+
 def _followed(
-    rim: Rim, node: int, points: Float[np.ndarray, "n 2"]
+    rim: Rim, node: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Arm, t, line and side, in the flat frame, of a plate's points."""
+    """Arm of its node, t, line and side, in the flat frame, of points of plates."""
     s, y = points.T
-    ahead, behind = rim.reach[node].tolist()
+    ahead, behind = rim.reach[node].T
     middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)
     for back, where in ((False, s >= 0.0), (True, s < 0.0)):
-        middle[where], way[where] = rim.half(np.full(int(where.sum()), node), back, np.abs(s[where]))
+        middle[where], way[where] = rim.half(node[where], back, np.abs(s[where]))
     neck = y < -0.5 * rim.width - 1e-9
     arm = np.where(neck, NECK, np.where(s >= 0.0, FORWARDS, BACKWARDS))
     reach = np.where(neck, rim.depth + 0.5 * rim.width, np.where(s >= 0.0, ahead, behind))

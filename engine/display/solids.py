@@ -26,6 +26,19 @@ DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model 
 
 
 @dataclass(frozen=True, eq=False)
+class Found:
+    """The vertices of the arms' points, of the lower side and of the upper one, or of the upper alone.
+
+    edges : as ``_edges`` has them; -1 for those that are none
+    ends : of the points of caps and connectors that no edge has; arm : of each of those, 4 quad + side
+    """
+
+    edges: Int[np.ndarray, "sides quads 4 2 steps"]
+    ends: Int[np.ndarray, "sides points"]
+    arm: Int[np.ndarray, " points"]
+
+
+@dataclass(frozen=True, eq=False)
 class Solid:
     """A polygon mesh.
 
@@ -34,8 +47,8 @@ class Solid:
     quad_of : the quad that every face belongs to
     seam_of : the seam whose connector it is a part of, -1 for none
     flat : whether it is only the upper side
-    places : where the edges' points are among the vertices, of the lower side and of the upper one, or of the upper alone; as ``_edges`` has
-        them; -1 for those that are none
+    found : where the points of the arms are among the vertices
+    strip : the rim, whose points come last
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -44,7 +57,8 @@ class Solid:
     quad_of: Int[np.ndarray, " faces"]
     seam_of: Int[np.ndarray, " faces"]
     flat: bool = False
-    places: Int[np.ndarray, "sides quads 4 2 steps"] | None = None
+    found: Found | None = None
+    strip: RimMesh | None = None
 
 
 def light(
@@ -74,7 +88,8 @@ def light(
     corners = np.concatenate([loops.ravel(), plates.ravel(), heads.triangles.ravel()])
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
-    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, places=index[None])
+    found = Found(index[None], index.size + np.arange(len(heads.points))[None], heads.point_arm)
+    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, found=found)
     return _with_rim(made, design, centres)
 
 
@@ -116,9 +131,10 @@ def solid(
     used[corners] = True
     number = np.cumsum(used) - 1
     points = np.concatenate([bottom, top])[used]
-    places = np.stack([same[index], same[index] + up])
-    places = np.where(used[places], number[places], -1)
-    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), places=places)
+    where = np.stack([same[index], same[index] + up])
+    own = np.arange(index.size, up)
+    found = Found(np.where(used[where], number[where], -1), number[np.stack([own, own + up])], heads.point_arm)
+    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), found=found)
     return _with_rim(made, design, centres)
 
 
@@ -127,22 +143,28 @@ def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
     strip = RimMesh.of(design)
     if strip is None:
         return made
-    moved, count = centres[design.flat.layout.patch_of[strip.quad]], len(made.vertices)
-    above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
+    count = len(made.vertices)
     if made.flat:
-        points, faces, quad_of = above, [count + strip.triangles], strip.quad[strip.triangles[:, 0]]
+        faces, quad_of = [count + strip.triangles], strip.quad[strip.triangles[:, 0]]
     else:
-        points = np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
         faces, quad_of = strip.faces(count)
     sizes = np.concatenate([np.full(len(f), f.shape[1]) for f in faces])
     return replace(
         made,
-        vertices=np.concatenate([made.vertices, points]),
+        vertices=np.concatenate([made.vertices, rim_points(strip, design, centres, made.flat)]),
         corners=np.concatenate([made.corners, *(f.ravel() for f in faces)]),
         sizes=np.concatenate([made.sizes, sizes]),
         quad_of=np.concatenate([made.quad_of, quad_of]),
         seam_of=np.concatenate([made.seam_of, np.full(len(sizes), -1)]),
+        strip=strip,
     )
+
+
+def rim_points(strip: RimMesh, design: SpiralDesign, centres: np.ndarray, flat: bool) -> Float[np.ndarray, "points 3"]:
+    """The vertices of a rim in the panels, metres: above and below in turn, or above alone."""
+    moved = centres[design.flat.layout.patch_of[strip.quad]]
+    above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
+    return above if flat else np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
 
 
 def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
@@ -158,7 +180,7 @@ def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
 class _Heads:
     """The ends with connectors, flat, on the vertices of their arms and on their own.
 
-    points : (n, 2) metres, their own vertices, numbered on from the arms' ones
+    points : (n, 2) metres, their own vertices, numbered on from the arms' ones; point_arm : (n,) int
     triangles : (T, 3) int, counter-clockwise; arm : (T,) int, of which arm, 4 quad + side
     walls : (W, 2) int, the sides of their outlines but for those that they share with the arms; wall_arm : (W,) int
     """
@@ -168,6 +190,7 @@ class _Heads:
     arm: np.ndarray
     walls: np.ndarray
     wall_arm: np.ndarray
+    point_arm: np.ndarray
 
     @classmethod
     def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray) -> _Heads:
@@ -195,6 +218,7 @@ class _Heads:
             np.repeat(arms, [len(t) for t in triangles[1:]]),
             np.concatenate(walls),
             np.repeat(arms, [len(w) for w in walls[1:]]),
+            np.repeat(arms, [len(p) for p in points[1:]]),
         )
 
 
