@@ -77,7 +77,7 @@ def _split(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     flat = split.split(result.flat, settings.layout, settings.sheet, progress.part(0.0, 0.5))
     if result.layout is not None:  # nobody chose these cuts
-        flat = fewer_sheets(flat, settings.layout, settings.sheet, progress.part(0.5, 1.0))
+        flat = fewer_sheets(flat, settings, progress.part(0.5, 1.0))
     return replace(result, flat=flat)
 
 

@@ -5,10 +5,13 @@ import pytest
 import shapely
 from flexmaps.engine.fabrication.nesting import fewer
 from flexmaps.engine.fabrication.nesting.packing import pack
-from flexmaps.engine.params import LayoutParams, SheetParams
+from flexmaps.engine.params import Settings, SheetParams, SpiralParams
 from flexmaps.engine.progress import Cancelled, Progress
 
-SHEET = {"nesting": "FAST"}  # 600 x 400 mm
+
+def settings(joints):
+    """Sheets of 600 x 400 mm, packed the quick way, each worth so many joints."""
+    return Settings(sheet=SheetParams(nesting="FAST", cut_joints=joints))
 
 
 @pytest.fixture
@@ -18,11 +21,11 @@ def squares(flat_grid):
 
 
 def test_one_cut_saves_a_sheet(squares):
-    made = fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET, cut_joints=30))
+    made = fewer.fewer_sheets(squares, settings(30))
     layout, mesh = made.layout, squares.layout.mesh
     assert len(layout.patches) == 4
     assert fewer.joints(layout) == 3 * 8  # straight through a square
-    shapes = fewer.outlines(made)
+    shapes = fewer.outlines(made, SpiralParams())
     assert sum(shapely.Polygon(s).area for s in shapes) == pytest.approx(3 * 0.36**2)
     assert len(pack(shapes, (0.6, 0.4), 0.005, 0.003).sizes) == 2
     assert "1 cuts more, with 8 joints" in layout.notes["split"]
@@ -35,23 +38,28 @@ def test_one_cut_saves_a_sheet(squares):
 
 def test_a_sheet_is_worth_no_more_joints_than_is_said(squares):
     # three squares are 1.62 sheets and lay on 2.62: at most one is saved, for 8 joints
-    assert fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET, cut_joints=7)) is squares
-    assert fewer.fewer_sheets(squares, LayoutParams(), SheetParams(**SHEET)) is squares
+    assert fewer.fewer_sheets(squares, settings(7)) is squares
+    assert fewer.fewer_sheets(squares, settings(0)) is squares
 
 
 def test_hulls_tell_how_many_sheets_are_needed(squares):
     # by hand: a sheet bears 0.786 of 590 x 390 mm, and so one square of 360 mm; of the third it takes what that is of it
     bears = 0.786 * 0.59 * 0.39
-    assert fewer._by_hulls(fewer.outlines(squares), SheetParams()) == pytest.approx(2.0 + 0.36**2 / bears)
+    whole = 0.36**2
+    assert fewer.by_hulls([whole] * 3, SheetParams()) == pytest.approx(2.0 + whole / bears)
     # halves go in pairs beside nothing else, quarters fill up the room beside a square
-    half, quarter = (np.array([[0, 0], [x, 0], [x, 0.18], [0, 0.18]]) for x in (0.36, 0.18))
-    whole = np.array([[0, 0], [0.36, 0], [0.36, 0.36], [0, 0.36]])
-    assert fewer._by_hulls([half, half], SheetParams()) == pytest.approx(0.36**2 / bears)
-    assert fewer._by_hulls([whole, quarter], SheetParams()) == pytest.approx((0.36**2 + 0.18**2) / bears)
+    assert fewer.by_hulls([0.5 * whole] * 2, SheetParams()) == pytest.approx(whole / bears)
+    assert fewer.by_hulls([whole, 0.25 * whole], SheetParams()) == pytest.approx(1.25 * whole / bears)
+
+
+def test_the_border_is_where_the_panels_will_end(flat_grid):
+    """Of ten by four squares of 20 mm: without the outer arms, half a square less on each side; with a rim, 5 + 1.5 mm more."""
+    grid = flat_grid(10, 4, 0.02)
+    for border, more in (("stubs", 0.0), ("left_out", -0.01), ("rim", 0.0065)):
+        (found,) = fewer.outlines(grid, SpiralParams(border=border, rim_width=0.005, width_max=0.003))
+        np.testing.assert_allclose(np.ptp(found, axis=0), [0.2 + 2.0 * more, 0.08 + 2.0 * more], atol=1e-9)
 
 
 def test_it_can_be_stopped(squares):
     with pytest.raises(Cancelled):
-        fewer.fewer_sheets(
-            squares, LayoutParams(), SheetParams(**SHEET, cut_joints=100), Progress(lambda *_: None, lambda: True)
-        )
+        fewer.fewer_sheets(squares, settings(100), Progress(lambda *_: None, lambda: True))

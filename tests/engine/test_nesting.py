@@ -8,7 +8,7 @@ import shapely
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import process as nest_process
-from flexmaps.engine.fabrication.nesting import search
+from flexmaps.engine.fabrication.nesting import strips
 from flexmaps.engine.fabrication.nesting.outlines import simplified
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, pack, used_length
 from flexmaps.engine.fabrication.nesting.search import Search
@@ -121,7 +121,7 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
 
 def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
     shapes = [_wedge(0.38, 0.17, 0.02)] * 12
-    monkeypatch.setattr(search, "TURN", 60)  # one call of spyrrow that would go on for a minute
+    monkeypatch.setattr(strips, "TURN", 60)  # one call of spyrrow that would go on for a minute
     asked = []
 
     def stopped():

@@ -1,15 +1,16 @@
 """Panels cut further, where that takes fewer sheets: as few joints more as a sheet is worth.
 
-Cut after cut, the one that pays most is made, by the quick packing of the pieces or by how much of a sheet their convex hulls usually
-cover, whichever takes fewer sheets; what all of them save is told by nesting in the end.
-The flat patches stand for the panels, which are drawn later and cover about as much of a sheet.
+Layouts with one cut more each are made from the best ones that there are, and the best of those are kept, as a beam search does.
+How many sheets a layout takes is told first by how much of a sheet convex hulls usually cover, which takes a millisecond, of the most
+promising ones by the quick packing too, and of the last few by nesting. The flat patches stand for the panels, which are drawn
+later and cover about as much of a sheet.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from ...arrays import Bool, Float
 from ...errors import FlexMapsError
-from ...params import LayoutParams, SheetParams
+from ...params import LayoutParams, Settings, SheetParams, SpiralParams
 from ...patches.flattening.edit import with_cuts
 from ...patches.flattening.flatten import FlatPatches
 from ...patches.flattening.report import forced_notes, symmetry_kept
@@ -30,53 +31,79 @@ from .nest import nest
 from .outlines import HULLS, hull_area
 from .packing import Packing, pack, used_length
 
-CELLS = 256  # of the raster along a sheet on which cuts are judged: half as many as for panels, a quarter of the time
+CELLS = (
+    256  # of the raster along a sheet on which layouts are judged: half as many as for panels, a quarter of the time
+)
 # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
 SHARES = (0.08, 0.2, 0.35, 0.5)
 EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
-AGAIN = 24  # cuts that are judged again after one was made, besides those of the new pieces: those that paid most before; not measured
-# times the seconds for nesting that may be spent on looking for cuts: 34 s of a processor for 23 panels of some 2,900 quads
+# times the seconds for nesting that may be spent on looking for cuts
 LONGEST = 10.0
 LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the cuts that paid went through larger ones
 MOST = 12  # cuts that are made one after the other: on four surfaces at most five paid, before two in a row did not
+BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-NESTED = 3  # layouts that are nested in the end, each of which takes as long as nesting does
-FINER = 2  # times as many cells for the second packing of a cut: one that saves sheets with the first alone does so by chance
+FINER = (1, 2)  # times as many cells: a layout that saves sheets with one raster alone does so by chance
+NESTED = 5  # layouts that are nested in the end, each of which takes as long as nesting does
+LEFT_OUT = 0.5  # of a quad at the border: how much of it has nothing where its outer arm is left out
 
 
-def fewer_sheets(
-    flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT
-) -> FlatPatches:
+def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SILENT) -> FlatPatches:
     """The patches cut further, if one sheet less takes at most ``sheet.cut_joints`` joints more; else as they are.
 
     What is saved counts in sheets, the emptiest one as far as it is used: half a sheet is worth half as many joints. The
     notes of the layout's report say what was done.
     """
+    sheet = settings.sheet
     if sheet.cut_joints <= 0 or sheet.remnants.strip():
         return flat
-    shapes = outlines(flat)
+    shapes = outlines(flat, settings.spiral)
     before = sheets_needed(nest(shapes, sheet, progress.part(0.0, 0.1)), shapes, sheet)
-    made = _Cutting(flat, params, sheet, progress.part(0.1, 0.6)).all()
+    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()
     best, least, worth = flat, before, 0.0
-    made.sort(key=lambda one: -one[0])
-    for number, (_, some) in enumerate(made[:NESTED]):
-        pieces = outlines(some)
+    for number, some in enumerate(made[:NESTED]):
+        pieces = outlines(some, settings.spiral)
         part = progress.part(0.6 + 0.4 * number / NESTED, 0.6 + 0.4 * (number + 1) / NESTED)
         need = sheets_needed(nest(pieces, sheet, part), pieces, sheet)
         pays = sheet.cut_joints * (before - need) - joints(some.layout) + joints(flat.layout)
         if pays > worth:
             best, least, worth = some, need, pays
-    return flat if best is flat else _noted(best, flat, params, before, least)
+    return flat if best is flat else _noted(best, flat, settings.layout, before, least)
 
 
-def outlines(flat: FlatPatches) -> list[Float[np.ndarray, "_ 2"]]:
-    """The outlines of flat patches in metres."""
-    return [flat.points[loop] for loop in flat.outlines]
+def outlines(flat: FlatPatches, spiral: SpiralParams) -> list[Float[np.ndarray, "_ 2"]]:
+    """About the outlines that the panels of flat patches will have, metres: of their quads, at open borders with more or less."""
+    points = _filled(flat, spiral)
+    return [points[loop] for loop in flat.outlines]
+
+
+def _filled(flat: FlatPatches, spiral: SpiralParams) -> Float[np.ndarray, "vertices 2"]:
+    """Metres: the flat vertices, those of open borders moved in for arms that are left out and out for a rim."""
+    layout, points = flat.layout, flat.points
+    if spiral.border not in ("left_out", "rim"):
+        return points
+    quad, side = np.nonzero(layout.mesh.border[layout.mesh.quad_edges])
+    ways = np.zeros((*layout.flat_corners.shape, 2))
+    for end, far in ((0, 3), (1, 2)):  # the ends of a side, and what lies across the quad
+        at = (side + end) % 4
+        inwards = points[layout.flat_corners[quad, (side + far) % 4]] - points[layout.flat_corners[quad, at]]
+        if spiral.border == "left_out":
+            way = LEFT_OUT * inwards
+        else:
+            long = np.linalg.norm(inwards, axis=1, keepdims=True)
+            way = -(0.5 * spiral.width_max + spiral.rim_width) / np.maximum(long, 1e-9) * inwards
+        np.add.at(ways, (quad, at), way)
+    # as far as the quads there say on average
+    touched = ways.any(axis=2)
+    moved, count = np.zeros_like(points), np.zeros((len(points), 1))
+    np.add.at(moved, layout.flat_corners[touched], ways[touched])
+    np.add.at(count, layout.flat_corners[touched], 1.0)
+    return points + moved / np.maximum(count, 1.0)
 
 
 def joints(layout: PatchLayout) -> int:
     """How many joints its panels will have."""
-    return sum(len(edges) for edges in layout.seams)
+    return int(np.count_nonzero(layout.cut))
 
 
 def sheets_needed(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], sheet: SheetParams) -> float:
@@ -85,11 +112,14 @@ def sheets_needed(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], shee
     return len(used) - 1 + min(min(used) / sheet.sheet_width, 1.0)
 
 
-def _by_hulls(shapes: list[np.ndarray], sheet: SheetParams) -> float:
-    """Sheets that shapes are expected to need once they are nested: each bears so much of their convex hulls, the large ones first."""
+def by_hulls(hulls: Sequence[float], sheet: SheetParams) -> float:
+    """Sheets that shapes whose convex hulls have these areas, square metres, are expected to need once they are nested.
+
+    Each bears so much of them, the large ones first.
+    """
     bears = HULLS * (sheet.sheet_width - 2.0 * sheet.margin) * (sheet.sheet_height - 2.0 * sheet.margin)
     used: list[float] = []
-    for area in sorted((hull_area(shape) / bears for shape in shapes), reverse=True):
+    for area in sorted((hull / bears for hull in hulls), reverse=True):
         fullest = max((k for k, one in enumerate(used) if one + area <= 1.0), key=lambda k: used[k], default=None)
         if fullest is None:
             used.append(area)
@@ -111,75 +141,75 @@ def _noted(made: FlatPatches, flat: FlatPatches, params: LayoutParams, before: f
     return made
 
 
-@dataclass(frozen=True, eq=False)
-class _Cut:
-    """Edges of the mesh that are cut together, and what that pays, in joints, as far as it was judged."""
-
-    edges: np.ndarray
-    pays: float = -np.inf
-
-
 class _Cutting:
     """The search for cuts that pay, before anything is nested."""
 
-    def __init__(self, flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress):
-        self.flat, self.params, self.sheet, self.progress = flat, params, sheet, progress
-        found = symmetries(flat.layout.mesh, progress=progress.part(0.0, 0.0)) if params.symmetric else []
+    def __init__(self, flat: FlatPatches, settings: Settings, progress: Progress):
+        self.flat, self.params, self.sheet, self.spiral = flat, settings.layout, settings.sheet, settings.spiral
+        self.progress = progress
+        found = symmetries(flat.layout.mesh, progress=progress.part(0.0, 0.0)) if self.params.symmetric else []
         self.mirrored: list[Symmetry] = keeping(found, flat.layout.cut)
-        self.shapes: dict[bytes, np.ndarray] = {}
-        self.end = time.monotonic() + LONGEST * sheet.nesting_seconds
+        self.known: dict[bytes, list[np.ndarray]] = {}  # the cuts through a patch, by its quads
+        self.hulls: dict[bytes, float] = {}  # square metres, by the quads
+        self.end = time.monotonic() + LONGEST * self.sheet.nesting_seconds
+        self.first = joints(flat.layout)
 
-    def all(self) -> list[tuple[float, FlatPatches]]:
-        """Layouts with more and more cuts, and what each is expected to pay in joints."""
-        flat, found = self.flat, []
-        first, paid, idle = joints(flat.layout), 0.0, 0
-        start = self._needed(flat, flat.layout.cut, 1), self._needed(flat, flat.layout.cut, FINER)
-        known: list[_Cut] = []
-        fresh = list(range(len(flat.layout.patches)))
+    def all(self) -> list[FlatPatches]:
+        """Layouts with more cuts that are expected to pay, the best first."""
+        found: list[tuple[float, FlatPatches]] = []
+        beam, paid, idle = [self.flat], 0.0, 0
+        start = self._by_hulls(self.flat, self.flat.layout.cut)
         for turn in range(MOST):
             tick = partial(self.progress, turn / MOST, "looking where panels could be cut")
-            cuts = [*known[:AGAIN], *(cut for patch in fresh for cut in self._candidates(flat, patch, tick))]
-            judged = []
-            for cut in cuts:
-                tick()
-                if time.monotonic() > self.end:
-                    break
-                judged.append(_Cut(cut.edges, self._pays(flat, cut.edges, start[0], 1, first)))
-            known = sorted(judged, key=lambda cut: -cut.pays)
-            best = self._surest(flat, known[:AGAIN], start[1], first, tick)
-            if best is None or idle == PATIENCE or time.monotonic() > self.end:
+            made = self._beyond(beam, start, tick)
+            found += made
+            beam = [some for _, some in made]
+            most = max((pays for pays, _ in made), default=-np.inf)
+            idle = idle + 1 if most <= paid else 0
+            paid = max(paid, most)
+            if not beam or idle == PATIENCE or time.monotonic() > self.end:
                 break
-            try:
-                after = with_cuts(flat, self._with(flat, best.edges), self.params, self.progress.part(0.0, 0.0))
-            except FlexMapsError:  # a cut and its images may cross
-                known = [cut for cut in known if cut.edges is not best.edges]
-                fresh = []
-                continue
-            before = {quads.tobytes() for quads in flat.layout.patches}
-            fresh = [p for p, quads in enumerate(after.layout.patches) if quads.tobytes() not in before]
-            known = [cut for cut in known if not after.layout.cut[cut.edges].any() and self._inside(after, cut.edges)]
-            idle = idle + 1 if best.pays <= paid else 0
-            flat, paid = after, max(paid, best.pays)
-            found.append((best.pays, flat))
-        return [(pays, some) for pays, some in found if pays > 0.0]
+        packed = [self._packed(self.flat, finer) for finer in FINER]
+        judged = []
+        for pays, some in found:
+            self.progress(1.0, "packing the best layouts")
+            least = np.inf
+            for before, finer in zip(packed, FINER, strict=True):
+                if least > pays:
+                    least = min(least, self._worth(before - self._packed(some, finer), some.layout))
+            judged.append((max(pays, least), some))
+        judged.sort(key=lambda one: -one[0])
+        # layouts of as many joints are mostly the same but for a row of quads
+        best = {joints(some.layout): some for pays, some in reversed(judged) if pays > 0.0}
+        return [some for _, some in judged if best.get(joints(some.layout)) is some]
 
-    def _surest(
-        self, flat: FlatPatches, known: list[_Cut], start: float, first: int, tick: Callable[[], None]
-    ) -> _Cut | None:
-        """The cut that pays most on average of two packings."""
-        found = None
-        for cut in known:
-            if found is not None and cut.pays <= found.pays:
-                break  # the average of what cannot be more
-            tick()
-            pays = 0.5 * (cut.pays + min(cut.pays, self._pays(flat, cut.edges, start, FINER, first)))
-            if found is None or pays > found.pays:
-                found = _Cut(cut.edges, pays)
-        return found
+    def _beyond(
+        self, beam: list[FlatPatches], start: float, tick: Callable[[], None]
+    ) -> list[tuple[float, FlatPatches]]:
+        """The best layouts with one cut more than those of the beam have, and what each is expected to pay in joints."""
+        rated: dict[bytes, tuple[float, FlatPatches, np.ndarray]] = {}
+        for flat in beam:
+            for patch in range(len(flat.layout.patches)):
+                for edges in self._candidates(flat, patch, tick):
+                    if time.monotonic() > self.end:
+                        break
+                    tick()
+                    cut = self._with(flat, edges)
+                    key = np.packbits(cut).tobytes()
+                    if key not in rated:
+                        saved = start - self._by_hulls(flat, cut)
+                        rated[key] = self._worth(saved, PatchLayout(flat.layout.mesh, cut)), flat, cut
+        made = []
+        for pays, flat, cut in sorted(rated.values(), key=lambda one: -one[0]):
+            with suppress(FlexMapsError):  # a cut and its images may cross
+                made.append((pays, with_cuts(flat, cut, self.params, self.progress.part(0.0, 0.0))))
+            if len(made) == BEAM:
+                break
+        return made
 
-    def _inside(self, flat: FlatPatches, edges: np.ndarray) -> bool:
-        """Whether a run lies in one patch still."""
-        return len(np.unique(flat.layout.patch_of[flat.layout.mesh.edge_quads[edges]])) == 1
+    def _worth(self, saved: float, layout: PatchLayout) -> float:
+        """What saving so many sheets by a layout's cuts pays, in joints."""
+        return self.sheet.cut_joints * saved - joints(layout) + self.first
 
     def _with(self, flat: FlatPatches, edges: np.ndarray) -> Bool[np.ndarray, " edges"]:
         """The cuts with a run and its mirror images."""
@@ -188,32 +218,31 @@ class _Cutting:
             cut[image] = True
         return cut
 
-    def _pays(self, flat: FlatPatches, edges: np.ndarray, start: float, finer: int, first: int) -> float:
-        """What all cuts and this one pay, in joints."""
-        cut = self._with(flat, edges)
-        saved = start - self._needed(flat, cut, finer)
-        return self.sheet.cut_joints * saved - joints(PatchLayout(flat.layout.mesh, cut)) + first
+    def _by_hulls(self, flat: FlatPatches, cut: np.ndarray) -> float:
+        """Sheets that the patches between cuts are expected to need; more cuts than the flat patches' own are allowed."""
+        points, areas = None, []
+        for quads in PatchLayout(flat.layout.mesh, cut).patches:
+            key = quads.tobytes()
+            if key not in self.hulls:
+                points = _filled(flat, self.spiral) if points is None else points
+                self.hulls[key] = hull_area(points[flat.layout.flat_corners[quads]].reshape(-1, 2))
+            areas.append(self.hulls[key])
+        return by_hulls(areas, self.sheet)
 
-    def _needed(self, flat: FlatPatches, cut: np.ndarray, finer: int) -> float:
-        """Sheets that the patches between cuts are expected to need; cuts more than the flat patches' own are allowed."""
-        p = self.sheet
-        shapes = [self._shape(flat, quads) for quads in PatchLayout(flat.layout.mesh, cut).patches]
+    def _packed(self, flat: FlatPatches, finer: int) -> float:
+        """Sheets that the quick packing needs."""
+        p, shapes = self.sheet, outlines(flat, self.spiral)
         found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, rotation=p.rotation, cells=finer * CELLS)  # fmt: skip
-        return min(sheets_needed(found, shapes, p), _by_hulls(shapes, p))
+        return sheets_needed(found, shapes, p)
 
-    def _shape(self, flat: FlatPatches, quads: np.ndarray) -> np.ndarray:
-        """The outline of some quads of one patch, as they lie in it."""
-        key = quads.tobytes()
-        if key not in self.shapes:
-            import shapely
+    def _candidates(self, flat: FlatPatches, patch: int, tick: Callable[[], None]) -> list[np.ndarray]:
+        """The edges of straight cuts through a patch into parts of several shares."""
+        key = flat.layout.patches[patch].tobytes()
+        if key not in self.known:
+            self.known[key] = self._straight(flat, patch, tick)
+        return self.known[key]
 
-            whole = shapely.union_all(shapely.polygons(flat.corners[quads]).tolist(), grid_size=1e-7)
-            part = max(getattr(whole, "geoms", [whole]), key=lambda one: one.area)
-            self.shapes[key] = np.asarray(part.exterior.coords)[:-1]
-        return self.shapes[key]
-
-    def _candidates(self, flat: FlatPatches, patch: int, tick: Callable[[], None]) -> list[_Cut]:
-        """Straight cuts through a patch into parts of several shares."""
+    def _straight(self, flat: FlatPatches, patch: int, tick: Callable[[], None]) -> list[np.ndarray]:
         sheet = self.sheet
         quads = flat.layout.patches[patch]
         runs = None
@@ -229,7 +258,7 @@ class _Cutting:
         share = chord_areas(points)[tails[:, None], heads] / whole
         share = np.minimum(share, 1.0 - share)
         cost = np.where(tails[:, None] < heads, runs.cost, np.inf)
-        piece, found = Piece.of(flat, patch), []
+        piece, found = Piece.of(flat, patch), list[np.ndarray]()
         for low, high in pairwise(SHARES):
             some = np.where((share > low) & (share <= high), cost, np.inf)
             kept: list[tuple[int, int]] = []
@@ -243,5 +272,5 @@ class _Cutting:
                 edges = runs.edges(start, end)
                 if allowed(piece, edges, self.params, sheet):
                     kept.append((start, end))
-                    found.append(_Cut(edges))
+                    found.append(edges)
         return found

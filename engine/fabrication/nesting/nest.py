@@ -19,9 +19,10 @@ from .odd import on_remnants
 from .packing import Packing, pack, used_length
 from .process import Strip, python
 from .remnants import read
-from .search import LAST, TURN, Search
+from .search import LAST, Search
+from .strips import TURN
 
-PATIENCE = 4  # orders tried in a row without an improvement before the search ends
+PATIENCE = 4  # orders tried in a row without an improvement before sets are tried for longer
 MANY = 400  # most panels that are searched for; the quick packing fills sheets with so many as well as time allows
 
 
@@ -85,11 +86,16 @@ def _searched(search: Search, rough: Packing) -> Packing:
 
     best, idle = rough, 0
     rng = np.random.default_rng(params.seed)
-    while idle < PATIENCE and len(best.sizes) > search.fewest and search.spent() < 1.0 - LAST:
+    while len(best.sizes) > search.fewest and search.spent() < 1.0 - LAST:
+        search.tell(len(shapes))
         found = search.emptied(search.fill(rng))
         idle += 1
         if worth(found) < worth(best) and _sound(found, shapes, params):
             best, idle = found, 0
+        elif idle == PATIENCE:
+            idle = 0
+            if not search.harder():
+                break
     found = search.shortened(best)
     shorter = _shortest(found, shapes) < _shortest(best, shapes)
     return found if shorter and _sound(found, shapes, params) else best

@@ -1,14 +1,16 @@
-"""The search for full sheets: sets of panels that together are as large as a sheet may bear, each tried by spyrrow.
+"""The search for full sheets: sets of panels that together are as large as a sheet may bear, each tried by spyrrow (see ``strips``).
 
 Sheet after sheet is filled: its first panel is the largest that is left, and of the sets that hold it those are tried first
-that cover most. A set lies on a sheet if spyrrow's strip of it is no longer than the sheet.
+that cover most, as many at once as there are cores.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -16,24 +18,12 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
-from .outlines import HULLS, SPREAD, grown_area, hull_area, simplified
-from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_length
-from .process import Strip, Worker
+from .outlines import HULLS, SPREAD, grown_area, hull_area
+from .packing import Packing, pack, used_length
+from .process import Strip
+from .strips import TURN, Strips
 
-STEP = 5.0  # degrees between the directions in which a panel is tried
-BAY = 0.012  # metres; bays narrower than twice this are closed, and those narrower than half of the narrowest panel
-# metres, of the outlines with which a set is tried again that just does not fit: bays that are closed, and how far they may stray.
-# They make strips 1 to 3 % shorter and take three to eight times as long
-FINE_BAY, FINE_STRAY = 0.006, 4e-4
-ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
-TURN = 1  # seconds for one set of panels
-GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
 LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
-# by how much a strip may be too long for fine outlines to be worth a try, and the time limit over the seconds for it
-NEAR, FINE = 1.03, 12.0
-# a strip that is so much too long after half of its time hardly becomes short enough: of 14 sets of 2 to 6 panels none came down by as
-# much after the first half second
-HOPELESS = 1.12
 DRAWS = 400  # sets that are drawn for a sheet, of which a few are tried; 10 ms
 LOWER, TRIES = 0.985, 8  # how much less the next set covers after one did not fit, and how many sets in a row may not
 # chance of the exchanges that are tried, and how many in a row may not fit; of larger sets one panel comes back, of others two may
@@ -49,32 +39,28 @@ class _Set:
 
 
 class Search:
-    """Shapes made ready for spyrrow, what is known of sets of them, and the time that is left."""
+    """What is known of sets of panels, and the time that is left."""
 
     def __init__(self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress):
         self.shapes, self.params, self.progress = shapes, params, progress
         self.begin = time.monotonic()
-        self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
-        self.separation = params.spacing + ROUNDING
-        bay = min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes))
-        self.simple: dict[int, np.ndarray] = {}
-        self.turns: list[list[float]] = []
-        for i, shape in enumerate(shapes):
-            progress(0.0, "simplifying the panels")
-            self.simple[i] = simplified(shape, max(bay, 0.5 * params.spacing))
-            self.turns.append(self._turns(self.simple[i]))
-        self.fine: dict[int, np.ndarray] = {}
-        self.hull = np.array([hull_area(s) for s in self.simple.values()])
-        self.area = np.array([grown_area(s, 0.5 * params.spacing) for s in self.simple.values()])
-        self.large = [i for i, turns in enumerate(self.turns) if not turns]
-        fit = [i for i in range(len(shapes)) if self.turns[i]]
+        self.strips = Strips(shapes, params, partial(progress, 0.0, "simplifying the panels"), self.tell)
+        self.free = self.strips.free
+        self.hull = np.array([hull_area(s) for s in self.strips.simple.values()])
+        self.area = np.array([grown_area(s, 0.5 * params.spacing) for s in self.strips.simple.values()])
+        self.large = [i for i, turns in enumerate(self.strips.turns) if not turns]
+        fit = [i for i in range(len(shapes)) if i not in self.large]
         self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self._room() - 1e-9))
         self.known: dict[frozenset[int], _Set | None] = {}
-        self.worker = Worker()
+        self.quick = {i: one for one in self._quick(fit) for i in one.places}
 
     def finish(self) -> None:
         """Stop what still runs."""
-        self.worker.stop()
+        self.strips.finish()
+
+    def tell(self, panels: int) -> None:
+        """Say what is going on; raises ``Cancelled`` when the user wants to stop."""
+        self.progress(min(self.spent(), 1.0), f"nesting {panels} panels on a sheet")
 
     def spent(self) -> float:
         """The share of the time limit that has passed."""
@@ -83,19 +69,6 @@ class Search:
     def _room(self) -> float:
         """Square metres of a sheet on which panels and half of the spacing round them may lie."""
         return float((self.free + self.params.spacing).prod())
-
-    def _turns(self, shape: np.ndarray) -> list[float]:
-        """Degrees in which a shape fits on the sheet; none for one that is too large."""
-        base = np.degrees(lying_box(shape, self.params.rotation)[0])
-        step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
-        angles = base + np.arange(0.0, 360.0, step)
-        turn = turn_that_fits(shape, tuple(self.free), 0.0, self.params.rotation)
-        if turn is not None:
-            angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
-        cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
-        wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
-        high = np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
-        return angles[(wide <= self.free[0]) & (high <= self.free[1])].tolist()
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
@@ -112,21 +85,51 @@ class Search:
             rest = [i for i in rest if i not in sets[-1].places]
         return self._packing(sets + self._quick(rest))
 
+    def harder(self) -> bool:
+        """From now on try sets for twice as long, those again that did not fit; whether there are any."""
+        self.strips.seconds *= 2
+        fitting = {members: found for members, found in self.known.items() if found is not None}
+        any_left = len(fitting) < len(self.known)
+        self.known = fitting
+        return any_left
+
     def _fullest(self, rest: list[int], rng: np.random.Generator) -> _Set:
-        """A sheet with the first of some panels and as many others as are found to fit: at least those of the quick packing."""
-        best = next(one for one in self._quick(rest) if rest[0] in one.places)
-        limit, tries = np.inf, 0
+        """A sheet with the first of some panels and as many others as are found to fit: those of the quick packing where none are."""
+        least = float(self.area[[i for i in self.quick[rest[0]].places if i in rest]].sum())
+        tries: list[frozenset[int]] = []
+        limit = np.inf
         for members in self._drawn(rest, rng):
             area = float(self.area[list(members)].sum())
-            if area <= best.area or tries == TRIES or self.spent() >= 1.0 - LAST:
+            if area <= least or len(tries) == TRIES:
                 break
-            if area > limit:
-                continue
-            found = self._together(members)
-            if found is not None:
-                return found
-            limit, tries = LOWER * area, tries + 1
-        return best
+            if area <= limit:
+                tries.append(members)
+                limit = LOWER * area
+        number = self._first(tries)
+        found = None if number is None else self.known[tries[number]]
+        return found or next(one for one in self._quick(rest) if rest[0] in one.places)
+
+    def _first(self, tries: Sequence[frozenset[int]]) -> int | None:
+        """The first of some sets that is found to lie on a sheet, as far as time allows."""
+        for k, members in enumerate(tries):
+            if members not in self.known:
+                if self.spent() >= 1.0 - LAST:
+                    return None
+                self._try([one for one in tries[k:] if one not in self.known])
+            if self.known.get(members) is not None:
+                return k
+        return None
+
+    def _try(self, sets: Sequence[frozenset[int]]) -> None:
+        """Find out of the first of some sets, and of as many after it as there are cores, whether they lie on a sheet."""
+        fresh: list[frozenset[int]] = []
+        for members in sets:
+            if any(found is None and fewer <= members for fewer, found in self.known.items()):
+                self.known[members] = None
+            elif len(fresh) < self.strips.count:
+                fresh.append(members)
+        for members, found in self.strips.on_a_sheet(fresh).items() if fresh else ():
+            self.known[members] = self._set(found)
 
     def _drawn(self, rest: list[int], rng: np.random.Generator) -> list[frozenset[int]]:
         """Sets of the first of some panels and others drawn at random that may well fit; those that cover most come first."""
@@ -158,18 +161,18 @@ class Search:
 
     def _moved(self, sets: list[_Set]) -> list[_Set] | None:
         """The sets with one panel of the first in another one, for which smaller ones may have come back; ``None`` where none was found."""
-        for _, i, k, back in self._exchanges(sets)[:EXCHANGES]:
-            if self.spent() >= 1.0 - LAST:
-                break
-            fuller = self._together((frozenset(sets[k].places) | {i}) - back)
-            if fuller is None:
-                continue
-            others = [*sets[1:k], fuller, *sets[k + 1 :]]
+        left = self._exchanges(sets)[:EXCHANGES]
+        fuller = [(frozenset(sets[k].places) | {i}) - back for _, i, k, back in left]
+        while (number := self._first(fuller)) is not None:
+            (_, i, k, back), more = left[number], self.known[fuller[number]]
+            assert more is not None
+            others = [*sets[1:k], more, *sets[k + 1 :]]
             if len(sets[0].places) == 1 and not back:
                 return others
             emptier = self._together((frozenset(sets[0].places) - {i}) | back)
             if emptier is not None:
                 return [emptier, *others]
+            left, fuller = left[number + 1 :], fuller[number + 1 :]
         return None
 
     def _exchanges(self, sets: list[_Set]) -> list[tuple[float, int, int, frozenset[int]]]:
@@ -198,25 +201,10 @@ class Search:
         return sets
 
     def _together(self, members: frozenset[int]) -> _Set | None:
-        """These panels on one sheet, if that is found in ``TURN`` seconds."""
+        """These panels on one sheet, if that is found."""
         if members not in self.known:
-            hopeless = any(found is None and fewer <= members for fewer, found in self.known.items())
-            self.known[members] = None if hopeless else self._placed(members)
+            self._try([members])
         return self.known[members]
-
-    def _placed(self, members: frozenset[int]) -> _Set | None:
-        """Panels on one sheet, by coarse outlines or, where those just do not fit, by fine ones."""
-        length, seconds = float(self.free[0]), int(self.params.nesting_seconds / FINE)
-        found = self._solve(members, length, TURN, hopeless=HOPELESS * length)
-        if found is not None and length < found.width <= NEAR * length and seconds:
-            found = self._solve(members, length, seconds, self._finer(members))
-        return self._set(found)
-
-    def _finer(self, members: frozenset[int]) -> dict[int, np.ndarray]:
-        """Finer outlines of some panels among those of others."""
-        for i in members - set(self.fine):
-            self.fine[i] = simplified(self.shapes[i], max(FINE_BAY, 0.5 * self.params.spacing), (FINE_STRAY,))
-        return self.fine
 
     def _alone(self, i: int) -> _Set:
         """A panel by itself, turned so that it takes the least of its sheet's width."""
@@ -225,7 +213,7 @@ class Search:
             cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
             return self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])
 
-        best = min(self.turns[i], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
+        best = min(self.strips.turns[i], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
         return _Set({i: (float(np.radians(best)), self.params.margin - at(best).min(axis=0))}, float(self.area[i]))
 
     def _quick(self, rest: list[int]) -> list[_Set]:
@@ -264,7 +252,9 @@ class Search:
         if not members or members & set(self.large):
             return packing
         seconds = max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds))
-        found = self._alone(next(iter(members))) if len(members) == 1 else self._set(self._solve(members, 0.0, seconds))
+        found = (
+            self._alone(next(iter(members))) if len(members) == 1 else self._set(self.strips.shortest(members, seconds))
+        )
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -272,11 +262,9 @@ class Search:
             rotation[i], shift[i] = turn, move
         return Packing(packing.sheet, rotation, shift, packing.sizes)
 
-    # -- one call of spyrrow -------------------------------------------------------------------------------------------
-
     def strip(self, seconds: int) -> Strip | None:
         """All panels on one strip that begins at 0 and is as high as a sheet less its margins, as short as is found."""
-        return None if self.large else self._solve(frozenset(range(len(self.shapes))), 0.0, seconds)
+        return None if self.large else self.strips.shortest(frozenset(range(len(self.shapes))), seconds)
 
     def _set(self, found: Strip | None) -> _Set | None:
         """What lies on a strip, on a sheet; ``None`` where it is longer than one."""
@@ -284,38 +272,3 @@ class Search:
             return None
         places = {i: (turn, shift + self.params.margin) for i, (turn, shift) in found.places.items()}
         return _Set(places, float(self.area[list(places)].sum()))
-
-    def _solve(
-        self,
-        members: frozenset[int],
-        enough: float,
-        seconds: int,
-        shapes: dict[int, np.ndarray] | None = None,
-        hopeless: float = np.inf,
-    ) -> Strip | None:
-        """spyrrow's shortest feasible strip for some panels, which begins at 0; ``None`` without one.
-
-        It ends once a strip is short ``enough``, or longer than ``hopeless`` after half of its time; both in metres.
-        """
-        shapes = shapes or self.simple
-        task = {
-            "items": [(str(i), (shapes[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],
-            "high": float(self.free[1] + 2.0 * self.separation) * 1e3,
-            "seconds": seconds,
-            "separation": self.separation * 1e3,
-            "seed": self.params.seed,
-        }
-        best, begun = None, time.monotonic()
-        for solution in self.worker.solutions(task, seconds + GRACE):
-            best = solution if solution is not None else best
-            # spyrrow keeps the separation from the border of its strip too
-            length = np.inf if best is None else best.width - 2.0 * self.separation
-            late = best is not None and time.monotonic() - begun > 0.5 * seconds
-            if length <= enough or (late and length > hopeless):
-                self.worker.stop()
-                break
-            self.progress(min(self.spent(), 1.0), f"nesting {len(members)} panels on a sheet")
-        if best is None:
-            return None
-        places = {i: (turn, shift - self.separation) for i, (turn, shift) in best.places.items()}
-        return Strip(best.width - 2.0 * self.separation, places)

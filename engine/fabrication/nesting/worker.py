@@ -21,7 +21,7 @@ def main() -> None:
         config = spyrrow.StripPackingConfig(
             total_computation_time=task["seconds"],
             min_items_separation=task["separation"],
-            num_workers=1,
+            num_workers=task["threads"],
             seed=task["seed"],
         )
         queue, done = spyrrow.ProgressQueue(), threading.Event()

@@ -1,0 +1,177 @@
+"""Strips of panels by spyrrow: whether sets of panels lie on a sheet, of which several are tried at once, and the shortest strip of one.
+
+A set lies on a sheet if spyrrow's strip of it is no longer than the sheet.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from threading import Event
+
+import numpy as np
+
+from ...arrays import Float
+from ...params import SheetParams
+from ...workers import WAIT, cores
+from .outlines import simplified
+from .packing import least_box, lying_box, turn_that_fits
+from .process import Strip, Worker
+
+STEP = 5.0  # degrees between the directions in which a panel is tried
+BAY = 0.012  # metres; bays narrower than twice this are closed, and those narrower than half of the narrowest panel
+# metres, of the outlines with which a set is tried again that just does not fit: bays that are closed, and how far they may stray.
+# They make strips 1 to 3 % shorter and take three to eight times as long
+FINE_BAY, FINE_STRAY = 0.006, 4e-4
+ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
+TURN = 1  # seconds for one set of panels at first
+GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
+# by how much a strip may be too long for fine outlines to be worth a try, and the time limit over the seconds for it
+NEAR, FINE = 1.03, 12.0
+# a strip that is so much too long after half of its time hardly becomes short enough: of 14 sets of 2 to 6 panels none came down by as
+# much after the first half second
+HOPELESS = 1.12
+AT_ONCE = 8  # most sets that are tried side by side; it bounds the memory
+
+
+class Strips:
+    """Shapes made ready for spyrrow, and processes that run it.
+
+    tell : called now and then with the number of panels that are being laid; what it raises ends the search
+    seconds : for one set of panels
+    """
+
+    def __init__(
+        self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, tick: Callable[[], None], tell: Callable[[int], None]
+    ):  # fmt: skip
+        self.shapes, self.params, self.tell = shapes, params, tell
+        self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
+        self.separation = params.spacing + ROUNDING
+        bay = min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes))
+        self.simple: dict[int, np.ndarray] = {}
+        self.turns: list[list[float]] = []
+        for i, shape in enumerate(shapes):
+            tick()
+            self.simple[i] = simplified(shape, max(bay, 0.5 * params.spacing))
+            self.turns.append(self._turns(self.simple[i]))
+        self.fine: dict[int, np.ndarray] = {}
+        self.seconds = TURN
+        self.count = min(cores(), AT_ONCE)
+        self._workers = [Worker() for _ in range(self.count)]
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        for worker in self._workers:
+            self._idle.put(worker)
+        self._threads = ThreadPoolExecutor(self.count, "FlexMaps nesting")
+
+    def finish(self) -> None:
+        """End what still runs."""
+        for worker in self._workers:
+            worker.stop()
+        self._threads.shutdown()
+
+    def _turns(self, shape: np.ndarray) -> list[float]:
+        """Degrees in which a shape fits on the sheet; none for one that is too large."""
+        base = np.degrees(lying_box(shape, self.params.rotation)[0])
+        step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
+        angles = base + np.arange(0.0, 360.0, step)
+        turn = turn_that_fits(shape, tuple(self.free), 0.0, self.params.rotation)
+        if turn is not None:
+            angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
+        cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+        wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
+        high = np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
+        return angles[(wide <= self.free[0]) & (high <= self.free[1])].tolist()
+
+    def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], Strip | None]:
+        """A strip no longer than a sheet of each of some sets of panels, None where none was found.
+
+        Once one is found, those after it are given up and are not in the answer.
+        """
+        stops = [Event() for _ in sets]
+        futures = [self._threads.submit(self._placed, members, stop) for members, stop in zip(sets, stops, strict=True)]
+        self._wait(futures, stops, max(map(len, sets)))
+        return {
+            members: future.result()
+            for members, future, stop in zip(sets, futures, stops, strict=True)
+            if not stop.is_set() or future.result() is not None
+        }
+
+    def shortest(self, members: frozenset[int], seconds: int) -> Strip | None:
+        """As short a strip of some panels as is found in some seconds by all cores, which begins at 0."""
+        stop = Event()
+        future = self._threads.submit(
+            self._solve, members, 0.0, seconds, stop, self.simple, np.inf, self.count
+        )  # fmt: skip
+        self._wait([future], [stop], len(members))
+        return future.result()
+
+    def _wait(self, futures: Sequence[Future[Strip | None]], stops: Sequence[Event], panels: int) -> None:
+        """Wait until all are done; when the user wants to stop, end them."""
+        try:
+            while any(not future.done() for future in futures):
+                self.tell(panels)
+                wait(futures, timeout=WAIT)
+                first = next(
+                    (k for k, one in enumerate(futures) if one.done() and one.result() is not None), len(stops)
+                )
+                for stop in stops[first + 1 :]:
+                    stop.set()
+        except BaseException:
+            for stop in stops:
+                stop.set()
+            raise
+
+    def _placed(self, members: frozenset[int], stop: Event) -> Strip | None:
+        """Panels on one sheet, by coarse outlines or, where those just do not fit, by fine ones."""
+        length, seconds = float(self.free[0]), int(self.params.nesting_seconds / FINE)
+        found = self._solve(members, length, self.seconds, stop, self.simple, HOPELESS * length)
+        if found is not None and length < found.width <= NEAR * length and seconds and not stop.is_set():
+            found = self._solve(members, length, max(seconds, self.seconds), stop, self._finer(members))
+        return None if found is None or found.width > length else found
+
+    def _finer(self, members: frozenset[int]) -> dict[int, np.ndarray]:
+        """Finer outlines of some panels among those of others."""
+        for i in members - set(self.fine):
+            self.fine[i] = simplified(self.shapes[i], max(FINE_BAY, 0.5 * self.params.spacing), (FINE_STRAY,))
+        return self.fine
+
+    def _solve(
+        self,
+        members: frozenset[int],
+        enough: float,
+        seconds: int,
+        stop: Event,
+        shapes: dict[int, np.ndarray],
+        hopeless: float = np.inf,
+        threads: int = 1,
+    ) -> Strip | None:
+        """spyrrow's shortest feasible strip for some panels, which begins at 0; ``None`` without one.
+
+        It ends once a strip is short ``enough``, or longer than ``hopeless`` after half of its time; both in metres.
+        """
+        task = {
+            "items": [(str(i), (shapes[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],
+            "high": float(self.free[1] + 2.0 * self.separation) * 1e3,
+            "seconds": seconds,
+            "separation": self.separation * 1e3,
+            "seed": self.params.seed,
+            "threads": threads,
+        }
+        best, begun, worker = None, time.monotonic(), self._idle.get()
+        try:
+            for solution in worker.solutions(task, seconds + GRACE):
+                best = solution if solution is not None else best
+                # spyrrow keeps the separation from the border of its strip too
+                length = np.inf if best is None else best.width - 2.0 * self.separation
+                late = best is not None and time.monotonic() - begun > 0.5 * seconds
+                if length <= enough or (late and length > hopeless) or stop.is_set():
+                    worker.stop()
+                    break
+        finally:
+            self._idle.put(worker)
+        if best is None:
+            return None
+        places = {i: (turn, shift - self.separation) for i, (turn, shift) in best.places.items()}
+        return Strip(best.width - 2.0 * self.separation, places)
