@@ -4,12 +4,12 @@ python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws 
 
 Played measurements: every reading of a kerf comb's gap, of the sag of a strip and of two spirals has an error of 2 % (normal), three
 readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
-Fill: of sheets of 600 x 400 mm, borders without stubs as in the demo, where of the emptiest sheet only the used end counts; where that is so of every sheet, as for somebody
-who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a longer time: no sheets can be filled
-better than the strip, but for what the search did not find. Once with the default settings, once with panels that are cut further where a
-sheet less takes at most --joints joints more. What fills the sheets is counted twice. The outlines of panels leave out the slots that
-are open to their border, and every cut opens more of them: the same surface on fewer sheets may count less. The quads of the panels, as
-they lie flat, are the surface that is made, whatever the cuts.
+Fill: of sheets of 600 x 400 mm, borders without stubs as in the demo, where of the emptiest sheet only the used end counts; where that is
+so of every sheet, as for somebody who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a
+longer time: no sheets can be filled better than the strip, but for what the search did not find. Once with the default settings, once with
+panels that are cut further where a sheet less takes at most --joints joints more. What fills the sheets is counted twice. The outlines of
+panels leave out the slots that are open to their border, and every cut opens more of them: the same surface on fewer sheets may count less.
+The quads of the panels, as they lie flat, are the surface that is made, whatever the cuts.
 """
 
 from __future__ import annotations
