@@ -45,7 +45,7 @@ BEAM = 8  # layouts that are cut on; each is packed the quick way too, which tak
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
 FINER = (1, 2)  # times as many cells: a layout that saves sheets with one raster alone does so by chance
 NESTED = 5  # layouts that are nested in the end, each of which takes as long as nesting does
-LEFT_OUT = 0.5  # of a quad at the border: how much of it has nothing where its outer arm is left out
+LEFT_OUT = 0.2  # of a quad at the border: how much narrower panels are where the outer arms are left out; so over seven surfaces
 
 
 def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SILENT) -> FlatPatches:

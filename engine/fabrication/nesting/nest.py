@@ -23,6 +23,7 @@ from .search import LAST, Search
 from .strips import TURN
 
 PATIENCE = 4  # orders tried in a row without an improvement before sets are tried for longer
+TOPS = 3  # packings whose emptiest sheet is drawn together in the end
 MANY = 400  # most panels that are searched for; the quick packing fills sheets with so many as well as time allows
 
 
@@ -78,27 +79,26 @@ def _both(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
 def _searched(search: Search, rough: Packing) -> Packing:
     """The best packing that the search finds, or the rough one."""
     shapes, params = search.shapes, search.params
-
-    def worth(packing: Packing) -> tuple[int, float]:
-        """What is to be small: the number of sheets, then what lies on the emptiest one."""
-        on = np.bincount(packing.sheet, search.area, len(packing.sizes))
-        return len(on), round(float(on.min()), 9)
-
-    best, idle = rough, 0
+    tops, idle = [(search.needed(rough), rough)], 0
     rng = np.random.default_rng(params.seed)
-    while len(best.sizes) > search.fewest and search.spent() < 1.0 - LAST:
+    while len(tops[0][1].sizes) > search.fewest and search.spent() < 1.0 - LAST:
         search.tell(len(shapes))
-        found = search.emptied(search.fill(rng))
-        idle += 1
-        if worth(found) < worth(best) and _sound(found, shapes, params):
-            best, idle = found, 0
-        elif idle == PATIENCE:
+        found = search.emptied(search.fill(rng, rough))
+        need, idle = search.needed(found), idle + 1
+        new = all(abs(need - known) > 1e-6 for known, _ in tops)
+        if new and (len(tops) < TOPS or need < tops[-1][0]) and _sound(found, shapes, params):
+            idle = 0 if need < tops[0][0] else idle
+            tops = sorted([*tops, (need, found)], key=lambda one: one[0])[:TOPS]
+        if idle == PATIENCE:
             idle = 0
             if not search.harder():
                 break
-    found = search.shortened(best)
-    shorter = _shortest(found, shapes) < _shortest(best, shapes)
-    return found if shorter and _sound(found, shapes, params) else best
+    made = [one for _, one in tops]
+    for number, (_, one) in enumerate(tops):
+        found = search.shortened(one, (1.0 - search.spent()) / (len(tops) - number))
+        if _sound(found, shapes, params):
+            made.append(found)
+    return min(made, key=lambda one: (len(one.sizes), _shortest(one, shapes)))
 
 
 def available() -> bool:

@@ -19,7 +19,7 @@ from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
 from .outlines import HULLS, SPREAD, grown_area, hull_area
-from .packing import Packing, pack, used_length
+from .packing import Packing, pack
 from .process import Strip
 from .strips import TURN, Strips
 
@@ -52,7 +52,8 @@ class Search:
         fit = [i for i in range(len(shapes)) if i not in self.large]
         self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self._room() - 1e-9))
         self.known: dict[frozenset[int], _Set | None] = {}
-        self.quick = {i: one for one in self._quick(fit) for i in one.places}
+        # metres, how long a strip of each panel is at least
+        self.long = np.array([self._length(i, turns) for i, turns in enumerate(self.strips.turns)])
 
     def finish(self) -> None:
         """Stop what still runs."""
@@ -66,22 +67,39 @@ class Search:
         """The share of the time limit that has passed."""
         return (time.monotonic() - self.begin) / max(self.params.nesting_seconds, 1e-9)
 
+    def _length(self, i: int, turns: list[float]) -> float:
+        angles = np.radians(turns)
+        found = np.ptp(self.strips.simple[i] @ np.array([np.cos(angles), -np.sin(angles)]), axis=0)
+        return float(found.min(initial=self.free[0]))
+
+    def needed(self, packing: Packing) -> float:
+        """The sheets of a packing, of which the emptiest counts as far as its panels are expected to need it once they are drawn together."""
+        long = self.hull / (HULLS * self.free[1])
+        least = [
+            max(float(long[packing.sheet == k].sum()), float(self.long[packing.sheet == k].max(initial=0.0)))
+            for k in range(len(packing.sizes))
+        ]
+        return len(least) - 1 + min(min(least) / float(self.free[0]), 1.0)
+
     def _room(self) -> float:
         """Square metres of a sheet on which panels and half of the spacing round them may lie."""
         return float((self.free + self.params.spacing).prod())
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
-    def fill(self, rng: np.random.Generator) -> Packing:
+    def fill(self, rng: np.random.Generator, rough: Packing) -> Packing:
         """All panels on sheets, the large ones first, the order shuffled a little from the second time on.
 
-        What has found no place when time is up is laid on more sheets the quick way.
+        Sets are tried that cover more of a sheet than the rough packing does. What has found no place when time is up is laid on more
+        sheets the quick way.
         """
+        quick = {i: one.places for one in self._sets(rough) for i in one.places}
         order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.known))
         rest = [i for i in np.argsort(-order, kind="stable").tolist() if i not in self.large]
         sets: list[_Set] = []
         while rest and self.spent() < 1.0 - LAST:
-            sets.append(self._fullest(rest, rng))
+            least = float(self.area[[i for i in quick[rest[0]] if i in rest]].sum())
+            sets.append(self._fullest(rest, least, rng))
             rest = [i for i in rest if i not in sets[-1].places]
         return self._packing(sets + self._quick(rest))
 
@@ -93,9 +111,11 @@ class Search:
         self.known = fitting
         return any_left
 
-    def _fullest(self, rest: list[int], rng: np.random.Generator) -> _Set:
-        """A sheet with the first of some panels and as many others as are found to fit: those of the quick packing where none are."""
-        least = float(self.area[[i for i in self.quick[rest[0]].places if i in rest]].sum())
+    def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
+        """A sheet with the first of some panels and others that together cover more than ``least``, as many as are found to fit.
+
+        Where none are found, that of the quick packing.
+        """
         tries: list[frozenset[int]] = []
         limit = np.inf
         for members in self._drawn(rest, rng):
@@ -244,17 +264,19 @@ class Search:
     def _size(self) -> tuple[float, float]:
         return self.params.sheet_width, self.params.sheet_height
 
-    def shortened(self, packing: Packing) -> Packing:
-        """The same with the panels of the emptiest sheet drawn together, so that a larger piece of it is left over."""
-        lengths = [used_length(packing, self.shapes, k) for k in range(len(packing.sizes))]
-        k = int(np.argmin(lengths))
+    def shortened(self, packing: Packing, share: float) -> Packing:
+        """The same with the panels of one sheet drawn together in a share of the time limit, so that a larger piece of it is left over.
+
+        It is the sheet that bears least.
+        """
+        k = int(np.argmin(np.bincount(packing.sheet, self.hull, len(packing.sizes))))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
         if not members or members & set(self.large):
             return packing
-        seconds = max(TURN, int((1.0 - self.spent()) * self.params.nesting_seconds))
-        found = (
-            self._alone(next(iter(members))) if len(members) == 1 else self._set(self.strips.shortest(members, seconds))
-        )
+        if len(members) == 1:
+            found: _Set | None = self._alone(next(iter(members)))
+        else:
+            found = self._set(self.strips.shortest(members, max(TURN, int(share * self.params.nesting_seconds))))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
