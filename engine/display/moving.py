@@ -13,7 +13,7 @@ from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
 from ..spirals.spiral import opposite_sides
 from . import arrange
-from .solids import Found, Solid, arm_edges, light, rim_points
+from .solids import ArmVertices, Solid, arm_edges, light, rim_points
 
 
 class MovingPanels:
@@ -39,23 +39,24 @@ class MovingPanels:
         changed = design.unlike(self.design)
         if not changed.any():
             return
-        found, mesh = self.solid.found, design.flat.layout.mesh
+        where, mesh = self.solid.arms, design.flat.layout.mesh
         # arms blend into those that they are joined with
         touched = changed | changed[opposite_sides(mesh)[0]].any(axis=1)
-        if found is None or touched[[foot.arm // 4 for foot in design.feet]].any():
+        # a foot keeps its place, and its arm may meet it with another number of points
+        if where is None or touched[[foot.arm // 4 for foot in design.feet]].any():
             self._make(design)
             return
         quads = np.flatnonzero(touched)
-        own = design.arms.of(quads)
-        root, absent = hubs(own, design.params.fillet), design.absent[quads]
+        arms = design.arms.of(quads)
+        root, absent = hubs(arms, design.params.fillet), design.absent[quads]
         begin = np.where(absent, stumps(root), ends(design.flat.layout, design.arms, slot_needed(design.params))[quads])
-        points = arm_edges(own, root, begin, found.edges.shape[-1])
+        points = arm_edges(arms, root, begin, where.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]
         vertices, strip = self.solid.vertices.copy(), self.solid.strip
-        _move_caps(vertices, found, 4 * quads[:, None] + np.arange(4), points[..., 0, :], absent)
-        for side in found.edges:
-            where = side[quads]
-            vertices[where[where >= 0], :2] = points[where >= 0]
+        _move_caps(vertices, where, 4 * quads[:, None] + np.arange(4), points[..., 0, :], absent)
+        for side in where.edges:
+            own = side[quads]
+            vertices[own[own >= 0], :2] = points[own >= 0]
         if strip is not None and touched[strip.rim.quad].any():
             strip = strip.necked(design)
             moved = rim_points(strip, design, self.centres, self.solid.flat)
@@ -65,18 +66,22 @@ class MovingPanels:
 
 def _move_caps(
     vertices: Float[np.ndarray, "vertices 3"],
-    found: Found,
+    where: ArmVertices,
     arm: Int[np.ndarray, "some 4"],
-    ends: Float[np.ndarray, "some 4 2 2"],
+    chords: Float[np.ndarray, "some 4 2 2"],
     absent: Bool[np.ndarray, "some 4"],
 ) -> None:
-    """Half circles over the ends of arms (left and right edge, metres) that lie otherwise by now: turned and scaled with their chords."""
-    new = np.full((found.edges[0].size // found.edges[0].shape[-1] // 2, 2), np.nan, dtype=complex)
-    new[arm[absent]] = ends[absent] @ np.array([1.0, 1j])
-    some = ~np.isnan(new[found.arm, 0])
-    for side, points in zip(found.edges, found.ends, strict=True):
-        old = vertices[side[..., 0].reshape(-1, 2)[found.arm[some]], :2] @ np.array([1.0, 1j])
-        to, at = new[found.arm[some]], points[some]
+    """Turn and scale the half circles over the ends of arms, among the vertices, with their chords.
+
+    chords : metres, the left and the right edge where these arms end by now; the vertices still have the former ones
+    """
+    new = np.full((4 * where.edges.shape[1], 2), np.nan, dtype=complex)
+    new[arm[absent]] = chords[absent] @ np.array([1.0, 1j])
+    some = ~np.isnan(new[where.arm, 0])
+    to = new[where.arm[some]]
+    for side, points in zip(where.edges, where.ends, strict=True):
+        old = vertices[side[..., 0].reshape(-1, 2)[where.arm[some]], :2] @ np.array([1.0, 1j])
+        at = points[some]
         share = (vertices[at, :2] @ np.array([1.0, 1j]) - old[:, 0]) / (old[:, 1] - old[:, 0])
         moved = to[:, 0] + share * (to[:, 1] - to[:, 0])
         vertices[at, :2] = np.column_stack([moved.real, moved.imag])

@@ -26,7 +26,7 @@ ROUND = 6  # points on a quarter of a hole, by eye
 class RimMesh:
     """P points of all plates, each above and below, and the triangles between them.
 
-    rim : whose B nodes they belong to; half : metres, half of the width of every neck
+    rim : whose B nodes they belong to; necks : metres, half of the width of each, which is never 0
     node : of every point; plane : s and y of every point, metres
     arm : 4 body + arm of the bent piece's nodes; t : as of a section; line, side : metres, flat, from the node's centre to the arm's
         middle line and from there to the point; centre : metres, of the node, flat
@@ -34,7 +34,7 @@ class RimMesh:
     """
 
     rim: Rim
-    half: Float[np.ndarray, " nodes"]
+    necks: Float[np.ndarray, " nodes"]
     node: Int[np.ndarray, " points"]
     plane: Float[np.ndarray, "points 2"]
     arm: Int[np.ndarray, " points"]
@@ -52,34 +52,33 @@ class RimMesh:
         rim = design.rim
         if rim is None:
             return None
-        half = _necks(design, rim)
+        necks = _necks(design, rim)
         parts, first = [], 0
         for node in range(len(rim.quad)):
-            points, triangles, walls = _plate(rim, node, float(half[node]))
+            points, triangles, walls = _plate(rim, node, float(necks[node]))
             parts.append((np.full(len(points), node), points, first + triangles, first + walls))
             first += len(points)
         of, plane, triangles, walls = (np.concatenate(column) for column in zip(*parts, strict=True))
         arm, t, line, side = _followed(rim, of, plane)
         arm += 4 * (len(design.width) + of)
-        return cls(
-            rim, half, of, plane, arm, t, line, side, _flat(rim.centre)[of], rim.quad[of], triangles, walls
-        )  # fmt: skip
+        centre, quad = _flat(rim.centre)[of], rim.quad[of]
+        return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
     def necked(self, design: SpiralDesign) -> RimMesh:
         """The same faces with the necks of another design on the same rim: as wide as its arms are.
 
         Beside a neck the points of the strip's inner edge make room for it in proportion.
         """
-        half = _necks(design, self.rim)
+        necks = _necks(design, self.rim)
         s, y = self.plane.T
-        old, new, reach = self.half[self.node], half[self.node], self.rim.reach[self.node, (s < 0.0).astype(int)]
+        old, new, reach = self.necks[self.node], necks[self.node], self.rim.reach[self.node, (s < 0.0).astype(int)]
         way = np.abs(s)
         beyond = new + (way - old) * (reach - new) / np.maximum(reach - old, 1e-12)
         moved = np.where(way <= old, way * new / old, np.where(way < reach, beyond, way))
         inner = y < -0.5 * self.rim.width + 1e-9
         plane = np.column_stack([np.where(inner, np.sign(s) * moved, s), y])
         _, t, line, side = _followed(self.rim, self.node, plane)
-        return replace(self, half=half, plane=plane, t=t, line=line, side=side)
+        return replace(self, necks=necks, plane=plane, t=t, line=line, side=side)
 
     def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Middle points and upward normals in space."""

@@ -26,8 +26,8 @@ DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model 
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """The vertices of the arms' points, of the lower side and of the upper one, or of the upper alone.
+class ArmVertices:
+    """Which vertices are the arms' points, of the lower side and of the upper one, or of the upper alone.
 
     edges : as ``_edges`` has them; -1 for those that are none
     ends : of the points of caps and connectors that no edge has; arm : of each of those, 4 quad + side
@@ -47,7 +47,7 @@ class Solid:
     quad_of : the quad that every face belongs to
     seam_of : the seam whose connector it is a part of, -1 for none
     flat : whether it is only the upper side
-    found : where the points of the arms are among the vertices
+    arms : which vertices are the arms' points; None for other bodies
     strip : the rim, whose points come last
     """
 
@@ -57,7 +57,7 @@ class Solid:
     quad_of: Int[np.ndarray, " faces"]
     seam_of: Int[np.ndarray, " faces"]
     flat: bool = False
-    found: Found | None = None
+    arms: ArmVertices | None = None
     strip: RimMesh | None = None
 
 
@@ -88,8 +88,8 @@ def light(
     corners = np.concatenate([loops.ravel(), plates.ravel(), heads.triangles.ravel()])
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
-    found = Found(index[None], index.size + np.arange(len(heads.points))[None], heads.point_arm)
-    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, found=found)
+    where = ArmVertices(index[None], index.size + np.arange(len(heads.points))[None], heads.point_arm)
+    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, arms=where)
     return _with_rim(made, design, centres)
 
 
@@ -131,10 +131,9 @@ def solid(
     used[corners] = True
     number = np.cumsum(used) - 1
     points = np.concatenate([bottom, top])[used]
-    where = np.stack([same[index], same[index] + up])
-    own = np.arange(index.size, up)
-    found = Found(np.where(used[where], number[where], -1), number[np.stack([own, own + up])], heads.point_arm)
-    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), found=found)
+    edges, own = np.stack([same[index], same[index] + up]), np.arange(index.size, up)
+    where = ArmVertices(np.where(used[edges], number[edges], -1), number[np.stack([own, own + up])], heads.point_arm)
+    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), arms=where)
     return _with_rim(made, design, centres)
 
 

@@ -74,7 +74,7 @@ class Rim:
         following, seams = _walked(flat, quad, side)
         before = np.full(len(quad), -1)
         before[following[following >= 0]] = np.flatnonzero(following >= 0)
-        depth = 0.5 * params.width_max + slot_needed(params)
+        depth = rim_depth(params)
         none = np.zeros(len(quad))
         rim = cls(
             quad, side, flat.layout.patch_of[quad], following, before, 0.5 * (start + end), (end - start) / length,
@@ -323,6 +323,11 @@ class Rim:
             ends_of = np.array([[place.real - 0.5 * self.hole, place.imag], [place.real + 0.5 * self.hole, place.imag]])
             found.append((int(patch), Curve(ends_of, np.array([-1.0, -1.0]))))
         return found
+
+
+def rim_depth(params: SpiralParams) -> float:
+    """Metres from the border to the strip: a slot beside the widest arm has room there."""
+    return 0.5 * params.width_max + slot_needed(params)
 
 
 def _clear(params: SpiralParams) -> float:

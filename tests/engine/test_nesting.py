@@ -1,5 +1,6 @@
 """Nesting: exact distances by shapely, never more sheets than the quick packing, ESC, rotation limits, large panels."""
 
+import threading
 import time
 
 import numpy as np
@@ -122,20 +123,83 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
 def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
     shapes = [_wedge(0.38, 0.17, 0.02)] * 12
     monkeypatch.setattr(strips, "TURN", 60)  # one call of spyrrow that would go on for a minute
-    asked = []
+    workers, asked = [], []
+
+    def start(self, original=nest_process.Worker._start):
+        original(self)
+        workers.append(self.process)
+
+    def told(_, text):
+        if workers and not asked:
+            asked.append(time.monotonic() + 1.0)
 
     def stopped():
         return bool(asked) and time.monotonic() > asked[0]
 
-    def told(_, text):
-        if "on a sheet" in text and not asked:
-            asked.append(time.monotonic() + 1.0)
-
-    workers = []
-    monkeypatch.setattr(nest_process.Worker, "_start", lambda self, start=nest_process.Worker._start: (start(self), workers.append(self.process)))  # fmt: skip
+    monkeypatch.setattr(nest_process.Worker, "_start", start)
     with pytest.raises(Cancelled):
         nesting.nest(shapes, SheetParams(nesting_seconds=1e4), Progress(told, stopped=stopped))
     assert workers and all(w is None or w.poll() is not None for w in workers)  # nothing is left running
+
+
+def test_without_any_answer_it_ends_with_the_quick_packing(monkeypatch):
+    """As where spyrrow's process dies of too little memory, or none may be started."""
+    shapes, tasks = [_wedge(0.38, 0.17, 0.02)] * 12, []
+    rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
+    monkeypatch.setattr(nest_process.Worker, "solutions", lambda self, task, seconds: tasks.append(task) or iter(()))
+    packing = nesting.nest(shapes, SheetParams(nesting_seconds=1e4))
+    np.testing.assert_array_equal(packing.shift, rough.shift)
+    assert tasks
+
+
+def test_of_sets_tried_at_once_those_after_the_first_that_fits_are_given_up(monkeypatch):
+    """With answers by hand: of three pairs the first is too long at once, the second fits after a while, the third would take for ever."""
+    square = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    begun = threading.Event()
+
+    def solutions(self, task, seconds):
+        pair = [int(name) for name, *_ in task["items"]]
+        if pair == [0, 1]:
+            yield nest_process.Strip(0.9, {})
+            return
+        if pair == [2, 3]:
+            begun.wait(30)
+            yield nest_process.Strip(0.5, {})
+            return
+        begun.set()
+        while True:
+            yield None
+
+    monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips, "AT_ONCE", 3)
+    monkeypatch.setattr(strips, "cores", lambda: 3)
+    one = strips.Strips([square] * 6, SheetParams(), 1e9, lambda: None, lambda panels: None)
+    try:
+        sets = [frozenset(pair) for pair in ((0, 1), (2, 3), (4, 5))]
+        found = one.on_a_sheet(sets)
+    finally:
+        one.finish()
+    assert list(found) == sets[:2] and found[sets[0]] is None and found[sets[1]].width < 0.5
+
+
+def test_no_set_is_tried_for_longer_than_there_is_time(monkeypatch):
+    square, told = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), []
+
+    def solutions(self, task, seconds):
+        told.append(task["seconds"])
+        yield nest_process.Strip(0.6, {})  # 590 mm are free: near enough for finer outlines
+
+    monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips.time, "monotonic", lambda: 100.0)
+    one = strips.Strips([square] * 2, SheetParams(nesting_seconds=60.0), 103.5, lambda: None, lambda panels: None)
+    try:
+        one.on_a_sheet([frozenset((0, 1))])
+        for _ in range(4):
+            one.harder()
+        one.on_a_sheet([frozenset((0, 1))])
+    finally:
+        one.finish()
+    assert told == [1, 3, 3, 3]  # of 1 and 5, then of 16 and 16
 
 
 def test_what_has_no_place_when_time_is_up_is_laid_the_quick_way():
@@ -156,11 +220,12 @@ def test_fill_counts_the_last_sheet_as_far_as_it_is_used():
     assert fill_but_offcuts(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
 
 
-def test_a_sheet_is_emptied_where_the_others_have_room():
+def test_a_sheet_is_emptied_where_the_others_have_room(monkeypatch):
     """Triangles beside wedges: each has room in the slanted gap that no quarter turn fits."""
     params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
+    monkeypatch.setattr(strips, "TURN", 5)  # the machine may be busy
     one = Search(shapes, params, Progress())
     try:
         packing = one.emptied(rough)

@@ -9,7 +9,7 @@ later and cover about as much of a sheet.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from itertools import pairwise
@@ -26,26 +26,27 @@ from ...patches.layout import PatchLayout
 from ...patches.splitting.runs import chord_areas, straight_runs
 from ...patches.splitting.split import Piece, allowed
 from ...progress import SILENT, Progress
+from ...spirals.rim import rim_depth
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from .nest import nest
 from .outlines import HULLS, hull_area
 from .packing import Packing, pack, used_length
 
-CELLS = (
-    256  # of the raster along a sheet on which layouts are judged: half as many as for panels, a quarter of the time
-)
+# cells of the rasters along a sheet on which layouts are packed: half as many as for panels, a quarter of the time, and as many,
+# for a layout that saves sheets with one raster alone does so by chance
+RASTERS = (256, 512)
 # of a patch's area: of the parts between two of these the straightest cuts are tried; not measured
 SHARES = (0.08, 0.2, 0.35, 0.5)
 EACH = 2  # cuts of each such share that are tried for a patch; not measured, it bounds the time
 # times the seconds for nesting that may be spent on looking for cuts
 LONGEST = 10.0
 LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the cuts that paid went through larger ones
-MOST = 12  # cuts that are made one after the other: on four surfaces at most five paid, before two in a row did not
+MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-FINER = (1, 2)  # times as many cells: a layout that saves sheets with one raster alone does so by chance
 NESTED = 5  # layouts that are nested in the end, each of which takes as long as nesting does
-LEFT_OUT = 0.2  # of a quad at the border: how much narrower panels are where the outer arms are left out; so over seven surfaces
+# of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
+LEFT_OUT = 0.2
 
 
 def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SILENT) -> FlatPatches:
@@ -65,7 +66,7 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
         pieces = outlines(some, settings.spiral)
         part = progress.part(0.6 + 0.4 * number / NESTED, 0.6 + 0.4 * (number + 1) / NESTED)
         need = sheets_needed(nest(pieces, sheet, part), pieces, sheet)
-        pays = sheet.cut_joints * (before - need) - joints(some.layout) + joints(flat.layout)
+        pays = _worth(before - need, joints(some.layout) - joints(flat.layout), sheet)
         if pays > worth:
             best, least, worth = some, need, pays
     return flat if best is flat else _noted(best, flat, settings.layout, before, least)
@@ -91,7 +92,7 @@ def _filled(flat: FlatPatches, spiral: SpiralParams) -> Float[np.ndarray, "verti
             way = LEFT_OUT * inwards
         else:
             long = np.linalg.norm(inwards, axis=1, keepdims=True)
-            way = -(0.5 * spiral.width_max + spiral.rim_width) / np.maximum(long, 1e-9) * inwards
+            way = -(rim_depth(spiral) + spiral.rim_width) / np.maximum(long, 1e-9) * inwards
         np.add.at(ways, (quad, at), way)
     # as far as the quads there say on average
     touched = ways.any(axis=2)
@@ -112,6 +113,11 @@ def sheets_needed(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], shee
     return len(used) - 1 + min(min(used) / sheet.sheet_width, 1.0)
 
 
+def _worth(saved: float, more: int, sheet: SheetParams) -> float:
+    """What saving so many sheets with so many joints more pays, in joints."""
+    return sheet.cut_joints * saved - more
+
+
 def by_hulls(hulls: Sequence[float], sheet: SheetParams) -> float:
     """Sheets that shapes whose convex hulls have these areas, square metres, are expected to need once they are nested.
 
@@ -125,7 +131,7 @@ def by_hulls(hulls: Sequence[float], sheet: SheetParams) -> float:
             used.append(area)
         else:
             used[fullest] += area
-    return len(used) - 1 + min(*used, 1.0)
+    return len(used) - 1 + min(*used, 1.0) if used else 0.0
 
 
 def _noted(made: FlatPatches, flat: FlatPatches, params: LayoutParams, before: float, after: float) -> FlatPatches:
@@ -147,7 +153,7 @@ class _Cutting:
     def __init__(self, flat: FlatPatches, settings: Settings, progress: Progress):
         self.flat, self.params, self.sheet, self.spiral = flat, settings.layout, settings.sheet, settings.spiral
         self.progress = progress
-        found = symmetries(flat.layout.mesh, progress=progress.part(0.0, 0.0)) if self.params.symmetric else []
+        found = symmetries(flat.layout.mesh, progress=progress.quiet()) if self.params.symmetric else []
         self.mirrored: list[Symmetry] = keeping(found, flat.layout.cut)
         self.known: dict[bytes, list[np.ndarray]] = {}  # the cuts through a patch, by its quads
         self.hulls: dict[bytes, float] = {}  # square metres, by the quads
@@ -158,7 +164,7 @@ class _Cutting:
         """Layouts with more cuts that are expected to pay, the best first."""
         found: list[tuple[float, FlatPatches]] = []
         beam, paid, idle = [self.flat], 0.0, 0
-        start = self._by_hulls(self.flat, self.flat.layout.cut)
+        start = self._by_hulls(self.flat, _filled(self.flat, self.spiral), self.flat.layout.cut)
         for turn in range(MOST):
             tick = partial(self.progress, turn / MOST, "looking where panels could be cut")
             made = self._beyond(beam, start, tick)
@@ -169,19 +175,26 @@ class _Cutting:
             paid = max(paid, most)
             if not beam or idle == PATIENCE or time.monotonic() > self.end:
                 break
-        packed = [self._packed(self.flat, finer) for finer in FINER]
+        judged = self._packed_too(found) if found else []
+        kept: dict[
+            int, FlatPatches
+        ] = {}  # by their joints: layouts of as many are mostly the same but for a row of quads
+        for pays, some in sorted(judged, key=lambda one: -one[0]):
+            if pays > 0.0:
+                kept.setdefault(joints(some.layout), some)
+        return list(kept.values())
+
+    def _packed_too(self, found: list[tuple[float, FlatPatches]]) -> list[tuple[float, FlatPatches]]:
+        """The layouts with what they pay by the quick packing where that is more, as far as time allows; those of few cuts come first."""
+        before = [self._packed(self.flat, cells) for cells in RASTERS]
         judged = []
         for pays, some in found:
-            self.progress(1.0, "packing the best layouts")
             least = np.inf
-            for before, finer in zip(packed, FINER, strict=True):
-                if least > pays:
-                    least = min(least, self._worth(before - self._packed(some, finer), some.layout))
-            judged.append((max(pays, least), some))
-        judged.sort(key=lambda one: -one[0])
-        # layouts of as many joints are mostly the same but for a row of quads
-        best = {joints(some.layout): some for pays, some in reversed(judged) if pays > 0.0}
-        return [some for _, some in judged if best.get(joints(some.layout)) is some]
+            for need, cells in zip(before, RASTERS, strict=True):
+                if least > pays and time.monotonic() < self.end:
+                    least = min(least, self._pays(need - self._packed(some, cells), some.layout.cut))
+            judged.append((max(pays, least) if np.isfinite(least) else pays, some))
+        return judged
 
     def _beyond(
         self, beam: list[FlatPatches], start: float, tick: Callable[[], None]
@@ -189,27 +202,23 @@ class _Cutting:
         """The best layouts with one cut more than those of the beam have, and what each is expected to pay in joints."""
         rated: dict[bytes, tuple[float, FlatPatches, np.ndarray]] = {}
         for flat in beam:
-            for patch in range(len(flat.layout.patches)):
-                for edges in self._candidates(flat, patch, tick):
-                    if time.monotonic() > self.end:
-                        break
-                    tick()
-                    cut = self._with(flat, edges)
-                    key = np.packbits(cut).tobytes()
-                    if key not in rated:
-                        saved = start - self._by_hulls(flat, cut)
-                        rated[key] = self._worth(saved, PatchLayout(flat.layout.mesh, cut)), flat, cut
-        made = []
+            points = _filled(flat, self.spiral)
+            for edges in self._candidates(flat, tick):
+                cut = self._with(flat, edges)
+                key = np.packbits(cut).tobytes()
+                if key not in rated:
+                    rated[key] = self._pays(start - self._by_hulls(flat, points, cut), cut), flat, cut
+        made: list[tuple[float, FlatPatches]] = []
         for pays, flat, cut in sorted(rated.values(), key=lambda one: -one[0]):
-            with suppress(FlexMapsError):  # a cut and its images may cross
-                made.append((pays, with_cuts(flat, cut, self.params, self.progress.part(0.0, 0.0))))
-            if len(made) == BEAM:
+            if len(made) == BEAM or (made and time.monotonic() > self.end):
                 break
+            with suppress(FlexMapsError):  # a cut and its images may cross
+                made.append((pays, with_cuts(flat, cut, self.params, self.progress.quiet())))
         return made
 
-    def _worth(self, saved: float, layout: PatchLayout) -> float:
-        """What saving so many sheets by a layout's cuts pays, in joints."""
-        return self.sheet.cut_joints * saved - joints(layout) + self.first
+    def _pays(self, saved: float, cut: Bool[np.ndarray, " edges"]) -> float:
+        """What saving so many sheets by these cuts pays, in joints."""
+        return _worth(saved, int(np.count_nonzero(cut)) - self.first, self.sheet)
 
     def _with(self, flat: FlatPatches, edges: np.ndarray) -> Bool[np.ndarray, " edges"]:
         """The cuts with a run and its mirror images."""
@@ -218,29 +227,39 @@ class _Cutting:
             cut[image] = True
         return cut
 
-    def _by_hulls(self, flat: FlatPatches, cut: np.ndarray) -> float:
-        """Sheets that the patches between cuts are expected to need; more cuts than the flat patches' own are allowed."""
-        points, areas = None, []
+    def _by_hulls(
+        self, flat: FlatPatches, points: Float[np.ndarray, "vertices 2"], cut: Bool[np.ndarray, " edges"]
+    ) -> float:
+        """Sheets that the patches between cuts are expected to need; more cuts than the flat patches' own are allowed.
+
+        A hull is kept from the first layout that has these quads in one piece: in another they lie nearly alike.
+        """
+        areas = []
         for quads in PatchLayout(flat.layout.mesh, cut).patches:
             key = quads.tobytes()
             if key not in self.hulls:
-                points = _filled(flat, self.spiral) if points is None else points
                 self.hulls[key] = hull_area(points[flat.layout.flat_corners[quads]].reshape(-1, 2))
             areas.append(self.hulls[key])
         return by_hulls(areas, self.sheet)
 
-    def _packed(self, flat: FlatPatches, finer: int) -> float:
+    def _packed(self, flat: FlatPatches, cells: int) -> float:
         """Sheets that the quick packing needs."""
         p, shapes = self.sheet, outlines(flat, self.spiral)
-        found = pack(shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, rotation=p.rotation, cells=finer * CELLS)  # fmt: skip
+        found = pack(
+            shapes, (p.sheet_width, p.sheet_height), p.margin, p.spacing, self.progress.quiet(), p.rotation, cells
+        )
         return sheets_needed(found, shapes, p)
 
-    def _candidates(self, flat: FlatPatches, patch: int, tick: Callable[[], None]) -> list[np.ndarray]:
-        """The edges of straight cuts through a patch into parts of several shares."""
-        key = flat.layout.patches[patch].tobytes()
-        if key not in self.known:
-            self.known[key] = self._straight(flat, patch, tick)
-        return self.known[key]
+    def _candidates(self, flat: FlatPatches, tick: Callable[[], None]) -> Iterator[np.ndarray]:
+        """The edges of straight cuts through patches into parts of several shares, as far as time allows."""
+        for patch, quads in enumerate(flat.layout.patches):
+            tick()
+            if time.monotonic() > self.end:
+                return
+            key = quads.tobytes()
+            if key not in self.known:
+                self.known[key] = self._straight(flat, patch, tick)
+            yield from self.known[key]
 
     def _straight(self, flat: FlatPatches, patch: int, tick: Callable[[], None]) -> list[np.ndarray]:
         sheet = self.sheet

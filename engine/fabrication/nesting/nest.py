@@ -91,12 +91,14 @@ def _searched(search: Search, rough: Packing) -> Packing:
             tops = sorted([*tops, (need, found)], key=lambda one: one[0])[:TOPS]
         if idle == PATIENCE:
             idle = 0
-            if not search.harder():
+            if not (search.strips.answered and search.harder()):
                 break
-    made = [one for _, one in tops]
+    made = [rough, *(one for _, one in tops)]
     for number, (_, one) in enumerate(tops):
+        if number and search.spent() >= 1.0:
+            break
         found = search.shortened(one, (1.0 - search.spent()) / (len(tops) - number))
-        if _sound(found, shapes, params):
+        if found is not one and _sound(found, shapes, params):
             made.append(found)
     return min(made, key=lambda one: (len(one.sizes), _shortest(one, shapes)))
 

@@ -39,10 +39,11 @@ class Worker:
         begin = time.monotonic()
         try:
             self._start()
-            assert self.process is not None and self.process.stdin is not None
-            self.process.stdin.write(json.dumps(task) + "\n")
-            self.process.stdin.flush()
-        except OSError:  # no process may be started here, or it has gone
+            process = self.process
+            assert process is not None and process.stdin is not None
+            process.stdin.write(json.dumps(task) + "\n")
+            process.stdin.flush()
+        except (OSError, ValueError):  # no process may be started here, or it has gone
             self.stop()
             return
         while time.monotonic() - begin < seconds:
@@ -51,9 +52,10 @@ class Worker:
             except queue.Empty:
                 yield None
                 continue
+            if not line.endswith("\n"):  # it has ended by itself, perhaps within a line
+                self.stop()
+                return
             if not line.strip():
-                if not line:
-                    self.stop()  # it has ended by itself
                 return
             width, places = json.loads(line)
             yield Strip(

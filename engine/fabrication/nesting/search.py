@@ -23,7 +23,7 @@ from .packing import Packing, pack
 from .process import Strip
 from .strips import TURN, Strips
 
-LAST = 0.25  # least share of the time limit for drawing the panels of the last sheet together
+LAST = 0.25  # least share of the time limit for drawing the panels of the emptiest sheets together
 DRAWS = 400  # sets that are drawn for a sheet, of which a few are tried; 10 ms
 LOWER, TRIES = 0.985, 8  # how much less the next set covers after one did not fit, and how many sets in a row may not
 # chance of the exchanges that are tried, and how many in a row may not fit; of larger sets one panel comes back, of others two may
@@ -44,7 +44,8 @@ class Search:
     def __init__(self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress):
         self.shapes, self.params, self.progress = shapes, params, progress
         self.begin = time.monotonic()
-        self.strips = Strips(shapes, params, partial(progress, 0.0, "simplifying the panels"), self.tell)
+        end = self.begin + params.nesting_seconds
+        self.strips = Strips(shapes, params, end, partial(progress, 0.0, "simplifying the panels"), self.tell)
         self.free = self.strips.free
         self.hull = np.array([hull_area(s) for s in self.strips.simple.values()])
         self.area = np.array([grown_area(s, 0.5 * params.spacing) for s in self.strips.simple.values()])
@@ -61,7 +62,7 @@ class Search:
 
     def tell(self, panels: int) -> None:
         """Say what is going on; raises ``Cancelled`` when the user wants to stop."""
-        self.progress(min(self.spent(), 1.0), f"nesting {panels} panels on a sheet")
+        self.progress(min(self.spent(), 1.0), f"nesting {panels} panels")
 
     def spent(self) -> float:
         """The share of the time limit that has passed."""
@@ -88,7 +89,7 @@ class Search:
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
     def fill(self, rng: np.random.Generator, rough: Packing) -> Packing:
-        """All panels on sheets, the large ones first, the order shuffled a little from the second time on.
+        """All panels on sheets, the large ones first, the order shuffled a little once sets were tried.
 
         Sets are tried that cover more of a sheet than the rough packing does. What has found no place when time is up is laid on more
         sheets the quick way.
@@ -105,8 +106,8 @@ class Search:
 
     def harder(self) -> bool:
         """From now on try sets for twice as long, those again that did not fit; whether there are any."""
-        self.strips.seconds *= 2
-        fitting = {members: found for members, found in self.known.items() if found is not None}
+        self.strips.harder()
+        fitting: dict[frozenset[int], _Set | None] = {one: found for one, found in self.known.items() if found}
         any_left = len(fitting) < len(self.known)
         self.known = fitting
         return any_left
@@ -146,9 +147,9 @@ class Search:
         for members in sets:
             if any(found is None and fewer <= members for fewer, found in self.known.items()):
                 self.known[members] = None
-            elif len(fresh) < self.strips.count:
+            elif len(fresh) < self.strips.count and members not in fresh:
                 fresh.append(members)
-        for members, found in self.strips.on_a_sheet(fresh).items() if fresh else ():
+        for members, found in self.strips.on_a_sheet(fresh).items():
             self.known[members] = self._set(found)
 
     def _drawn(self, rest: list[int], rng: np.random.Generator) -> list[frozenset[int]]:

@@ -9,7 +9,7 @@ import queue
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from threading import Event
+from threading import Event, Lock
 
 import numpy as np
 
@@ -39,13 +39,23 @@ AT_ONCE = 8  # most sets that are tried side by side; it bounds the memory
 class Strips:
     """Shapes made ready for spyrrow, and processes that run it.
 
-    tell : called now and then with the number of panels that are being laid; what it raises ends the search
-    seconds : for one set of panels
+    shapes : closed outlines (M, 2), metres; end : of ``time.monotonic``, when the search is over
+    tick : called for every shape while they are made ready; tell : called now and then with the number of panels that are being laid;
+        what either raises ends the search
+    simple : the shapes as spyrrow gets them; turns : of each the degrees in which it fits on a sheet, none for one that is too large
+    free : (2,) metres of a sheet within its margins; count : how many sets are tried at once; seconds : for each
+    answered : whether spyrrow has told of any strip, which it does not where it cannot run
     """
 
     def __init__(
-        self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, tick: Callable[[], None], tell: Callable[[int], None]
-    ):  # fmt: skip
+        self,
+        shapes: list[Float[np.ndarray, "_ 2"]],
+        params: SheetParams,
+        end: float,
+        tick: Callable[[], None],
+        tell: Callable[[int], None],
+    ):
+        self.end, self.answered = end, False
         self.shapes, self.params, self.tell = shapes, params, tell
         self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
         self.separation = params.spacing + ROUNDING
@@ -64,15 +74,20 @@ class Strips:
         for worker in self._workers:
             self._idle.put(worker)
         self._threads = ThreadPoolExecutor(self.count, "FlexMaps nesting")
+        self._over, self._lock = Event(), Lock()
+
+    def harder(self) -> None:
+        """From now on try sets for twice as long."""
+        self.seconds *= 2
 
     def finish(self) -> None:
         """End what still runs."""
+        self._over.set()
         for worker in self._workers:
             worker.stop()
         self._threads.shutdown()
 
     def _turns(self, shape: np.ndarray) -> list[float]:
-        """Degrees in which a shape fits on the sheet; none for one that is too large."""
         base = np.degrees(lying_box(shape, self.params.rotation)[0])
         step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
         angles = base + np.arange(0.0, 360.0, step)
@@ -91,7 +106,7 @@ class Strips:
         """
         stops = [Event() for _ in sets]
         futures = [self._threads.submit(self._placed, members, stop) for members, stop in zip(sets, stops, strict=True)]
-        self._wait(futures, stops, max(map(len, sets)))
+        self._wait(futures, stops, max(map(len, sets), default=0))
         return {
             members: future.result()
             for members, future, stop in zip(sets, futures, stops, strict=True)
@@ -101,9 +116,7 @@ class Strips:
     def shortest(self, members: frozenset[int], seconds: int) -> Strip | None:
         """As short a strip of some panels as is found in some seconds by all cores, which begins at 0."""
         stop = Event()
-        future = self._threads.submit(
-            self._solve, members, 0.0, seconds, stop, self.simple, np.inf, self.count
-        )  # fmt: skip
+        future = self._threads.submit(self._solve, members, 0.0, seconds, stop, self.simple, np.inf, self.count)
         self._wait([future], [stop], len(members))
         return future.result()
 
@@ -116,8 +129,9 @@ class Strips:
                 first = next(
                     (k for k, one in enumerate(futures) if one.done() and one.result() is not None), len(stops)
                 )
-                for stop in stops[first + 1 :]:
-                    stop.set()
+                for one, stop in zip(futures[first + 1 :], stops[first + 1 :], strict=True):
+                    if not one.done():
+                        stop.set()
         except BaseException:
             for stop in stops:
                 stop.set()
@@ -125,17 +139,25 @@ class Strips:
 
     def _placed(self, members: frozenset[int], stop: Event) -> Strip | None:
         """Panels on one sheet, by coarse outlines or, where those just do not fit, by fine ones."""
-        length, seconds = float(self.free[0]), int(self.params.nesting_seconds / FINE)
-        found = self._solve(members, length, self.seconds, stop, self.simple, HOPELESS * length)
+        length, fine = float(self.free[0]), int(self.params.nesting_seconds / FINE)
+        found = self._solve(
+            members, length, max(self._within(self.seconds), TURN), stop, self.simple, HOPELESS * length
+        )
+        seconds = self._within(max(fine, self.seconds)) if fine else 0
         if found is not None and length < found.width <= NEAR * length and seconds and not stop.is_set():
-            found = self._solve(members, length, max(seconds, self.seconds), stop, self._finer(members))
+            found = self._solve(members, length, seconds, stop, self._finer(members))
         return None if found is None or found.width > length else found
+
+    def _within(self, seconds: int) -> int:
+        """So many seconds, or as many whole ones as are left."""
+        return max(min(seconds, int(self.end - time.monotonic())), 0)
 
     def _finer(self, members: frozenset[int]) -> dict[int, np.ndarray]:
         """Finer outlines of some panels among those of others."""
-        for i in members - set(self.fine):
-            self.fine[i] = simplified(self.shapes[i], max(FINE_BAY, 0.5 * self.params.spacing), (FINE_STRAY,))
-        return self.fine
+        with self._lock:
+            for i in members - set(self.fine):
+                self.fine[i] = simplified(self.shapes[i], max(FINE_BAY, 0.5 * self.params.spacing), (FINE_STRAY,))
+            return {i: self.fine[i] for i in members}
 
     def _solve(
         self,
@@ -159,6 +181,8 @@ class Strips:
             "seed": self.params.seed,
             "threads": threads,
         }
+        if stop.is_set() or self._over.is_set():
+            return None
         best, begun, worker = None, time.monotonic(), self._idle.get()
         try:
             for solution in worker.solutions(task, seconds + GRACE):
@@ -166,12 +190,13 @@ class Strips:
                 # spyrrow keeps the separation from the border of its strip too
                 length = np.inf if best is None else best.width - 2.0 * self.separation
                 late = best is not None and time.monotonic() - begun > 0.5 * seconds
-                if length <= enough or (late and length > hopeless) or stop.is_set():
+                if length <= enough or (late and length > hopeless) or stop.is_set() or self._over.is_set():
                     worker.stop()
                     break
         finally:
             self._idle.put(worker)
         if best is None:
             return None
+        self.answered = True
         places = {i: (turn, shift - self.separation) for i, (turn, shift) in best.places.items()}
         return Strip(best.width - 2.0 * self.separation, places)

@@ -10,18 +10,23 @@ const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const LARGER = 1.5;
 
 /**
- * A canvas that three.js can draw on, in the place of the given one; null without WebGL. It goes on with the context that is made here.
+ * Make a canvas ready for three.js, which goes on with the context that it has here; false without WebGL. Without a graphics card another
+ * canvas takes its place, whose edges are not smoothed.
  * @param {HTMLCanvasElement} canvas
  */
-function drawable(canvas) {
+function prepared(canvas) {
   const asked = { antialias: true, alpha: true, stencil: false };
   const gl = canvas.getContext("webgl2", asked);
-  const named = gl?.getExtension("WEBGL_debug_renderer_info");
-  if (!gl || !named || !SOFTWARE.test(gl.getParameter(named.UNMASKED_RENDERER_WEBGL))) return gl && canvas;
+  if (!gl) return false;
+  // some browsers say there what draws, others only to who asks for it
+  const named = /webkit webgl/i.test(gl.getParameter(gl.RENDERER)) ? gl.getExtension("WEBGL_debug_renderer_info") : null;
+  if (!SOFTWARE.test(gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER))) return true;
   const plain = /** @type {HTMLCanvasElement} */ (canvas.cloneNode());
-  gl.getExtension("WEBGL_lose_context")?.loseContext();
-  canvas.replaceWith(plain);
-  return plain.getContext("webgl2", { ...asked, antialias: false }) && plain;
+  if (plain.getContext("webgl2", { ...asked, antialias: false })) {
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
+    canvas.replaceWith(plain);
+  }
+  return true;
 }
 
 class View3D {

@@ -313,7 +313,7 @@ async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
   const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
   try {
-    if (!drawable(/** @type {HTMLCanvasElement} */ (root.querySelector("canvas"))) || typeof DecompressionStream === "undefined") {
+    if (!prepared(/** @type {HTMLCanvasElement} */ (root.querySelector("canvas"))) || typeof DecompressionStream === "undefined") {
       throw new Error("no WebGL");
     }
     const piece = JSON.parse(/** @type {HTMLElement} */ (document.getElementById("piece")).textContent ?? "");
