@@ -94,6 +94,7 @@ def test_panels_with_a_rim_follow_strokes_at_the_border(spiralled: Any) -> None:
     press("spirals")
     on = easel.of(spiralled, bpy.context.scene)
     border = on.design.flat.layout.mesh.border[on.design.flat.layout.mesh.quad_edges].any(axis=1)
+    before: Any = None
     for brush in ("softer", "stiffer"):
         work = dabs.Dabs(on, brush, inverted=False)
         work.add([0.5 * border], np.zeros(3))
@@ -102,12 +103,12 @@ def test_panels_with_a_rim_follow_strokes_at_the_border(spiralled: Any) -> None:
         assert "coloured" in vars(on._panels._drawing), "beside the window's thread"
         on.write(bpy.context.scene)
         (panels,) = flat_panels.panels_of(spiralled)
-        anew = MovingPanels(on.design).solid
-        points, corners = np.empty((len(panels.data.vertices), 3)), np.empty(len(panels.data.loops), int)
+        points = np.empty((len(panels.data.vertices), 3))
         panels.data.vertices.foreach_get("co", points.ravel())
-        panels.data.loops.foreach_get("vertex_index", corners)
-        np.testing.assert_allclose(points, anew.vertices, atol=1e-6)
-        np.testing.assert_array_equal(corners, anew.corners)
+        # beside a neck that another width was given, the points of the rim's edge lie where there is room by now
+        np.testing.assert_allclose(points, MovingPanels(on.design).solid.vertices, atol=1e-4)
+        assert before in (None, panels.data), "one mesh, other points"
+        before = panels.data
 
 
 def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_can_be_cut(
