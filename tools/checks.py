@@ -35,6 +35,7 @@ TIERS = {
 QUEUE = ((("blender", 2),), (("engine", 2),), (("install", 1), ("window", 1)), (("page", 1),), (("database", 1),))
 LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take up to 1 GB of memory each
 KINDS = ("passed", "failed", "skipped")
+SLOWEST = 3  # tests of a tier that are named in the end
 NO_TESTS = 5  # pytest's exit status where it found no test, as with -k
 THOROUGH = "--thorough"  # of tests/conftest.py: also what takes long
 # whose types are checked, with tools/
@@ -52,6 +53,7 @@ class Row:
     counts: Counter[str] = field(default_factory=Counter)  # passed, failed, skipped
     reasons: Counter[str] = field(default_factory=Counter)  # why tests were skipped, and how many
     seconds: float = 0.0
+    each: list[tuple[float, str]] = field(default_factory=list)  # seconds and names of all tests
     failed: list[str] = field(default_factory=list)  # their names
     broken: list[int] = field(default_factory=list)  # exit statuses of processes that ended without telling what failed
 
@@ -60,6 +62,7 @@ class Row:
         self.counts += other.counts
         self.reasons += other.reasons
         self.seconds += other.seconds
+        self.each += other.each
         self.failed += other.failed
         self.broken += other.broken
 
@@ -170,9 +173,11 @@ def _counted(results: Path) -> Row:
     row = Row()
     for case in ElementTree.parse(results).iter("testcase") if results.is_file() else ():
         kinds = {child.tag: child for child in case}
+        name = f"{case.get('classname', '')}.{case.get('name', '')}"
+        row.each.append((float(case.get("time", 0.0)), name))
         if "failure" in kinds or "error" in kinds:
             row.counts["failed"] += 1
-            row.failed.append(f"{case.get('classname', '')}.{case.get('name', '')}")
+            row.failed.append(name)
         elif "skipped" in kinds:
             row.counts["skipped"] += 1
             # a whole file that was skipped has its reason in the text
@@ -193,6 +198,9 @@ def _summary(failed: list[str] | None, rows: dict[str, Row], seconds: float) -> 
         text = ", ".join(f"{row.counts[kind]} {kind}" for kind in KINDS if row.counts[kind] or kind == "passed")
         ends = "".join(f"; ended with status {status}" for status in row.broken)
         print(f"{tier:9} {text}, {row.seconds:.0f} s{ends}")
+        slowest = [f"{name.rpartition('.')[2]} {took:.0f} s" for took, name in sorted(row.each)[: -SLOWEST - 1 : -1]]
+        if slowest:
+            print(f"{'':9} slowest: {', '.join(slowest)}")
         for name in row.failed:
             print(f"{'':9} failed: {name}")
         for reason, count in sorted(row.reasons.items()):
