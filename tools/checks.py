@@ -35,7 +35,7 @@ TIERS = {
 QUEUE = ((("blender", 2),), (("engine", 2),), (("install", 1), ("window", 1)), (("page", 1),), (("database", 1),))
 LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take up to 1 GB of memory each
 KINDS = ("passed", "failed", "skipped")
-SLOWEST = 3  # tests of a tier that are named in the end
+SLOWEST = 5  # tests of a tier that are named in the end
 NO_TESTS = 5  # pytest's exit status where it found no test, as with -k
 THOROUGH = "--thorough"  # of tests/conftest.py: also what takes long
 # whose types are checked, with tools/
