@@ -105,12 +105,11 @@ class Search:
         return self._packing(sets + self._quick(rest))
 
     def harder(self) -> bool:
-        """From now on try sets for twice as long, those again that did not fit; whether there are any."""
-        self.strips.harder()
+        """From now on try sets for twice as long, those again that did not fit; whether there are any and that is worth it."""
         fitting: dict[frozenset[int], _Set | None] = {one: found for one, found in self.known.items() if found}
-        any_left = len(fitting) < len(self.known)
+        again = self.strips.harder() and len(fitting) < len(self.known)
         self.known = fitting
-        return any_left
+        return again
 
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
         """A sheet with the first of some panels and others that together cover more than ``least``, as many as are found to fit.

@@ -76,9 +76,10 @@ class Strips:
         self._threads = ThreadPoolExecutor(self.count, "FlexMaps nesting")
         self._over, self._lock = Event(), Lock()
 
-    def harder(self) -> None:
-        """From now on try sets for twice as long."""
+    def harder(self) -> bool:
+        """From now on try sets for twice as long; whether that is worth it, which it is not for the usual few seconds in all."""
         self.seconds *= 2
+        return self.seconds <= self.params.nesting_seconds / FINE
 
     def finish(self) -> None:
         """End what still runs."""
