@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from heapq import nlargest
 from itertools import chain
 from pathlib import Path
 from threading import Lock
@@ -173,11 +174,11 @@ def _counted(results: Path) -> Row:
     row = Row()
     for case in ElementTree.parse(results).iter("testcase") if results.is_file() else ():
         kinds = {child.tag: child for child in case}
-        name = f"{case.get('classname', '')}.{case.get('name', '')}"
+        name = case.get("name", "")
         row.each.append((float(case.get("time", 0.0)), name))
         if "failure" in kinds or "error" in kinds:
             row.counts["failed"] += 1
-            row.failed.append(name)
+            row.failed.append(f"{case.get('classname', '')}.{name}")
         elif "skipped" in kinds:
             row.counts["skipped"] += 1
             # a whole file that was skipped has its reason in the text
@@ -198,7 +199,7 @@ def _summary(failed: list[str] | None, rows: dict[str, Row], seconds: float) -> 
         text = ", ".join(f"{row.counts[kind]} {kind}" for kind in KINDS if row.counts[kind] or kind == "passed")
         ends = "".join(f"; ended with status {status}" for status in row.broken)
         print(f"{tier:9} {text}, {row.seconds:.0f} s{ends}")
-        slowest = [f"{name.rpartition('.')[2]} {took:.0f} s" for took, name in sorted(row.each)[: -SLOWEST - 1 : -1]]
+        slowest = [f"{name} {took:.0f} s" for took, name in nlargest(SLOWEST, row.each)]
         if slowest:
             print(f"{'':9} slowest: {', '.join(slowest)}")
         for name in row.failed:

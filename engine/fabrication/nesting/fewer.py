@@ -176,9 +176,8 @@ class _Cutting:
             if not beam or idle == PATIENCE or time.monotonic() > self.end:
                 break
         judged = self._packed_too(found) if found else []
-        kept: dict[
-            int, FlatPatches
-        ] = {}  # by their joints: layouts of as many are mostly the same but for a row of quads
+        # the best one of every number of joints: layouts of as many are mostly the same but for a row of quads
+        kept: dict[int, FlatPatches] = {}
         for pays, some in sorted(judged, key=lambda one: -one[0]):
             if pays > 0.0:
                 kept.setdefault(joints(some.layout), some)

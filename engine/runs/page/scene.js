@@ -40,8 +40,8 @@ class View3D {
     this.labels = labels;
     this.skin = skin;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
-    const smooth = this.renderer.getContext().getContextAttributes()?.antialias;
-    this.renderer.setPixelRatio(Math.min(Math.max(window.devicePixelRatio, smooth ? 1 : LARGER), 2));
+    const smoothed = this.renderer.getContext().getContextAttributes()?.antialias;
+    this.renderer.setPixelRatio(Math.min(Math.max(window.devicePixelRatio, smoothed ? 1 : LARGER), 2));
     this.renderer.sortObjects = false; // they are few and in order; to sort them, three.js would measure each anew
     this.camera = new THREE.PerspectiveCamera(32, 1, 1, 1e5);
     this.camera.up.set(0, 0, 1);
