@@ -1,4 +1,4 @@
-"""Settings of the engine as Blender properties, generated from the dataclasses in ``engine/params.py``, and back.
+"""Settings of the engine as Blender properties, generated from the dataclasses in ``engine/params``, and back.
 
 They belong to the object: two pieces in one file differ in size and sheet, and appending or copying an object takes its
 settings along. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units,

@@ -84,7 +84,7 @@ def find_stages(
     params : the elastic model and its solver; weight and other shapes are left out. Raises FlexMapsError where a spiral is
     outside the elastic model's range.
     """
-    model = build_model(of_design(design), material, params.model)
+    model = build_model(of_design(design), material, params.model, slopes=False)
     search = _Search(design, pose, model, replace(params, restarts=0))
     plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
     found: list[Stage] = []

@@ -8,13 +8,13 @@ taken over as it was at first, and made anew when the piece has come to rest (``
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Bool, Float, Int
-from ..mechanics.arms.model import ArmCompliances, ArmModel
+from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
@@ -90,8 +90,8 @@ class Rig:
             joints = np.flatnonzero(self.rough)
             for first in range(0, len(joints), AT_ONCE):
                 some = joints[first : first + AT_ONCE]
-                part = self.assembly.part(np.unique(self.assembly.pairs[some]), some)
-                model = _put(model, ArmModel.of(part, given.material), self.assembly, some, given.material)
+                part = model.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
+                model = _put(model, part, self.assembly, some, given.material)
                 yield
         area = self.design.area if self.guessed else self.area
         rough = np.zeros_like(self.rough)
@@ -146,14 +146,14 @@ def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticMo
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
     if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel) or rimmed:
-        return build_model(assembly, material, name), np.zeros(len(assembly.pairs), bool)
+        return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
     joints = _changed(assembly, material, old.assembly, old.given)
     if not joints.any():
         return replace(old.model, assembly=assembly), old.rough
     some = np.flatnonzero(joints)
     hubs = np.unique(assembly.pairs[some])
     whole = len(some) <= AT_ONCE
-    part = build_model(assembly.part(hubs, some), material, name, quick=not whole)
+    part = build_model(assembly.part(hubs, some), material, name, quick=not whole, slopes=False)
     assert isinstance(part, ArmModel)
     if not whole:
         known = old.model.part(hubs, some).curving_at_joint
@@ -183,11 +183,7 @@ def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.nda
         out[joints] = some
         return out
 
-    pairs = [
-        (one.name, getattr(model.compliance, one.name), getattr(part.compliance, one.name))
-        for one in fields(ArmCompliances)
-    ]
-    compliance = ArmCompliances(**{name: put(whole, some) for name, whole, some in pairs})
+    compliance = model.compliance.each(lambda name, whole: put(whole, getattr(part.compliance, name)))
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)

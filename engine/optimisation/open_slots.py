@@ -61,7 +61,7 @@ class Opening:
 
     def at(self, model: ArmModel, pose: Pose) -> Closing:
         """Of the spirals of a model whose hubs stand in a pose."""
-        motions = TipMotions.of(model.assembly, model.compliance.values, model.compliance.by, model.at_joint, pose)
+        motions = TipMotions.of(model.assembly, model.compliance.values, model.compliance_by, model.at_joint, pose)
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
         known[arm[own]] = motions.values[own]

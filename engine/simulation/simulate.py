@@ -211,16 +211,25 @@ class Simulation:
 
 
 def build_model(
-    assembly: Assembly, material: Material, name: str, *, quick: bool = False, progress: Progress = SILENT
+    assembly: Assembly,
+    material: Material,
+    name: str,
+    *,
+    quick: bool = False,
+    slopes: bool = True,
+    progress: Progress = SILENT,
 ) -> ElasticModel:
-    """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only."""
+    """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only.
+
+    slopes : find the arms' derivatives by the design at once, which searches for a design need
+    """
     if name == "rod":
         if assembly.rim is not None:
             raise FlexMapsError(
                 "The rod model knows no rim; take the arm model, or choose Stubs or Left out for the border"
             )
         return RodModel.of(assembly, material)
-    return ArmModel.of(assembly, material, curving=not quick, progress=progress)
+    return ArmModel.of(assembly, material, curving=not quick, slopes=slopes, progress=progress)
 
 
 @one_thread
@@ -245,7 +254,7 @@ def simulate(
     """
     assembly = of_design(design)
     within = progress.at(0.0, "Stiffness of the arms")
-    model = build_model(assembly, material, params.model, quick=quick, progress=within)
+    model = build_model(assembly, material, params.model, quick=quick, slopes=False, progress=within)
     progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)

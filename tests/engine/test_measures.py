@@ -51,7 +51,7 @@ def test_a_house_in_order(house: Path, measures: ModuleType) -> None:
 @pytest.mark.parametrize(
     ("name", "file", "text", "places"),
     [
-        ("imports upward", "engine/params.py", "from .surface import mesh\n", ["engine/params.py:1"]),
+        ("imports upward", "engine/materials.py", "from .surface import mesh\n", ["engine/materials.py:1"]),
         ("imports upward", "engine/surface/check.py", "def f():\n    from ...api import load\n", ["engine/surface/check.py:2"]),
         ("imports upward", "engine/attic/lost.py", "", ["engine/attic/lost.py:1"]),
         ("circles of imports", "engine/files.py", "from .surface.mesh import x\n", ["engine/files.py:1", "engine/surface/mesh.py:1"]),

@@ -58,7 +58,7 @@ def test_tips_move_as_their_hubs_and_spirals_say(dome) -> None:
     design, pose, width, twist = dome
     rng, h = np.random.default_rng(3), 1e-4
     model = model_of(design, width, twist)
-    known = TipMotions.of(model.assembly, model.compliance.values, model.compliance.by, model.at_joint, pose)
+    known = TipMotions.of(model.assembly, model.compliance.values, model.compliance_by, model.at_joint, pose)
     pairs = model.assembly.pairs
 
     def tips(model: ArmModel, pose: Pose) -> np.ndarray:

@@ -10,8 +10,10 @@ matters under strong forces only, so that the search for a design does without i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -49,13 +51,13 @@ class ArmCompliances:
 
     values : (m, 2, 6, 6); table : without what the cut adds; table_by_scale : its derivative by twice the radius, per metre
     table_by_grain : by the angle to the grain, of sheets that have one, else 0
-    by : (m, 2, 5, 6, 6) derivatives of the values by the numbers of ``cut``, per metre and per radian
+    by : (m, 2, 5, 6, 6) derivatives of the values by the numbers of ``cut``, per metre and per radian; None where they were not asked for
     """
 
     values: Float[np.ndarray, "joints 2 6 6"]
     table: Float[np.ndarray, "joints 2 6 6"]
     table_by_scale: Float[np.ndarray, "joints 2 6 6"]
-    by: Float[np.ndarray, "joints 2 numbers 6 6"]
+    by: Float[np.ndarray, "joints 2 numbers 6 6"] | None
     table_by_grain: Float[np.ndarray, "joints 2 6 6"]
 
     def varied(self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]) -> ArmCompliances:
@@ -70,7 +72,12 @@ class ArmCompliances:
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
     def part(self, joints: np.ndarray) -> ArmCompliances:
-        return ArmCompliances(*(getattr(self, one.name)[joints] for one in fields(self)))
+        return self.each(lambda _, known: known[joints])
+
+    def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
+        """Of all members that are known, what is made of their names and values."""
+        known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        return ArmCompliances(**{k: None if value is None else made(k, value) for k, value in known.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +108,20 @@ class ArmModel:
 
     @classmethod
     def of(
-        cls, assembly: Assembly, material: Material, *, curving: bool = True, progress: Progress = SILENT
+        cls,
+        assembly: Assembly,
+        material: Material,
+        *,
+        curving: bool = True,
+        slopes: bool = True,
+        progress: Progress = SILENT,
     ) -> ArmModel:
-        """The model of an assembly of one material, with or without the strains' second order."""
+        """The model of an assembly of one material, with or without the strains' second order.
+
+        slopes : find the derivatives by the design at once; they are found when they are needed otherwise
+        """
         whole = assembly.whole
-        found = arm_compliances(whole, material)
+        found = arm_compliances(whole, material, slopes)
         return cls._with(whole, found, whole.bend[0], material, curving, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
@@ -127,9 +143,20 @@ class ArmModel:
         return by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material)
 
     @cached_property
+    def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
+        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``."""
+        known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
+        assert known.by is not None
+        return known.by
+
+    @cached_property
     def curving_at_joint(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
         """(m, 6, 6, 6) the second order of the joints' own motion, instead of that of the bend points."""
         return None if self.curving is None else moved_curving(self.curving, self.offset)
+
+    def with_own_curving(self) -> ArmModel:
+        """The model with the second order of its own strains."""
+        return self._with(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
         """The model with this second order of the joints' own motion (m, 6, 6, 6)."""
@@ -266,7 +293,7 @@ class ArmModel:
 
     def changes(self, state: ArmState) -> JointChanges:
         """How the joints answer to the pose and to the design; the strains' second order counts as given."""
-        known = (self.assembly, self.compliance.by, self.at_joint, self.offset)
+        known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return JointChanges.of(*known, state.motion, self.curving_at_joint)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
@@ -340,8 +367,8 @@ def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joi
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
-def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
-    """Tip compliances of both arms of every joint as they are cut, with their derivatives.
+def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True) -> ArmCompliances:
+    """Tip compliances of both arms of every joint as they are cut, with their derivatives or without them.
 
     Raises FlexMapsError with the spirals whose width or twist is no number.
     """
@@ -361,11 +388,13 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
     arms = CutArms.of(assembly, shape)
-    added, by = more_compliant(arms, assembly.thickness, material)
+    added, by = more_compliant(arms, assembly.thickness, material, slopes)
     share = believable(arms, found.values, added)[:, None, None]
-    added, by = added * share, by * share[..., None]
-    by[:, WIDTH] += found.by_width
-    by[:, TWIST] += found.by_twist
+    added = added * share
+    if slopes:
+        by *= share[..., None]
+        by[:, WIDTH] += found.by_width
+        by[:, TWIST] += found.by_twist
     both = assembly.pairs.shape
     by_grain = np.zeros_like(added) if found.by_grain is None else found.by_grain
     if assembly.nodes:
@@ -373,4 +402,4 @@ def arm_compliances(assembly: Assembly, material: Material) -> ArmCompliances:
     values, table, by_scale, by_grain = (
         v.reshape(*both, 6, 6) for v in (found.values + added, found.values, found.by_scale, by_grain)
     )
-    return ArmCompliances(values, table, by_scale, by.reshape(*both, *by.shape[1:]), by_grain)
+    return ArmCompliances(values, table, by_scale, by.reshape(*both, *by.shape[1:]) if slopes else None, by_grain)

@@ -1,0 +1,241 @@
+"""Settings of the material, of the simulation, of the search for a design, and of the loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..materials import MATERIALS, Lasting, Material, Orthotropy, material
+from .setting import Params, setting
+
+
+@dataclass(frozen=True)
+class MaterialParams(Params):
+    """What the sheet is made of."""
+
+    material: str = setting(
+        "pom",
+        "Material",
+        "What the sheet is made of: stiffness, weight and the strain it bears",
+        choices=(
+            *((key, m.name, m.source) for key, m in MATERIALS.items()),
+            ("custom", "Custom", "The values below"),
+        ),
+    )
+    youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa")
+    poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
+    across: float = setting(
+        0.0,
+        "Across the grain",
+        "Young's modulus of a custom material across its grain, and the one above along it; 0 for a material without a grain",
+        low=0.0,
+        high=1e12,
+        unit="Pa",
+    )
+    shear: float = setting(
+        0.0,
+        "Shear modulus",
+        "In the sheet, of a custom material with a grain; 0 takes what plywood has beside its Young's modulus",
+        low=0.0,
+        high=1e12,
+        unit="Pa",
+    )
+    density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
+    strain_limit: float = setting(
+        0.02,
+        "Strain limit",
+        "Largest strain that a custom material bears, as a share of its length",
+        low=1e-4,
+        high=5.0,
+    )
+    lasting_share: float = setting(
+        0.0,
+        "Left after a year",
+        "Share of Young's modulus that a custom material has left after a year under load; 0: not known",
+        low=0.0,
+        high=1.0,
+    )
+    lasting_strain: float = setting(
+        0.01, "Lasting strain limit", "Largest strain that a custom material bears for years", low=1e-5, high=5.0
+    )
+
+    @property
+    def chosen(self) -> Material:
+        """The material as the engine needs it."""
+        if self.material != "custom":
+            return material(self.material)
+        given = "given by the user"
+        lasting = Lasting(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
+        rest = (self.poisson, self.density, self.strain_limit, True, given)
+        if not self.across:
+            return Material("Custom", self.youngs, *rest, lasting=lasting)
+        # what is left as it is between the moduli of birch plywood
+        usual = MATERIALS["birch"].orthotropy
+        assert usual is not None
+        shear = self.shear or self.youngs * usual.shear / usual.along
+        poisson = self.poisson * min(1.0, self.youngs / self.across)
+        flat, steep = (shear * one / usual.shear for one in (usual.shear_along, usual.shear_across))
+        known = Orthotropy(self.youngs, self.across, poisson, shear, flat, steep)
+        return Material("Custom", 0.5 * (self.youngs + self.across), *rest, lasting=lasting, orthotropy=known)
+
+
+@dataclass(frozen=True)
+class SimulateParams(Params):
+    """Finding the shape that the assembled object takes (FlexMaps section 6.1)."""
+
+    model: str = setting(
+        "arm",
+        "Elastic model",
+        "How the arms of the spirals deform",
+        choices=(
+            ("arm", "Arms", "The full stiffness of every arm, from volumetric finite elements"),
+            ("rod", "Rods", "Four stiffnesses a spiral, as published; kept for comparison"),
+        ),
+    )
+    gravity: bool = setting(False, "Gravity", "Let the weight of the sheet act, downwards along z; needs supports")
+    clamped: bool = setting(True, "Clamp supports", "Supported spirals keep their direction too, not only their place")
+    # a long ribbon that unrolls by several turns takes some 300; all else converges in 5 to 60
+    iterations: int = setting(
+        500, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
+    )
+    tolerance: float = setting(
+        1e-8, "Tolerance", "Largest force left over, as a share of the forces within", low=1e-12, high=1e-2
+    )
+    restarts: int = setting(
+        0,
+        "Other shapes",
+        "Searches from randomly bent starts, to find whether it can snap into another shape",
+        low=0,
+        high=50,
+    )
+
+
+@dataclass(frozen=True)
+class OptimiseParams(Params):
+    """Finding the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
+
+    WERE = {"laplacian": {"lies": 1.0}}
+
+    method: str = setting(
+        "gauss_newton",
+        "Method",
+        "How the best spirals are sought",
+        choices=(
+            ("gauss_newton", "Gauss-Newton", "Few large steps; fast"),
+            ("lbfgs", "L-BFGS-B", "Many small steps, as published; kept for comparison"),
+        ),
+    )
+    arms: str = setting(
+        "each",
+        "Arms",
+        "Which arms of a spiral may be of different widths. Spirals that are there already begin with the mean of arms that have to be alike",
+        choices=(
+            ("alike", "All alike", "All four arms of a spiral are as wide as each other, as published"),
+            ("pairs", "In pairs", "Opposite arms are alike: a sheet may bend more easily one way than the other"),
+            ("each", "Each its own", "Four widths a spiral: nearest to the target"),
+        ),
+    )
+    grain: str = setting(
+        "common",
+        "Grain of panels",
+        "Before the search, panels of a sheet with a grain may be turned on it, each for itself, where that brings the shape nearer to the target; lay them along the grain then",
+        choices=(
+            ("common", "All alike", "Every panel's grain as Grain says"),
+            ("crossed", "Along or across", "Panels may be turned by a quarter"),
+            ("free", "Any direction", "Panels may be turned by any multiple of 15 degrees"),
+        ),
+    )
+    lies: float = setting(
+        0.2,
+        "Bends or lies alike",
+        "What shall be alike: 0 compares how the surface bends, which keeps small features, 1 where it lies; in between, both",
+        low=0.0,
+        high=1.0,
+    )
+    # on a dome of 192 quads whose border was wished some 18 mm away, spirals came to .4 mm from there with 1, .8 with 0.3, 3 with 0.1 (7 at the start)
+    urge: float = setting(
+        1.0,
+        "Urge of wishes",
+        "How much it counts that spirals come to where they are wished, beside the target's shape; 0 leaves wishes aside",
+        low=0.0,
+        high=100.0,
+    )
+    smoothness: float = setting(
+        0.0,
+        "Smoothness",
+        "How much neighbouring spirals should be alike; 0 lets each be as it likes",
+        low=0.0,
+        high=1.0,
+    )
+    strain_share: float = setting(
+        1.0,
+        "Strain limit",
+        "Share of the strain which the material bears that the arms should stay below; 0 lets them be strained at will",
+        low=0.0,
+        high=10.0,
+    )
+    open_slots: bool = setting(
+        True, "Keep slots open", "Keep the slots between the arms open in the assembled shape, where arms would touch"
+    )
+    iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
+    cg_iterations: int = setting(
+        40, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
+    )
+    restart: bool = setting(
+        True,
+        "Try other starts",
+        "Start from the present spirals, curvature-adjusted or uniform ones, whichever is nearest to the target; else only from the present ones",
+    )
+    codesign: bool = setting(
+        True,
+        "Flat shapes too",
+        "Also move the vertices of the flat patches a little where that lowers the mismatch: nearer to the target, but two to four times slower. With the elastic model Arms only",
+    )
+    distortion_limit: float = setting(
+        0.035, "Flat distortion", "Largest ARAP energy of a quad whose flat shape may move", low=0.001, high=1.0
+    )
+    patience: float = setting(
+        1.0,
+        "Patience",
+        "How long the search may last: with 1 it ends with the best so far after about 25 s for 1,500 quads and 90 s for 6,000; 2 doubles that, 0 sets no limit",
+        low=0.0,
+        high=1000.0,
+    )
+    stop: float = setting(
+        1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
+    )
+
+
+@dataclass(frozen=True)
+class LoadParams(Params):
+    """What holds an object in Blender and what pulls at it; both are chosen by vertex groups."""
+
+    supports: str = setting(
+        "", "Supports", "Vertex group that is held: every quad with two corners or more in it; empty: nothing is held"
+    )
+    pulled: str = setting("", "Pulled", "Vertex group that a force pulls at: every quad with two corners or more in it")
+    force_x: float = setting(0.0, "Force X (N)", "Along the world's x, shared by the pulled quads")
+    force_y: float = setting(0.0, "Force Y (N)", "Along the world's y, shared by the pulled quads")
+    force_z: float = setting(0.0, "Force Z (N)", "Along the world's z, shared by the pulled quads")
+
+    @property
+    def force(self) -> tuple[float, float, float]:
+        """Newtons in world axes."""
+        return self.force_x, self.force_y, self.force_z
+
+
+@dataclass(frozen=True)
+class StructureParams(Params):
+    """What the piece has to bear; how lines of load cases read stands in ``engine/structure/cases.py``."""
+
+    cases: str = setting(
+        "weight: weight",
+        "Load cases",
+        "NAME: KIND VALUE AXIS on GROUP times FACTOR, with semicolons between them; kinds: weight, point, line, pressure, wind, snow, move; "
+        "N, N/m, N/m2, mm",
+    )
+    combinations: str = setting(
+        "", "Combinations", "Sums of cases with factors, with semicolons between them: NAME = 1.35 weight + 1.5 snow"
+    )
+    factor_max: float = setting(
+        10.0, "Largest factor", "How many times a load may rise before it counts as safe", low=1.0, high=1000.0
+    )

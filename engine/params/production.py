@@ -1,0 +1,231 @@
+"""Settings of the machine, the sheets, the base, the cost and the files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import FlexMapsError
+from .setting import Params, setting
+
+
+@dataclass(frozen=True)
+class CutParams(Params):
+    """What cuts the sheet: the paths in the files run half of the kerf beside the material."""
+
+    kerf_outline: float = setting(
+        0.0,
+        "Kerf, outlines",
+        "Width that the cutter takes away along the outlines; 0.1 to 0.2 mm for a laser, a mill's diameter; 0 if the machine's own program allows for it",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    kerf_holes: float = setting(
+        0.0,
+        "Kerf, holes",
+        "The same in the holes, for cutters whose holes come out otherwise",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    mill: float = setting(
+        0.0,
+        "Mill",
+        "Diameter of the mill that cuts the sheet, 0 for a laser or water: every slot must be as wide, sockets get dogbones",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    lead_in: float = setting(
+        0.0,
+        "Lead-in",
+        "Every cut begins so far beside its path, in the waste, where there is room; 0 for none",
+        low=0.0,
+        high=0.02,
+        unit="m",
+    )
+    tabs: int = setting(
+        0, "Holding tabs", "How many bridges hold every panel in its sheet until you break them", low=0, high=50
+    )
+    tab_width: float = setting(
+        0.001, "Tab width", "Width of a holding tab, the kerf not counted", low=0.0001, high=0.02, unit="m"
+    )
+
+
+@dataclass(frozen=True)
+class SheetParams(Params):
+    """The sheets that are cut, and how the panels lie on them."""
+
+    sheet_width: float = setting(0.6, "Sheet width", "Width of the sheet of material", low=0.01, high=10.0, unit="m")
+    sheet_height: float = setting(0.4, "Sheet height", "Height of the sheet of material", low=0.01, high=10.0, unit="m")
+    margin: float = setting(0.005, "Margin", "Free border of the sheet", low=0.0, high=0.5, unit="m")
+    spacing: float = setting(0.003, "Spacing", "Free distance between panels", low=0.0, high=0.1, unit="m")
+    tolerance: float = setting(
+        0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m"
+    )
+    labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
+    label_height: float = setting(
+        0.0025, "Label height", "Largest letter height of a label", low=0.0005, high=0.1, unit="m"
+    )
+    label_min: float = setting(
+        0.0006,
+        "Smallest letters",
+        "Seam labels that would have to be smaller than this are left out",
+        low=0.0001,
+        high=0.1,
+        unit="m",
+    )
+    frame: bool = setting(
+        True,
+        "Sheet outline",
+        "Draw the sheet's edge and its origin in SVG and DXF, on a layer of their own that is not to be cut",
+    )
+    oversize: str = setting(
+        "split", "Too large panels", "What happens to a panel that is larger than the sheet",
+        choices=(
+            ("split", "Cut", "Cut the patch along a new seam when patches are merged, until every piece fits"),
+            ("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"),
+            ("error", "Stop", "Stop and name the patch"),
+        ),
+    )  # fmt: skip
+    cut_joints: int = setting(
+        0,
+        "Joints for a sheet",
+        "Panels are cut further where that saves a sheet and makes at most so many joints more; with 0 only those that are too large",
+        low=0,
+        high=10000,
+    )
+    rotation: str = setting(
+        "FREE", "Rotation", "How the panels may be turned on the sheet",
+        choices=(
+            ("FREE", "Any", "Any angle"),
+            ("QUARTER", "Quarter turns", "Every panel's longer side along or across the sheet"),
+            ("GRAIN", "Along the grain", "The grain of every panel along the sheet's width: its longer side, or as Grain says"),
+        ),
+    )  # fmt: skip
+    nesting: str = setting(
+        "TRUE", "Nesting", "How the panels are laid on the sheets",
+        choices=(
+            ("TRUE", "Tight", "Search for the fewest sheets, as long as the time limit allows"),
+            ("FAST", "Quick", "Quarter turns only, without a search"),
+        ),
+    )  # fmt: skip
+    # the panels of 986 quads came onto as few sheets, as full, in 8 s as in 20
+    nesting_seconds: float = setting(
+        8.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
+    )
+    remnants: str = setting(
+        "",
+        "Remnants",
+        "DXF or SVG drawings of odd pieces of sheet, with ; between them: they are filled first, each once. Along their width runs the grain",
+    )
+    seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 2.0 * self.margin >= min(self.sheet_width, self.sheet_height):
+            raise FlexMapsError(
+                f"The sheet of {self.sheet_width * 1e3:g} x {self.sheet_height * 1e3:g} mm is nothing but margin; make it"
+                f" larger or the margin of {self.margin * 1e3:g} mm smaller"
+            )
+
+
+@dataclass(frozen=True)
+class BaseParams(Params):
+    """What a supported piece stands on."""
+
+    base: str = setting(
+        "none",
+        "Base",
+        "What the supported spirals stand on; choose it before the spirals are made",
+        choices=(
+            ("none", "None", "Nothing is made for the supports"),
+            ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
+            ("feet", "Feet", "A plate for every run of supported spirals side by side"),
+            ("frame", "Frame", "A closed ring of planks under the feet, which lock into each other"),
+            (
+                "eyelets",
+                "Eyelets",
+                "The piece hangs: a hole in the hub of every supported spiral, for a cord or a hook",
+            ),
+        ),
+    )
+    base_height: float = setting(
+        0.005, "Height", "Free height between the base and the lowest point of the piece", low=0.0, high=1.0, unit="m"
+    )
+    foot_width: float = setting(
+        0.008,
+        "Foot width",
+        "Width of a foot; its tongue is narrower by a fifth on either side",
+        low=0.001,
+        high=0.5,
+        unit="m",
+    )
+    base_edge: float = setting(0.012, "Edge", "Width of the plate round its slots", low=0.001, high=0.5, unit="m")
+    eyelet: float = setting(
+        0.0008,
+        "Eyelet",
+        "Diameter of the holes by which a piece hangs; their hubs have to leave as much material round them",
+        low=0.0001,
+        high=0.1,
+        unit="m",
+    )
+
+    @property
+    def stands(self) -> bool:
+        """Whether there are feet."""
+        return self.base not in ("none", "eyelets")
+
+
+@dataclass(frozen=True)
+class CostParams(Params):
+    """What the sheets, the machine and the hands cost, in any money; 0 where that does not count."""
+
+    sheet_price: float = setting(0.0, "Price of a sheet", "What one sheet of the material costs", low=0.0, high=1e6)
+    machine_rate: float = setting(
+        0.0,
+        "Machine, an hour",
+        "What an hour of the laser costs; materials that no laser cuts have none",
+        low=0.0,
+        high=1e6,
+    )
+    labour_rate: float = setting(
+        0.0, "Assembly, an hour", "What an hour of putting the panels together costs", low=0.0, high=1e6
+    )
+
+
+@dataclass(frozen=True)
+class ExportParams(Params):
+    """Which files are written, and where."""
+
+    folder: str = setting(
+        "//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True
+    )
+    svg: bool = setting(True, "SVG", "Write the sheets as SVG, with a layer and a colour per operation")
+    dxf: str = setting(
+        "R2010",
+        "DXF",
+        "Write the sheets as DXF",
+        choices=(
+            ("NONE", "None", "No DXF file"),
+            ("R2010", "R2010", "For current programs"),
+            ("R12", "R12", "For old programs and machines"),
+            ("BOTH", "Both", "R2010 and R12"),
+        ),
+    )
+    pdf: bool = setting(True, "PDF", "Write the sheets as PDF at true size, a page per sheet")
+    solids: str = setting(
+        "NONE",
+        "Solids",
+        "Write the panels as solids for 3D printing, as thick as the sheet",
+        choices=(
+            ("NONE", "None", "No solids"),
+            ("3MF", "3MF", "Knows its units and keeps the panels apart"),
+            ("STL", "STL", "For old programs"),
+            ("BOTH", "Both", "3MF and STL"),
+        ),
+    )
+    copies: int = setting(
+        1, "Copies", "How often this piece is made, where several are exported on common sheets", low=1, high=1000
+    )
+    guide: bool = setting(True, "Assembly sheet", "Write a PDF that shows how to put the panels together, step by step")

@@ -1,0 +1,159 @@
+"""All settings together, and how they are changed by values that people give."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import Field, dataclass, field, fields, replace
+from numbers import Integral
+from os import PathLike
+from typing import Any, TypeVar
+
+from ..errors import FlexMapsError
+from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
+from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
+from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
+from .setting import SHOWN, Params, is_number, quoted, refuse_above, wanted
+from .spirals import ConnectorParams, SpiralParams
+from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings of the main job together."""
+
+    regularise: RegulariseParams = field(default_factory=RegulariseParams)
+    layout: LayoutParams = field(default_factory=LayoutParams)
+    choose: ChooseParams = field(default_factory=ChooseParams)
+    spiral: SpiralParams = field(default_factory=SpiralParams)
+    connect: ConnectorParams = field(default_factory=ConnectorParams)
+    cut: CutParams = field(default_factory=CutParams)
+    sheet: SheetParams = field(default_factory=SheetParams)
+    base: BaseParams = field(default_factory=BaseParams)
+    cost: CostParams = field(default_factory=CostParams)
+    material: MaterialParams = field(default_factory=MaterialParams)
+    simulate: SimulateParams = field(default_factory=SimulateParams)
+    optimise: OptimiseParams = field(default_factory=OptimiseParams)
+    structure: StructureParams = field(default_factory=StructureParams)
+
+
+# settings of different sections of which the first may not be above the second, and what to do then
+BOUNDS = (
+    ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
+    ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),
+    ("cut.kerf_outline", "spiral.slot_min", "the cutter leaves no such slot; make the smallest slot at least as wide"),
+    ("cut.kerf_holes", "spiral.slot_min", "the cutter leaves no such slot; make the smallest slot at least as wide"),
+    ("cut.mill", "spiral.slot_min", "the mill does not fit into such a slot; make the smallest slot at least as wide"),
+)
+
+
+def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> None:
+    """Raise ``FlexMapsError`` where settings of two of these blocks cross, if one of them is of the ``sections``."""
+    for low, high, remedy in BOUNDS:
+        (block, name), (other, limit) = low.split("."), high.split(".")
+        if {block, other} <= blocks.keys() and not {block, other}.isdisjoint(sections):
+            refuse_above(blocks[block], name, blocks[other], limit, remedy)
+
+
+@dataclass(frozen=True)
+class ObjectSettings(Settings):
+    """All settings that an object in Blender carries with it."""
+
+    loads: LoadParams = field(default_factory=LoadParams)
+    remesh: RemeshParams = field(default_factory=RemeshParams)
+    explore: ExploreParams = field(default_factory=ExploreParams)
+    export: ExportParams = field(default_factory=ExportParams)
+    preview: PreviewParams = field(default_factory=PreviewParams)
+    film: FilmParams = field(default_factory=FilmParams)
+    render: RenderParams = field(default_factory=RenderParams)
+    page: PageParams = field(default_factory=PageParams)
+
+
+S = TypeVar("S", bound=Settings)
+
+
+def changed(settings: S, values: Mapping[str, Any]) -> S:
+    """The settings with other values, given by "section.name" in the units that people are shown: millimetres, degrees.
+
+    Values may be texts, as they come from a command line. Raises ``FlexMapsError`` for what is no setting, or is out of bounds.
+    """
+    blocks: dict[str, dict[str, Any]] = {}
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        block = getattr(settings, section, None)
+        if not isinstance(block, Params):
+            names = ", ".join(f.name for f in fields(settings))
+            raise FlexMapsError(
+                f"There is no setting {quoted(key)}; give it as section.name, with one of the sections {names}"
+            )
+        known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
+        if name in block.WERE:
+            instead = {} if _switched(name, value) else block.WERE[name]
+            blocks.setdefault(section, {}).update(instead)
+            continue
+        if name not in known:
+            raise FlexMapsError(f"There is no setting {quoted(key)}; the settings of {section} are {', '.join(known)}")
+        blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
+    made = {section: _replaced(section, getattr(settings, section), given) for section, given in blocks.items()}
+    return replace(settings, **made)
+
+
+def wish(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
+    """The settings that a layout be chosen by, as ``changed`` takes them: who names a number means that goal."""
+    named = goal or ("panels" if panels is not None else "match" if match is not None else None)
+    values = {"choose.goal": named, "choose.panels": panels, "choose.match": match}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _replaced(section: str, block: Any, given: dict[str, Any]) -> Any:
+    try:
+        return replace(block, **given)
+    except FlexMapsError as error:
+        raise FlexMapsError(f"In the settings of {section}: {error}") from None
+
+
+def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
+    """Every setting in the units that people are shown, by section and name: what ``changed`` takes."""
+    return {
+        block.name: {
+            f.name: _as_shown(f, getattr(getattr(settings, block.name), f.name))
+            for f in fields(getattr(settings, block.name))
+        }
+        for block in fields(settings)
+    }
+
+
+def _as_shown(f: Field, value: Any) -> Any:
+    return float(f"{value * SHOWN[f.metadata['unit']][0]:.9g}") if isinstance(value, float) else value
+
+
+SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+
+
+def _switched(label: str, value: Any) -> bool:
+    """On or off from what a person gives."""
+    if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
+        raise FlexMapsError(f"{label} {quoted(value)}: give on or off")
+    return SWITCHES[str(value).lower()]
+
+
+def _from_shown(f: Field, value: Any) -> Any:
+    """The value of a field from one that a person gives, perhaps as text."""
+    default, label = f.default, f.metadata["label"]
+    if isinstance(default, str):
+        return str(value) if isinstance(value, PathLike) else value
+    if isinstance(default, bool):
+        return _switched(label, value)
+    number = value
+    # Python would take other digits and groups of them too
+    if isinstance(value, str) and value.isascii() and "_" not in value:
+        try:
+            number = float(value)
+        except ValueError:
+            number = None
+    if not is_number(number):
+        raise FlexMapsError(f"{label} {quoted(value)}: give {wanted(f)}")
+    if not isinstance(default, int):
+        return float(number) / SHOWN[f.metadata["unit"]][0]
+    if number != int(number):
+        raise FlexMapsError(f"{label} {quoted(value)}: give {wanted(f)}")
+    return int(number)

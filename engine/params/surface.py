@@ -1,0 +1,109 @@
+"""Settings of the surface: its quads, its layout of patches, and what is tried to find better ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .setting import Params, setting
+
+
+@dataclass(frozen=True)
+class RemeshParams(Params):
+    """Making quads out of any mesh in Blender, and the size at which the piece is made."""
+
+    quads: int = setting(1500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
+    smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
+    edge: float = setting(
+        0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m"
+    )
+
+
+@dataclass(frozen=True)
+class RegulariseParams(Params):
+    """Making the quads squarer before they are flattened (Pietroni et al. 2015)."""
+
+    iterations: int = setting(60, "Iterations", "Rounds of fitting squares and averaging them", low=0, high=1000)
+    boundary: bool = setting(True, "Keep the border", "Move border vertices only along the border of an open surface")
+
+
+@dataclass(frozen=True)
+class LayoutParams(Params):
+    """How large and how regular the patches may become (FlexMaps section 4)."""
+
+    distortion_limit: float = setting(
+        0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged patch", low=0.001, high=1.0
+    )
+    compactness_limit: float = setting(
+        5.0,
+        "Compactness limit",
+        "Largest perimeter / sqrt(area) of a patch; a square has 4. Where the surface itself is narrow, its border hardly counts",
+        low=3.6,
+        high=50.0,
+    )
+    neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a patch", low=1, high=10)
+    patch_min: int = setting(6, "Smallest patch", "Fewest quads in a patch, where the surface allows", low=1, high=1000)
+    symmetric: bool = setting(True, "Keep symmetry", "Give a symmetric surface a symmetric layout where possible")
+    seamless: bool = setting(
+        False,
+        "One panel without a cut",
+        "Leave a curved surface in one panel where it lies flat in one. Without supports such a panel stays flat: "
+        "nothing makes it leave the plane",
+    )
+
+
+@dataclass(frozen=True)
+class ChooseParams(Params):
+    """What is wanted of a layout that is chosen by the shape which its panels take."""
+
+    goal: str = setting(
+        "match",
+        "Goal",
+        "What the layout shall be chosen for",
+        choices=(
+            ("match", "Match", "As near to the target as is asked, with as few joints as that takes"),
+            ("panels", "Panels", "As near to the target as so many panels come"),
+            ("least", "Least work", "As few joints as come as near to the target as the present layout does"),
+        ),
+    )
+    match: float = setting(
+        1.0,
+        "Match (%)",
+        "RMS distance from the target that the assembled piece may keep, in percent of its size",
+        low=0.001,
+        high=100.0,
+    )
+    panels: int = setting(4, "Panels", "Most panels that the layout may have", low=1, high=1000)
+    near: bool = setting(
+        False, "Only changes", "Try only cuts, darts and joins in the present layout, no other layouts; quicker"
+    )
+
+
+@dataclass(frozen=True)
+class ExploreParams(Params):
+    """What the sidebar varies when it tries many candidates, and what they shall hold."""
+
+    candidates: int = setting(32, "Candidates", "How many are tried at most", low=1, high=10_000)
+    ratio: float = setting(
+        1.5,
+        "Up to times",
+        "Numbers are varied from their present value divided by this to that times this",
+        low=1.01,
+        high=10.0,
+    )
+    vary_size: bool = setting(True, "Vary size", "Try the piece smaller and larger")
+    vary_thickness: bool = setting(True, "Vary thickness", "Try other thicknesses of the sheet")
+    vary_widths: bool = setting(False, "Vary width", "Try another largest width of the arms")
+    vary_twist: bool = setting(False, "Vary twist", "Try another largest twist of the spirals")
+    vary_material: bool = setting(False, "Vary material", "Try every material of the list")
+    vary_arms: bool = setting(False, "Vary arms", "Try arms all alike, in pairs and each its own")
+    vary_panels: bool = setting(
+        False, "Vary panels", "Try fewer and larger, and more and smaller panels, by another distortion limit"
+    )
+    largest: float = setting(
+        1.0,
+        "Distance (%)",
+        "RMS distance from the target that is wanted at most, in percent of its size",
+        low=0.001,
+        high=100.0,
+    )
+    sheets: int = setting(0, "Most sheets", "How many sheets there are; 0 for as many as are needed", low=0, high=1000)
