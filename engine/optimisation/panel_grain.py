@@ -16,7 +16,8 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..materials import Material
-from ..mechanics.arms.model import ArmCompliances, ArmModel, arm_compliances
+from ..mechanics.arms.compliances import ArmCompliances, arm_compliances
+from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Pose
 from ..mechanics.elastic import summed
 from ..mechanics.newton_system import NewtonSystem

@@ -9,9 +9,9 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_bend import bend_point
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.curving import Arms, curved, second_order_strains
 from flexmaps.engine.mechanics.arms.cut import HUB
-from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation

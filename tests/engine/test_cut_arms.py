@@ -10,8 +10,8 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import cut
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.cut import HUB, CutArms, more_compliant
-from flexmaps.engine.mechanics.arms.model import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Cut, of_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches

@@ -9,9 +9,10 @@ import pytest
 from flexmaps.engine.fabrication.sheets import make_sheets
 from flexmaps.engine.materials import MATERIALS, Material, Orthotropy
 from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH, shapes
 from flexmaps.engine.mechanics.arms.grain import GrainBeams, Yielding
-from flexmaps.engine.mechanics.arms.model import ArmModel, arm_compliances
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.sensitivity import arm_strains
 from flexmaps.engine.mechanics.arms.stiffness import tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, Cut, Pose, of_design, target_pose

@@ -11,7 +11,7 @@ from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.panels.labels import panel_name
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.model import arm_compliances
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads

@@ -11,7 +11,7 @@ from ...errors import FlexMapsError
 from ...materials import Material
 from ...spirals.design import SpiralDesign
 from ..assembly import Assembly, of_design
-from .model import arm_compliances
+from .compliances import arm_compliances
 
 MM = 1e3  # newton metres to newton millimetres
 
