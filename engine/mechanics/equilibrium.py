@@ -42,10 +42,10 @@ LOCKED = 1.0  # radians of torsion in a joint beyond which the frames may have l
 # strain whose forces the residual is measured against where nothing is stressed: far below any that counts
 UNSTRESSED = 1e-5
 STATUS = {
-    CONVERGED: "Converged in {} iterations.",
-    ROUNDED: "Converged in {} iterations.",
+    CONVERGED: "Converged in {}.",
+    ROUNDED: "Converged in {}.",
     SADDLE: "It balances, but the slightest touch would move it on.",
-    ITERATIONS: "No equilibrium within {} iterations.",
+    ITERATIONS: "No equilibrium within {}.",
     INDEFINITE: "The forces are too uneven to be balanced in numbers.",
     NO_DESCENT: "No step lowers the energy any further, though forces are left.",
 }
@@ -216,7 +216,7 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, ROUNDED), 0
-    sentence = STATUS.get(run.ended, "").format(steps)
+    sentence = STATUS.get(run.ended, "").format("1 iteration" if steps == 1 else f"{steps} iterations")
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
         sentence += f" {negative} ways lead downhill from there." if negative else ""

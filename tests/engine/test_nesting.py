@@ -71,6 +71,16 @@ def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
     _check(shapes, packing, params)
 
 
+def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_leaves_there():
+    params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=10.0)
+    shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 8  # with half of the spacing a little more than a sheet
+    rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
+    packing = nesting.nest(shapes, params)
+    assert len(packing.sizes) == len(rough.sizes) == 2
+    assert np.bincount(packing.sheet).min() < np.bincount(rough.sheet).min()
+    _check(shapes, packing, params)
+
+
 @pytest.mark.parametrize(("rotation", "step"), [("QUARTER", 90.0), ("GRAIN", 180.0)])
 def test_rotation_limits_hold(rotation, step):
     params = SheetParams(rotation=rotation, nesting_seconds=4.0)

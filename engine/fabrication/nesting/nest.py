@@ -81,7 +81,8 @@ def _searched(search: Search, rough: Packing) -> Packing:
     shapes, params = search.shapes, search.params
     tops, idle = [(search.needed(rough), rough)], 0
     rng = np.random.default_rng(params.seed)
-    while len(tops[0][1].sizes) > search.fewest and search.spent() < 1.0 - LAST:
+    # on as few sheets as can be, others may leave a larger piece of the last one over
+    while len(tops[0][1].sizes) - len(search.large) > 1 and search.spent() < 1.0 - LAST:
         search.tell(len(shapes))
         found = search.emptied(search.fill(rng, rough))
         need, idle = search.needed(found), idle + 1

@@ -50,8 +50,6 @@ class Search:
         self.hull = np.array([hull_area(s) for s in self.strips.simple.values()])
         self.area = np.array([grown_area(s, 0.5 * params.spacing) for s in self.strips.simple.values()])
         self.large = [i for i, turns in enumerate(self.strips.turns) if not turns]
-        fit = [i for i in range(len(shapes)) if i not in self.large]
-        self.fewest = len(self.large) + int(np.ceil(self.area[fit].sum() / self._room() - 1e-9))
         self.known: dict[frozenset[int], _Set | None] = {}
         # metres, how long a strip of each panel is at least
         self.long = np.array([self._length(i, turns) for i, turns in enumerate(self.strips.turns)])
@@ -81,10 +79,6 @@ class Search:
             for k in range(len(packing.sizes))
         ]
         return len(least) - 1 + min(min(least) / float(self.free[0]), 1.0)
-
-    def _room(self) -> float:
-        """Square metres of a sheet on which panels and half of the spacing round them may lie."""
-        return float((self.free + self.params.spacing).prod())
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
@@ -276,7 +270,7 @@ class Search:
         if len(members) == 1:
             found: _Set | None = self._alone(next(iter(members)))
         else:
-            found = self._set(self.strips.shortest(members, max(TURN, int(share * self.params.nesting_seconds))))
+            found = self._set(self.strips.drawn_together(members, max(TURN, int(share * self.params.nesting_seconds))))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
