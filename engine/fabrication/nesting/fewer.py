@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 
@@ -44,7 +45,9 @@ LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the 
 MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-NESTED = 5  # layouts that are nested in the end, each of which takes as long as nesting does
+# layouts that are nested in the end at most, and times the seconds for nesting that they all may take: two surfaces' best layout for
+# few sheets came as the second, the sixth or the eighth of those that convex hulls promise most of
+NESTED, NESTING = 12, 5.0
 # of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
 LEFT_OUT = 0.2
 
@@ -60,12 +63,13 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
         return flat
     shapes = outlines(flat, settings.spiral)
     before = sheets_needed(nest(shapes, sheet, progress.part(0.0, 0.1)), shapes, sheet)
-    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()
+    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[:NESTED]
+    short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, NESTING / max(len(made), 1)))
     best, least, worth = flat, before, 0.0
-    for number, some in enumerate(made[:NESTED]):
+    for number, some in enumerate(made):
         pieces = outlines(some, settings.spiral)
-        part = progress.part(0.6 + 0.4 * number / NESTED, 0.6 + 0.4 * (number + 1) / NESTED)
-        need = sheets_needed(nest(pieces, sheet, part), pieces, sheet)
+        part = progress.part(0.6 + 0.4 * number / len(made), 0.6 + 0.4 * (number + 1) / len(made))
+        need = sheets_needed(nest(pieces, short, part), pieces, sheet)
         pays = _worth(before - need, joints(some.layout) - joints(flat.layout), sheet)
         if pays > worth:
             best, least, worth = some, need, pays
