@@ -88,7 +88,8 @@ def loads(case: Case, loading: Loading) -> tuple[Loads, Pose]:
 
 def model(case: Case, name: str) -> ElasticModel:
     """A coarse model of a case's design: "arm", "quick" (without the strains' second order) or "rod"."""
-    return build_model(of_design(case.design), case.material, "rod" if name == "rod" else "arm", quick=name == "quick")
+    kind = "rod" if name == "rod" else "arm"
+    return build_model(of_design(case.design), case.material, kind, quick=name == "quick", slopes=False)
 
 
 def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.model import arm_compliances
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.spirals.spiral import alike

@@ -22,7 +22,7 @@ from bench_layout import EDGE, surfaces
 from equilibrium_cases import MATERIAL, Subject, dome, of_mesh, of_shape, shaken, straight_row, torus, turned
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.linalg import Pattern
-from flexmaps.engine.mechanics.arms.model import arm_compliances
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.elastic import ElasticModel, summed
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from equilibrium_cases import EDGE, MATERIAL, straight_row
 from equilibrium_cases import dome as dome_of
-from flexmaps.engine.mechanics.arms.model import ArmModel, arm_compliances
+from flexmaps.engine.mechanics.arms.compliances import arm_compliances
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem

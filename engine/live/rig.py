@@ -183,7 +183,8 @@ def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.nda
         out[joints] = some
         return out
 
-    compliance = model.compliance.each(lambda name, whole: put(whole, getattr(part.compliance, name)))
+    # a live piece needs no derivatives by the design
+    compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)

@@ -195,7 +195,8 @@ def predicted(
         if k == 0:
             continue
         # turning a panel by an angle turns the grain back by it in the panel's frame
-        other = arm_compliances(replace(found.assembly, grain=found.assembly.grain - angle), found.material)
+        turned = replace(found.assembly, grain=found.assembly.grain - angle)
+        other = arm_compliances(turned, found.material, slopes=False)
         base = model.joint_gradients(state)
         sides = []
         for which in ((True, True), (True, False), (False, True)):

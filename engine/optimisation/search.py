@@ -127,7 +127,7 @@ class Task:
         """
         assembly, model, found, loads = of_design(design), point.model, point.equilibrium, point.problem.loads
         if not _alike(assembly.whole, point.model.assembly):
-            model = build_model(assembly, self.material, self.physics.model, quick=True)
+            model = build_model(assembly, self.material, self.physics.model, quick=True, slopes=False)
             if isinstance(model, ArmModel) and isinstance(point.model, ArmModel):
                 model = model.with_curving(point.model.curving_at_joint)
             found = solve(model, found.pose, loads, point.problem.simulate)

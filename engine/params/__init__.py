@@ -1,9 +1,9 @@
 """Every setting of the program, each said once; the sidebar and the command line are generated from them."""
 
+from .fields import SHOWN, Params, setting, shown
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
 from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
-from .setting import SHOWN, Params, setting, shown
 from .settings import BOUNDS, ObjectSettings, Settings, changed, refuse_crossed, shown_values, wish
 from .spirals import ConnectorParams, SpiralParams
 from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..materials import MATERIALS, Lasting, Material, Orthotropy, material
-from .setting import Params, setting
+from .fields import Params, setting
 
 
 @dataclass(frozen=True)

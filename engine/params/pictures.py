@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from .setting import Params, setting
+from .fields import Params, setting
 
 
 @dataclass(frozen=True)

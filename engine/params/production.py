@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import FlexMapsError
-from .setting import Params, setting
+from .fields import Params, setting
 
 
 @dataclass(frozen=True)
@@ -106,13 +106,13 @@ class SheetParams(Params):
     nesting: str = setting(
         "TRUE", "Nesting", "How the panels are laid on the sheets",
         choices=(
-            ("TRUE", "Tight", "Search for the fewest sheets, as long as the time limit allows"),
+            ("TRUE", "Tight", "Search for the fewest sheets and the largest rest of the last one, as long as the time limit allows"),
             ("FAST", "Quick", "Quarter turns only, without a search"),
         ),
     )  # fmt: skip
     # the panels of 986 quads came onto as few sheets, as full, in 8 s as in 20
     nesting_seconds: float = setting(
-        8.0, "Nesting seconds", "Longest time that the search for fewer sheets may take", low=0.0, high=86400.0
+        8.0, "Nesting seconds", "Longest time that the tight nesting may take", low=0.0, high=86400.0
     )
     remnants: str = setting(
         "",

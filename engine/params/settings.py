@@ -9,10 +9,10 @@ from os import PathLike
 from typing import Any, TypeVar
 
 from ..errors import FlexMapsError
+from .fields import SHOWN, Params, is_number, quoted, refuse_above, wanted
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
 from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
-from .setting import SHOWN, Params, is_number, quoted, refuse_above, wanted
 from .spirals import ConnectorParams, SpiralParams
 from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams
 

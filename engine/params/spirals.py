@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ..errors import FlexMapsError
-from .setting import SLACK, Params, setting
+from .fields import SLACK, Params, setting
 
 
 @dataclass(frozen=True)

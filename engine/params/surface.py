@@ -1,10 +1,10 @@
-"""Settings of the surface: its quads, its layout of patches, and what is tried to find better ones."""
+"""Settings of the surface: its quads, its layout of patches, and what the searches for better ones vary and want."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .setting import Params, setting
+from .fields import Params, setting
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,22 @@ def test_a_sheet_is_worth_no_more_joints_than_is_said(squares):
     assert fewer.fewer_sheets(squares, settings(0)) is squares
 
 
+def test_all_layouts_that_are_nested_share_five_times_the_seconds(squares, monkeypatch):
+    """However many there are; where there are only a few seconds, fewer layouts are nested."""
+    monkeypatch.setattr(fewer._Cutting, "all", lambda self: [squares] * 30)
+    for seconds, count in ((60.0, 12), (8.0, 8), (1.0, 5)):
+        told = []
+
+        def nest(shapes, sheet, progress, told=told):
+            told.append(sheet.nesting_seconds)
+            return pack(shapes, (0.6, 0.4), 0.005, 0.003)
+
+        monkeypatch.setattr(fewer, "nest", nest)
+        sheet = SheetParams(cut_joints=30, nesting_seconds=seconds)
+        assert fewer.fewer_sheets(squares, Settings(sheet=sheet)) is squares
+        assert told == pytest.approx([seconds] + [5.0 * seconds / count] * count)
+
+
 def test_hulls_tell_how_many_sheets_are_needed(squares):
     # by hand: a sheet bears 0.786 of 590 x 390 mm, and so one square of 360 mm; of the third it takes what that is of it
     bears = 0.786 * 0.59 * 0.39

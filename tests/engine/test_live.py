@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexmaps.engine.live import rig as rigs
 from flexmaps.engine.live import session
 from flexmaps.engine.live.given import Given
 from flexmaps.engine.live.piece import LivePiece, Shape
 from flexmaps.engine.materials import material
+from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.loads import standing
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
@@ -85,6 +87,29 @@ def test_it_rests_where_a_simulation_does(dome: FlatPatches, name: str) -> None:
     assert shape.converged and not shape.problem
     assert shape.vertices == pytest.approx(simulated(wanted, dome), abs=SAME)
     assert np.abs(shape.vertices - simulated(first, dome)).max() > 5 * SAME  # it has moved
+
+
+def test_what_is_refined_in_parts_is_what_is_made_at_once(dome: FlatPatches, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where many joints change: first with the second order of another thickness, in the end with their own."""
+    monkeypatch.setattr(rigs, "AT_ONCE", 100)
+    first = given_of(dome)
+    thick = replace(first, spiral=replace(first.spiral, thickness=1.2 * first.spiral.thickness))
+    old, pose = rigs.Rig.of(first)
+    rig, _ = rigs.Rig.of(thick, old, pose)
+    assert rig.rough.sum() == len(rig.model.pairs) > 300
+    whole = ArmModel.of(rig.assembly, thick.material)
+    assert not np.allclose(rig.model.curving, whole.curving)
+    steps = rig.refined()
+    with pytest.raises(StopIteration) as ended:
+        while True:
+            next(steps)
+    refined = ended.value.value
+    assert not refined.refinable
+    for name in ("at_joint", "lever", "rest", "stiffness", "offset", "curving"):
+        np.testing.assert_allclose(getattr(refined.model, name), getattr(whole, name), rtol=1e-12, atol=0.0)
+    piece = LivePiece()
+    followed(piece, first, None)
+    assert followed(piece, thick, first).vertices == pytest.approx(simulated(thick, dome), abs=SAME)
 
 
 def test_a_rim_comes_and_goes_and_follows_too(dome: FlatPatches) -> None:

@@ -71,14 +71,62 @@ def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
     _check(shapes, packing, params)
 
 
-def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_leaves_there():
-    params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=10.0)
-    shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 8  # with half of the spacing a little more than a sheet
+@pytest.mark.thorough
+def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_leaves_there(monkeypatch):
+    params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
+    shapes = [
+        0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])
+    ] * 8  # with half of the spacing a little more than a sheet
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
+    monkeypatch.setattr(strips, "TURN", 5)  # the machine may be busy
     packing = nesting.nest(shapes, params)
     assert len(packing.sizes) == len(rough.sizes) == 2
     assert np.bincount(packing.sheet).min() < np.bincount(rough.sheet).min()
     _check(shapes, packing, params)
+
+
+def test_where_sheets_are_as_few_as_can_be_the_search_goes_on(monkeypatch):
+    """With an answer by hand: of four squares of which the quick packing lays two on each of two sheets, three lie on one."""
+    square = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    params = SheetParams(sheet_width=0.47, sheet_height=0.3, nesting_seconds=1e4)
+    rough = pack([square] * 4, (0.47, 0.3), params.margin, params.spacing)
+    assert np.bincount(rough.sheet).tolist() == [2, 2]
+    asked = []
+
+    def fill(self, rng, packing):
+        asked.append(self.spent())
+        return packing
+
+    monkeypatch.setattr(Search, "fill", fill)
+    monkeypatch.setattr(Search, "emptied", lambda self, packing: packing)
+    monkeypatch.setattr(Search, "shortened", lambda self, packing, share, fine=False: packing)
+    nesting.nest([square] * 4, params)
+    assert len(asked) == nesting.PATIENCE
+
+
+@pytest.mark.parametrize(("seconds", "fine"), [(10.0, [False, True]), (4.0, [False])])
+def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(monkeypatch, seconds, fine):
+    """With answers by hand that take what they are given: half of the time for the simple outlines, half for the fine ones."""
+    comb = [
+        [0, 0],
+        *([0.02 * k + x, y] for k in range(10) for x, y in ((0.0, 0.1), (0.005, 0.1), (0.005, 0.02), (0.02, 0.02))),
+        [0.2, 0],
+    ]
+    told, now = [], [100.0]
+
+    def solutions(self, task, seconds):
+        told.append((task["seconds"], len(task["items"][0][1])))
+        now[0] += task["seconds"]
+        yield None
+
+    monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips.time, "monotonic", lambda: now[0])
+    shapes, params = [np.array(comb)] * 2, SheetParams(nesting_seconds=seconds)
+    packing = nesting.nest(shapes, params)
+    _check(shapes, packing, params)
+    points = [len(simplified(shapes[0], strips.BAY)), len(simplified(shapes[0], strips.FINE_BAY, (strips.FINE_STRAY,)))]
+    assert points[0] < points[1]
+    assert told == [(seconds // len(fine), points[one]) for one in fine]
 
 
 @pytest.mark.parametrize(("rotation", "step"), [("QUARTER", 90.0), ("GRAIN", 180.0)])

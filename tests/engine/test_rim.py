@@ -49,6 +49,16 @@ def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh
     return found.design, found.mesh
 
 
+@pytest.mark.parametrize("material", ["vero", "birch"])
+def test_derivatives_that_are_found_later_are_those_found_at_once(material):
+    whole = of_design(made()[0])
+    at_once, later = (ArmModel.of(whole, MATERIALS[material], curving=False, slopes=slopes) for slopes in (True, False))
+    assert later.compliance.by is None
+    np.testing.assert_array_equal(later.compliance.values, at_once.compliance.values)
+    for part in (lambda model: model, lambda model: model.without_rim, lambda model: model.of_rim):
+        np.testing.assert_array_equal(part(later).compliance_by, part(at_once).compliance.by)
+
+
 @pytest.mark.parametrize("degrees", [0, 200])
 def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
     flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)

@@ -45,9 +45,10 @@ LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the 
 MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-# layouts that are nested in the end at most, and times the seconds for nesting that they all may take: two surfaces' best layout for
-# few sheets came as the second, the sixth or the eighth of those that convex hulls promise most of
+# layouts that are nested in the end at most, and times the seconds for nesting that they may take together: of two surfaces' layouts the
+# best was the first or the sixth of those in the order of what convex hulls promise
 NESTED, NESTING = 12, 5.0
+LEAST_SECONDS = 5.0  # of nesting for each of them, unless there are fewer than five seconds for one; at 10 the best came out as at 37
 # of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
 LEFT_OUT = 0.2
 
@@ -63,7 +64,8 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
         return flat
     shapes = outlines(flat, settings.spiral)
     before = sheets_needed(nest(shapes, sheet, progress.part(0.0, 0.1)), shapes, sheet)
-    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[:NESTED]
+    most = min(NESTED, max(NESTING, NESTING * sheet.nesting_seconds / LEAST_SECONDS))
+    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[: int(most)]
     short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, NESTING / max(len(made), 1)))
     best, least, worth = flat, before, 0.0
     for number, some in enumerate(made):

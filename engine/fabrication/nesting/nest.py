@@ -20,10 +20,11 @@ from .packing import Packing, pack, used_length
 from .process import Strip, python
 from .remnants import read
 from .search import LAST, Search
-from .strips import TURN
+from .strips import FINE_SECONDS, TURN
 
 PATIENCE = 4  # orders tried in a row without an improvement before sets are tried for longer
-TOPS = 3  # packings whose emptiest sheet is drawn together in the end
+# packings whose emptiest sheet is drawn together in the end, and the share of the time left for doing the best one's by finer outlines
+TOPS, FINEST = 3, 0.5
 MANY = 400  # most panels that are searched for; the quick packing fills sheets with so many as well as time allows
 
 
@@ -94,14 +95,22 @@ def _searched(search: Search, rough: Packing) -> Packing:
             idle = 0
             if not (search.strips.answered and search.harder()):
                 break
-    made = [rough, *(one for _, one in tops)]
-    for number, (_, one) in enumerate(tops):
-        if number and search.spent() >= 1.0:
+    # those on more sheets cannot become the best any more
+    few = [one for _, one in tops if len(one.sizes) == len(tops[0][1].sizes)]
+    made, last = [rough, *few], FINEST * (1.0 - search.spent())
+    last = last if last * params.nesting_seconds >= FINE_SECONDS else 0.0
+    for number, one in enumerate(few):
+        if number and search.spent() >= 1.0 - last:
             break
-        found = search.shortened(one, (1.0 - search.spent()) / (len(tops) - number))
-        if found is not one and _sound(found, shapes, params):
-            made.append(found)
-    return min(made, key=lambda one: (len(one.sizes), _shortest(one, shapes)))
+        made.append(search.shortened(one, (1.0 - last - search.spent()) / (len(few) - number)))
+    best = _best(made, shapes, params)
+    return _best([best, search.shortened(best, 1.0 - search.spent(), fine=True)], shapes, params) if last else best
+
+
+def _best(made: list[Packing], shapes: list[np.ndarray], params: SheetParams) -> Packing:
+    """The first, or one of the others that hold the asked distances, with the fewest sheets and the largest rest of one of them."""
+    sound = [made[0], *(one for one in made[1:] if one is not made[0] and _sound(one, shapes, params))]
+    return min(sound, key=lambda one: (len(one.sizes), _shortest(one, shapes)))
 
 
 def available() -> bool:

@@ -258,10 +258,10 @@ class Search:
     def _size(self) -> tuple[float, float]:
         return self.params.sheet_width, self.params.sheet_height
 
-    def shortened(self, packing: Packing, share: float) -> Packing:
+    def shortened(self, packing: Packing, share: float, fine: bool = False) -> Packing:
         """The same with the panels of one sheet drawn together in a share of the time limit, so that a larger piece of it is left over.
 
-        It is the sheet that bears least.
+        It is the sheet that bears least. By the simple outlines or the fine ones.
         """
         k = int(np.argmin(np.bincount(packing.sheet, self.hull, len(packing.sizes))))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
@@ -270,7 +270,8 @@ class Search:
         if len(members) == 1:
             found: _Set | None = self._alone(next(iter(members)))
         else:
-            found = self._set(self.strips.drawn_together(members, max(TURN, int(share * self.params.nesting_seconds))))
+            seconds = max(TURN, int(share * self.params.nesting_seconds))
+            found = self._set(self.strips.shortest(members, seconds, fine))
         if found is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()

@@ -30,7 +30,7 @@ TURN = 1  # seconds for one set of panels at first
 GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
 # by how much a strip may be too long for fine outlines to be worth a try, and the time limit over the seconds for it
 NEAR, FINE = 1.03, 12.0
-FINE_SECONDS = 3  # least for fine outlines of all panels of a sheet, which are read in a second or two; not measured
+FINE_SECONDS = 3  # least for fine outlines of all panels of a sheet; not measured, it bounds the time
 # a strip that is so much too long after half of its time hardly becomes short enough: of 14 sets of 2 to 6 panels none came down by as
 # much after the first half second
 HOPELESS = 1.12
@@ -115,24 +115,18 @@ class Strips:
             if not stop.is_set() or future.result() is not None
         }
 
-    def drawn_together(self, members: frozenset[int], seconds: int) -> Strip | None:
-        """As short a strip of some panels as is found in some seconds, half of them with fine outlines where there is time for those."""
-        if seconds < 2.0 * FINE_SECONDS:
-            return self.shortest(members, seconds)
-        coarse = self.shortest(members, seconds // 2)
-        fine = self.shortest(members, seconds - seconds // 2, self._finer(members))
-        return min((one for one in (coarse, fine) if one is not None), key=lambda one: one.width, default=None)
-
-    def shortest(
-        self, members: frozenset[int], seconds: int, shapes: dict[int, np.ndarray] | None = None
-    ) -> Strip | None:
-        """As short a strip of some panels as is found in some seconds by all cores, which begins at 0; by other outlines than the simple ones."""
+    def shortest(self, members: frozenset[int], seconds: int, fine: bool = False) -> Strip | None:
+        """As short a strip of some panels as is found in some seconds by all cores, which begins at 0; by the simple or the fine outlines."""
         stop = Event()
-        future = self._threads.submit(
-            self._solve, members, 0.0, seconds, stop, shapes or self.simple, np.inf, self.count
-        )
+        future = self._threads.submit(self._drawn, members, seconds, stop, fine)
         self._wait([future], [stop], len(members))
         return future.result()
+
+    def _drawn(self, members: frozenset[int], seconds: int, stop: Event, fine: bool) -> Strip | None:
+        end = time.monotonic() + seconds
+        shapes = self._finer(members) if fine else self.simple
+        left = max(TURN, round(end - time.monotonic()))  # finer outlines take their time
+        return self._solve(members, 0.0, left, stop, shapes, threads=self.count)
 
     def _wait(self, futures: Sequence[Future[Strip | None]], stops: Sequence[Event], panels: int) -> None:
         """Wait until all are done; when the user wants to stop, end them."""

@@ -38,7 +38,7 @@ class RimPieces:
 
     @cached_property
     def _model(self) -> ArmModel:
-        return ArmModel.of(of_design(self.design), self.material, curving=False).of_rim
+        return ArmModel.of(of_design(self.design), self.material, curving=False, slopes=False).of_rim
 
     def settled(self, pose: Pose) -> Pose:
         """The pose with nodes, at rest between the hubs where it has none."""

@@ -84,7 +84,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     both = assembly.pairs.shape
     by_grain = np.zeros_like(added) if found.by_grain is None else found.by_grain
     if assembly.nodes:
-        of_rim(assembly, material, found.values, added, by)
+        of_rim(assembly, material, found.values, added, by if slopes else None)
     values, table, by_scale, by_grain = (
         v.reshape(*both, 6, 6) for v in (found.values + added, found.values, found.by_scale, by_grain)
     )

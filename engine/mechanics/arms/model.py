@@ -104,7 +104,8 @@ class ArmModel:
 
     @cached_property
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
-        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``."""
+        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``: those that are known, which ``varied``
+        leaves as they were, else of this assembly."""
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
         return known.by

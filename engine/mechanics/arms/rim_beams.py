@@ -17,7 +17,7 @@ def of_rim(
     material: Material,
     table: Float[np.ndarray, "n 6 6"],
     added: Float[np.ndarray, "n 6 6"],
-    by: Float[np.ndarray, "n numbers 6 6"],
+    by: Float[np.ndarray, "n numbers 6 6"] | None,
 ) -> None:
     """Put what the rim's arms are into the compliances of both arms of every joint, one joint after the other, in place.
 
@@ -26,27 +26,33 @@ def of_rim(
     rim, ties = assembly.rim, assembly.ties
     assert rim is not None
     arm, neck = 2 * np.arange(ties.start, ties.stop), 2 * np.arange(ties.start, ties.stop) + 1
-    by[arm, WIDTH] += by[arm, MATE_WIDTH]
-    by[arm, TWIST] -= by[arm, MATE_TWIST]
-    by[arm, MATE_WIDTH] = by[arm, MATE_TWIST] = 0.0
     strips = np.arange(2 * ties.stop, len(table))
     width = assembly.arm_width[ties, 0]
-    values, slope = _necks(assembly, rim.necks, width, material)
+    values, slope = _necks(assembly, rim.necks, width, material, by is not None)
     for where, found in ((neck, values), (strips, _beams(assembly, rim.strips, material))):
         back = _own_axes(assembly, where)
-        table[where], added[where], by[where] = back @ found @ np.swapaxes(back, 1, 2), 0.0, 0.0
-        if where is neck:
-            # a neck is as wide as the arm beyond its joint
-            by[neck, MATE_WIDTH] = back @ slope @ np.swapaxes(back, 1, 2)
+        table[where], added[where] = back @ found @ np.swapaxes(back, 1, 2), 0.0
+    if by is not None:
+        back = _own_axes(assembly, neck)
+        by[neck], by[strips] = 0.0, 0.0
+        # a neck is as wide as the arm beyond its joint
+        by[neck, MATE_WIDTH] = back @ slope @ np.swapaxes(back, 1, 2)
+        by[arm, WIDTH] += by[arm, MATE_WIDTH]
+        by[arm, TWIST] -= by[arm, MATE_TWIST]
+        by[arm, MATE_WIDTH] = by[arm, MATE_TWIST] = 0.0
 
 
-def _necks(assembly: Assembly, line: Beams, width: np.ndarray, material: Material) -> tuple[np.ndarray, np.ndarray]:
-    """Compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and their derivatives by the widths."""
+def _necks(
+    assembly: Assembly, line: Beams, width: np.ndarray, material: Material, slopes: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and their derivatives by the widths, 0 without slopes."""
 
     def at(share: float) -> np.ndarray:
         wide = np.broadcast_to((share * width)[:, None], line.length.shape)
         return _beams(assembly, Beams(line.lever, line.tangent, line.length, wide, line.bore), material)
 
+    if not slopes:
+        return at(1.0), np.zeros((len(width), 6, 6))
     near, far = at(1.0 + STEP) - at(1.0 - STEP), at(1.0 + 2.0 * STEP) - at(1.0 - 2.0 * STEP)
     return at(1.0), (8.0 * near - far) / (12.0 * STEP * width)[:, None, None]
 

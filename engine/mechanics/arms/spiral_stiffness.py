@@ -53,7 +53,7 @@ def renewed(
 
 def _summed(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray]:
     """(n,) sums over the joints of every spiral, and how many these are."""
-    bend = arm_compliances(assembly, material).values
+    bend = arm_compliances(assembly, material, slopes=False).values
     # a moment about the side: across the arm's own radius as nearly as quads are squares
     own = MM / bend[..., 4, 4]
     count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
