@@ -50,7 +50,8 @@ class ArmCompliances:
     def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
         """Of all members that are known, what is made of their names and values."""
         known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
-        return ArmCompliances(**{k: None if value is None else made(k, value) for k, value in known.items()})
+        changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
+        return ArmCompliances(**changed)
 
 
 def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True) -> ArmCompliances:
