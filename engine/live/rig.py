@@ -73,9 +73,11 @@ class Rig:
         pose = _placed(pose, aim, loads)
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
             pose = replace(pose, nodes=None)  # those of another rim: its own are found anew
-        system = NewtonSystem(model.pairs, loads.held(assembly.pairs, pose.centres))
-        if old is not None and same(system.held, old.system.held) and same(model.pairs, old.model.pairs):
+        held = loads.held(assembly.pairs, pose.centres)
+        if old is not None and same(held, old.system.held[: len(held)]) and same(model.pairs, old.model.pairs):
             system = old.system  # it knows the order of its factors already
+        else:
+            system = NewtonSystem(model.pairs, held)
         return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
 
     @property
