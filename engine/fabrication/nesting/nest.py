@@ -96,21 +96,28 @@ def _searched(search: Search, rough: Packing) -> Packing:
             if not (search.strips.answered and search.harder()):
                 break
     # those on more sheets cannot become the best any more
-    few = [one for _, one in tops if len(one.sizes) == len(tops[0][1].sizes)]
-    made, last = [rough, *few], FINEST * (1.0 - search.spent())
+    return _drawn_together(search, rough, [one for _, one in tops if len(one.sizes) == len(tops[0][1].sizes)])
+
+
+def _drawn_together(search: Search, rough: Packing, tops: list[Packing]) -> Packing:
+    """The best packing once the panels of each one's emptiest sheet are drawn together, those of the best by finer outlines too."""
+    shapes, params, made = search.shapes, search.params, list[Packing]()
+    last = FINEST * (1.0 - search.spent())
     last = last if last * params.nesting_seconds >= FINE_SECONDS else 0.0
-    for number, one in enumerate(few):
+    for number, one in enumerate(tops):
         if number and search.spent() >= 1.0 - last:
             break
-        made.append(search.shortened(one, (1.0 - last - search.spent()) / (len(few) - number)))
-    best = _best(made, shapes, params)
-    return _best([best, search.shortened(best, 1.0 - search.spent(), fine=True)], shapes, params) if last else best
+        made.append(search.shortened(one, (1.0 - last - search.spent()) / (len(tops) - number)))
+    best = _best([rough, *tops], made, shapes, params)
+    if not last:
+        return best
+    return _best([best], [search.shortened(best, 1.0 - search.spent(), fine=True)], shapes, params)
 
 
-def _best(made: list[Packing], shapes: list[np.ndarray], params: SheetParams) -> Packing:
-    """The first, or one of the others that hold the asked distances, with the fewest sheets and the largest rest of one of them."""
-    sound = [made[0], *(one for one in made[1:] if one is not made[0] and _sound(one, shapes, params))]
-    return min(sound, key=lambda one: (len(one.sizes), _shortest(one, shapes)))
+def _best(known: list[Packing], made: list[Packing], shapes: list[np.ndarray], params: SheetParams) -> Packing:
+    """That with the fewest sheets and the largest rest of one of them, of the known packings and of those made that hold the asked distances."""
+    new = [one for one in made if all(one is not other for other in known) and _sound(one, shapes, params)]
+    return min([*known, *new], key=lambda one: (len(one.sizes), _shortest(one, shapes)))
 
 
 def available() -> bool:
