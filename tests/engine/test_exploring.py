@@ -232,11 +232,8 @@ def test_candidates_are_what_the_stages_make_of_their_settings(strip, tmp_path):
         assert one.measures["quads"] == len(strip.mesh.quads)
         # three times as large it is longer than the sheet
         assert one.measures["panels"] == (1 if one.values["edge"] == 10.0 else 2)
-    strain = {
-        (one.values["edge"], one.values["spiral.thickness"]): one.measures["strain_share"] for one in made.candidates
-    }
-    # what is bent along the same curve is strained more the thicker it is
-    assert strain[30.0, 1.0] < strain[30.0, 4.0]
+        # one panel lies flat, and one seam bends a strip next to nothing
+        assert one.measures["strain_share"] < (1e-6 if one.values["edge"] == 10.0 else 0.01)
     assert len(list(tmp_path.glob("candidate-*.svg"))) == 4
     taken = api.use(strip, made.candidates[3].values)
     assert taken.settings.spiral.thickness == pytest.approx(1e-3 * made.candidates[3].values["spiral.thickness"])
