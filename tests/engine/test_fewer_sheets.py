@@ -1,5 +1,7 @@
 """Panels that are cut further where that saves sheets: of squares that lie one on a sheet, for which everything is known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
@@ -43,20 +45,20 @@ def test_a_sheet_is_worth_no_more_joints_than_is_said(squares):
     assert fewer.fewer_sheets(squares, settings(0)) is squares
 
 
-def test_all_layouts_that_are_nested_share_five_times_the_seconds(squares, monkeypatch):
-    """However many there are; where there are only a few seconds, fewer layouts are nested."""
-    monkeypatch.setattr(fewer._Cutting, "all", lambda self: [squares] * 30)
-    for seconds, count in ((60.0, 12), (8.0, 8), (1.0, 5)):
-        told = []
-
-        def nest(shapes, sheet, progress, told=told):
-            told.append(sheet.nesting_seconds)
-            return pack(shapes, (0.6, 0.4), 0.005, 0.003)
-
-        monkeypatch.setattr(fewer, "nest", nest)
-        sheet = SheetParams(cut_joints=30, nesting_seconds=seconds)
-        assert fewer.fewer_sheets(squares, Settings(sheet=sheet)) is squares
-        assert told == pytest.approx([seconds] + [5.0 * seconds / count] * count)
+def test_many_layouts_are_nested_for_a_short_time_and_the_best_for_a_long_one(squares, monkeypatch):
+    """With sheets told by hand: of twenty layouts the first twelve share twice the seconds, the best three of these get all of them."""
+    made = [dataclasses.replace(squares) for _ in range(20)]
+    needs = {id(one): 2.9 - 0.1 * (k % 7) for k, one in enumerate(made)} | {id(squares): 3.0}
+    asked, told = [], []
+    monkeypatch.setattr(fewer._Cutting, "all", lambda self: made)
+    monkeypatch.setattr(fewer, "outlines", lambda flat, spiral: asked.append(flat) or [])
+    monkeypatch.setattr(fewer, "nest", lambda shapes, sheet, progress: told.append(sheet.nesting_seconds))
+    monkeypatch.setattr(fewer, "sheets_needed", lambda packing, shapes, sheet: needs[id(asked[-1])])
+    found = fewer.fewer_sheets(squares, Settings(sheet=SheetParams(cut_joints=30, nesting_seconds=60.0)))
+    assert told == [60.0] + [10.0] * 12 + [60.0] * 3
+    assert [made.index(one) for one in asked[-3:]] == [6, 5, 4] and found is made[6]
+    needs[id(squares)] = 2.0
+    assert fewer.fewer_sheets(squares, Settings(sheet=SheetParams(cut_joints=30))) is squares
 
 
 def test_hulls_tell_how_many_sheets_are_needed(squares):

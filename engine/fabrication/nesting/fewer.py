@@ -45,10 +45,9 @@ LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the 
 MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-# layouts that are nested in the end at most, and times the seconds for nesting that they may take together: of two surfaces' layouts the
-# best was the first or the sixth of those in the order of what convex hulls promise
-NESTED, NESTING = 12, 5.0
-LEAST_SECONDS = 5.0  # of nesting for each of them, unless there are fewer than five seconds for one; at 10 the best came out as at 37
+# layouts that are nested in the end at most, all of them first in a time that is this many times the seconds for nesting, then the best few
+# for so long each: of two surfaces' layouts the best was the first or the sixth of those in the order of what convex hulls promise
+NESTED, ALL, FINALISTS = 12, 2.0, 3
 # of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
 LEFT_OUT = 0.2
 
@@ -64,18 +63,24 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
         return flat
     shapes = outlines(flat, settings.spiral)
     before = sheets_needed(nest(shapes, sheet, progress.part(0.0, 0.1)), shapes, sheet)
-    most = min(NESTED, max(NESTING, NESTING * sheet.nesting_seconds / LEAST_SECONDS))
-    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[: int(most)]
-    short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, NESTING / max(len(made), 1)))
-    best, least, worth = flat, before, 0.0
-    for number, some in enumerate(made):
-        pieces = outlines(some, settings.spiral)
-        part = progress.part(0.6 + 0.4 * number / len(made), 0.6 + 0.4 * (number + 1) / len(made))
-        need = sheets_needed(nest(pieces, short, part), pieces, sheet)
-        pays = _worth(before - need, joints(some.layout) - joints(flat.layout), sheet)
-        if pays > worth:
-            best, least, worth = some, need, pays
-    return flat if best is flat else _noted(best, flat, settings.layout, before, least)
+    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[:NESTED]
+    short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, ALL / max(len(made), 1)))
+
+    def rated(some: list[FlatPatches], params: SheetParams, part: Progress) -> list[tuple[float, float, FlatPatches]]:
+        """What each pays, in joints, and the sheets that it needs, the best first."""
+        found = []
+        for number, one in enumerate(some):
+            pieces, within = outlines(one, settings.spiral), part.part(number / len(some), (number + 1) / len(some))
+            need = sheets_needed(nest(pieces, params, within), pieces, sheet)
+            found.append((_worth(before - need, joints(one.layout) - joints(flat.layout), sheet), need, one))
+        return sorted(found, key=lambda one: -one[0])
+
+    few = [one for _, _, one in rated(made, short, progress.part(0.6, 0.75))[:FINALISTS]]
+    last = rated(few, sheet, progress.part(0.75, 1.0))
+    if not last or last[0][0] <= 0.0:
+        return flat
+    _, need, best = last[0]
+    return _noted(best, flat, settings.layout, before, need)
 
 
 def outlines(flat: FlatPatches, spiral: SpiralParams) -> list[Float[np.ndarray, "_ 2"]]:
