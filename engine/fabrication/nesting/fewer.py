@@ -45,9 +45,9 @@ LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the 
 MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-# layouts that are nested in the end at most, all of them first in a time that is this many times the seconds for nesting, then the best few
-# for so long each: of two surfaces' layouts the best was the first or the sixth of those in the order of what convex hulls promise
-NESTED, ALL, FINALISTS = 12, 2.0, 3
+# layouts of which convex hulls promise most, that are nested in the end; and of as many more as make up the second number, all nested in a
+# time that is so many times the seconds for nesting, the best few: of two surfaces' layouts the best was the first or the sixth
+PROMISING, NESTED, ALL, FINALISTS = 5, 12, 2.0, 2
 # of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
 LEFT_OUT = 0.2
 
@@ -63,8 +63,9 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
         return flat
     shapes = outlines(flat, settings.spiral)
     before = sheets_needed(nest(shapes, sheet, progress.part(0.0, 0.1)), shapes, sheet)
-    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()[:NESTED]
-    short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, ALL / max(len(made), 1)))
+    made = _Cutting(flat, settings, progress.part(0.1, 0.6)).all()
+    few, others = made[:PROMISING], made[PROMISING:NESTED]
+    short = replace(sheet, nesting_seconds=sheet.nesting_seconds * min(1.0, ALL / max(len(others), 1)))
 
     def rated(some: list[FlatPatches], params: SheetParams, part: Progress) -> list[tuple[float, float, FlatPatches]]:
         """What each pays, in joints, and the sheets that it needs, the best first."""
@@ -75,8 +76,8 @@ def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SIL
             found.append((_worth(before - need, joints(one.layout) - joints(flat.layout), sheet), need, one))
         return sorted(found, key=lambda one: -one[0])
 
-    few = [one for _, _, one in rated(made, short, progress.part(0.6, 0.75))[:FINALISTS]]
-    last = rated(few, sheet, progress.part(0.75, 1.0))
+    few += [one for _, _, one in rated(others, short, progress.part(0.6, 0.7))[:FINALISTS]]
+    last = rated(few, sheet, progress.part(0.7, 1.0))
     if not last or last[0][0] <= 0.0:
         return flat
     _, need, best = last[0]
