@@ -55,7 +55,7 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
 
 
 def test_pressed_again_it_goes_on(piece: Any) -> None:
-    piece.flexmaps.optimise.iterations = 2
+    piece.flexmaps.optimise.iterations = 1
     press("optimise")
     first = block(piece)
     piece.flexmaps.optimise.iterations = 60
@@ -63,9 +63,7 @@ def test_pressed_again_it_goes_on(piece: Any) -> None:
     second = block(piece)
     assert second["start"] == "given"
     assert second["laplacian_rmse_mm_before"] == pytest.approx(first["laplacian_rmse_mm"], rel=1e-3)
-    # little was left to gain, and what is gained may be strain instead of distance
-    assert second["laplacian_rmse_mm"] < 1.01 * first["laplacian_rmse_mm"]
-    assert second["strain_share_max"] < max(1.0, 1.01 * first["strain_share_max"])
+    assert second["laplacian_rmse_mm"] < first["laplacian_rmse_mm"]
 
 
 def test_changed_settings_are_kept_to(piece: Any, attribute: Any) -> None:

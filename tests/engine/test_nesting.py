@@ -74,9 +74,8 @@ def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
 @pytest.mark.thorough
 def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_leaves_there(monkeypatch):
     params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
-    shapes = [
-        0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])
-    ] * 8  # with half of the spacing a little more than a sheet
+    # with half of the spacing a little more than a sheet
+    shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 8
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
     monkeypatch.setattr(strips, "TURN", 5)  # the machine may be busy
     packing = nesting.nest(shapes, params)
@@ -86,7 +85,7 @@ def test_on_as_few_sheets_as_can_be_the_last_bears_less_than_the_quick_packing_l
 
 
 def test_where_sheets_are_as_few_as_can_be_the_search_goes_on(monkeypatch):
-    """With an answer by hand: of four squares of which the quick packing lays two on each of two sheets, three lie on one."""
+    """With answers by hand that gain nothing: four squares lie two on a sheet, and other orders are tried all the same."""
     square = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     params = SheetParams(sheet_width=0.47, sheet_height=0.3, nesting_seconds=1e4)
     rough = pack([square] * 4, (0.47, 0.3), params.margin, params.spacing)

@@ -45,8 +45,9 @@ LARGE = 0.08  # share of a sheet; a smaller patch is not cut; not measured, the 
 MOST = 12  # cuts that are made one after the other; on four surfaces two to six paid
 BEAM = 8  # layouts that are cut on; each is packed the quick way too, which takes half a second for 23 panels
 PATIENCE = 2  # cuts in a row that may not pay: two together may, where one alone does not
-# layouts of which convex hulls promise most, that are nested in the end; and of as many more as make up the second number, all nested in a
-# time that is so many times the seconds for nesting, the best few: of two surfaces' layouts the best was the first or the sixth
+# In the end so many layouts of which convex hulls promise most are nested. Those after them, up to so many in all, share ALL times the
+# seconds for nesting, and the best FINALISTS of these are nested for as long as the first. On two surfaces the best layout was the first
+# and the sixth; the other numbers bound the time and are not measured
 PROMISING, NESTED, ALL, FINALISTS = 5, 12, 2.0, 2
 # of a quad at an open border, how much narrower a panel is there where the outer arms are left out: the average of seven surfaces
 LEFT_OUT = 0.2
