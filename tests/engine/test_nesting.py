@@ -10,7 +10,8 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import process as nest_process
 from flexmaps.engine.fabrication.nesting import strips
-from flexmaps.engine.fabrication.nesting.outlines import simplified
+from flexmaps.engine.fabrication.nesting.covering import covering
+from flexmaps.engine.fabrication.nesting.outlines import grown
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, pack, used_length
 from flexmaps.engine.fabrication.nesting.search import Search
 from flexmaps.engine.params import SheetParams
@@ -123,7 +124,11 @@ def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(
     shapes, params = [np.array(comb)] * 2, SheetParams(nesting_seconds=seconds)
     packing = nesting.nest(shapes, params)
     _check(shapes, packing, params)
-    points = [len(simplified(shapes[0], strips.BAY)), len(simplified(shapes[0], strips.FINE_BAY, (strips.FINE_STRAY,)))]
+    half = 0.5 * (params.spacing + strips.ROUNDING)
+    points = [
+        len(grown(shapes[0], half, strips.BAY, strips.CORNERS)),
+        len(grown(shapes[0], half, strips.FINE_BAY, strips.FINE_CORNERS)),
+    ]
     assert points[0] < points[1]
     assert told == [(seconds // len(fine), points[one]) for one in fine]
 
@@ -172,9 +177,29 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
     for k in range(10):
         comb += [[0.01 * k, 0.05], [0.01 * k + 0.009, 0.05], [0.01 * k + 0.009, 0.01], [0.01 * k + 0.01, 0.01]]
     comb += [[0.1, 0]]
-    simple = simplified(np.array(comb), 0.003)
-    assert len(simple) < 14
-    assert shapely.Polygon(simple).contains(shapely.Polygon(comb))
+    outline = shapely.Polygon(comb)
+    simple = shapely.Polygon(grown(np.array(comb), 0.001, 0.005, 14))
+    assert len(simple.exterior.coords) - 1 <= 14
+    # a little more than all that lies so near to the box, whose corners the arcs round off
+    assert simple.contains(outline.buffer(0.001, quad_segs=64))
+    assert simple.area == pytest.approx(outline.envelope.buffer(0.001, quad_segs=64).area, rel=0.01)
+
+
+@pytest.mark.parametrize("count", [8, 20, 60])
+def test_a_polygon_with_few_corners_covers_a_wild_one(count):
+    rng = np.random.default_rng(count)
+    for _ in range(30):
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 90))
+        wild = rng.uniform(0.2, 1.0, 90)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        if rng.integers(2):
+            wild = wild[::-1]
+        given, few = shapely.Polygon(wild), shapely.Polygon(covering(wild, count))
+        assert given.is_valid and few.is_valid and few.exterior.is_ccw
+        assert len(few.exterior.coords) - 1 <= count
+        assert given.difference(few).area < 1e-12
+        # little beyond the best of that many corners, of which the hull has fewer
+        assert few.area < 1.3 * given.convex_hull.area
+    np.testing.assert_array_equal(covering(wild, 90), wild if given.exterior.is_ccw else wild[::-1])
 
 
 def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):

@@ -18,7 +18,7 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
-from .outlines import HULLS, SPREAD, grown_area, hull_area
+from .outlines import HULLS, SPREAD, hull_area
 from .packing import Packing, pack
 from .process import Strip
 from .strips import TURN, Strips
@@ -42,17 +42,21 @@ class Search:
     """What is known of sets of panels, and the time that is left."""
 
     def __init__(self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress):
+        import shapely
+
         self.shapes, self.params, self.progress = shapes, params, progress
         self.begin = time.monotonic()
         end = self.begin + params.nesting_seconds
         self.strips = Strips(shapes, params, end, partial(progress, 0.0, "simplifying the panels"), self.tell)
         self.free = self.strips.free
-        self.hull = np.array([hull_area(s) for s in self.strips.simple.values()])
-        self.area = np.array([grown_area(s, 0.5 * params.spacing) for s in self.strips.simple.values()])
+        self.hull = np.array([hull_area(s) for s in shapes])
+        self.area = np.array([shapely.Polygon(s).area for s in self.strips.simple.values()])
         self.large = [i for i, turns in enumerate(self.strips.turns) if not turns]
         self.known: dict[frozenset[int], _Set | None] = {}
         # metres, how long a strip of each panel is at least
-        self.long = np.array([self._length(i, turns) for i, turns in enumerate(self.strips.turns)])
+        self.long = np.array(
+            [self.strips.alone(i)[1] if turns else self.free[0] for i, turns in enumerate(self.strips.turns)]
+        )
 
     def finish(self) -> None:
         """Stop what still runs."""
@@ -65,11 +69,6 @@ class Search:
     def spent(self) -> float:
         """The share of the time limit that has passed."""
         return (time.monotonic() - self.begin) / max(self.params.nesting_seconds, 1e-9)
-
-    def _length(self, i: int, turns: list[float]) -> float:
-        angles = np.radians(turns)
-        found = np.ptp(self.strips.simple[i] @ np.array([np.cos(angles), -np.sin(angles)]), axis=0)
-        return float(found.min(initial=self.free[0]))
 
     def needed(self, packing: Packing) -> float:
         """The sheets of a packing, of which the emptiest counts as far as its panels are expected to need it once they are drawn together."""
@@ -222,13 +221,10 @@ class Search:
 
     def _alone(self, i: int) -> _Set:
         """A panel by itself, turned so that it takes the least of its sheet's width."""
-
-        def at(degrees: float) -> np.ndarray:
-            cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-            return self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])
-
-        best = min(self.strips.turns[i], key=lambda degrees: float(np.ptp(at(degrees)[:, 0])))
-        return _Set({i: (float(np.radians(best)), self.params.margin - at(best).min(axis=0))}, float(self.area[i]))
+        turn = float(np.radians(self.strips.alone(i)[0]))
+        cos, sin = np.cos(turn), np.sin(turn)
+        least = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
+        return _Set({i: (turn, self.params.margin - least)}, float(self.area[i]))
 
     def _quick(self, rest: list[int]) -> list[_Set]:
         """Panels on sheets of their own, by the quick packing."""

@@ -16,15 +16,15 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...workers import WAIT, cores
-from .outlines import simplified
+from .outlines import grown
 from .packing import least_box, lying_box, turn_that_fits
 from .process import Strip, Worker
 
 STEP = 5.0  # degrees between the directions in which a panel is tried
 BAY = 0.012  # metres; bays narrower than twice this are closed, and those narrower than half of the narrowest panel
-# metres, of the outlines with which a set is tried again that just does not fit: bays that are closed, and how far they may stray.
-# They make strips 1 to 3 % shorter and take three to eight times as long
-FINE_BAY, FINE_STRAY = 0.006, 4e-4
+CORNERS = 120  # of an outline; with 80 strips of five sheets' panels are 1.5 % longer after 4 s, with 60 they are 2.6 %
+# metres and corners of the outlines with which a set is tried again that just does not fit; they cover 3 to 4 % less
+FINE_BAY, FINE_CORNERS = 0.006, 240
 ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
 TURN = 1  # seconds for one set of panels at first
 GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
@@ -43,8 +43,10 @@ class Strips:
     shapes : closed outlines (M, 2), metres; end : of ``time.monotonic``, when the search is over
     tick : called for every shape while they are made ready; tell : called now and then with the number of panels that are being laid;
         what either raises ends the search
-    simple : the shapes as spyrrow gets them; turns : of each the degrees in which it fits on a sheet, none for one that is too large
-    free : (2,) metres of a sheet within its margins; count : how many sets are tried at once; seconds : for each
+    simple : the shapes as spyrrow gets them, grown by half of the separation, so that they may touch
+    turns : of each the degrees in which it fits on a sheet, none for one that is too large
+    free, room : (2,) metres of a sheet within its margins, for the shapes and for grown ones
+    count : how many sets are tried at once; seconds : for each
     answered : whether spyrrow has told of any strip, which it does not where it cannot run
     """
 
@@ -60,12 +62,13 @@ class Strips:
         self.shapes, self.params, self.tell = shapes, params, tell
         self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
         self.separation = params.spacing + ROUNDING
+        self.room = self.free + self.separation
         bay = min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes))
         self.simple: dict[int, np.ndarray] = {}
         self.turns: list[list[float]] = []
         for i, shape in enumerate(shapes):
             tick()
-            self.simple[i] = simplified(shape, max(bay, 0.5 * params.spacing))
+            self.simple[i] = grown(shape, 0.5 * self.separation, max(bay, 0.5 * params.spacing), CORNERS)
             self.turns.append(self._turns(self.simple[i]))
         self.fine: dict[int, np.ndarray] = {}
         self.seconds = TURN
@@ -93,13 +96,24 @@ class Strips:
         base = np.degrees(lying_box(shape, self.params.rotation)[0])
         step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
         angles = base + np.arange(0.0, 360.0, step)
-        turn = turn_that_fits(shape, tuple(self.free), 0.0, self.params.rotation)
+        turn = turn_that_fits(shape, tuple(self.room), 0.0, self.params.rotation)
         if turn is not None:
             angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
-        cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+        wide, high = self._sizes(shape, angles)
+        return angles[(wide <= self.room[0]) & (high <= self.room[1])].tolist()
+
+    def alone(self, i: int) -> tuple[float, float]:
+        """The degrees by which a panel is turned that takes the least of a sheet's width, and metres of it."""
+        wide = self._sizes(self.simple[i], np.array(self.turns[i]))[0]
+        best = int(wide.argmin())
+        return self.turns[i][best], float(wide[best]) - self.separation
+
+    @staticmethod
+    def _sizes(shape: np.ndarray, degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Width and height, metres, of a shape once it is turned by each of some angles."""
+        cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
-        high = np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
-        return angles[(wide <= self.free[0]) & (high <= self.free[1])].tolist()
+        return wide, np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
 
     def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], Strip | None]:
         """A strip no longer than a sheet of each of some sets of panels, None where none was found.
@@ -164,7 +178,8 @@ class Strips:
         """Finer outlines of some panels among those of others."""
         with self._lock:
             for i in members - set(self.fine):
-                self.fine[i] = simplified(self.shapes[i], max(FINE_BAY, 0.5 * self.params.spacing), (FINE_STRAY,))
+                bay = max(FINE_BAY, 0.5 * self.params.spacing)
+                self.fine[i] = grown(self.shapes[i], 0.5 * self.separation, bay, FINE_CORNERS)
             return {i: self.fine[i] for i in members}
 
     def _solve(
@@ -183,9 +198,8 @@ class Strips:
         """
         task = {
             "items": [(str(i), (shapes[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],
-            "high": float(self.free[1] + 2.0 * self.separation) * 1e3,
+            "high": float(self.room[1]) * 1e3,
             "seconds": seconds,
-            "separation": self.separation * 1e3,
             "seed": self.params.seed,
             "threads": threads,
         }
@@ -195,8 +209,7 @@ class Strips:
         try:
             for solution in worker.solutions(task, seconds + GRACE):
                 best = solution if solution is not None else best
-                # spyrrow keeps the separation from the border of its strip too
-                length = np.inf if best is None else best.width - 2.0 * self.separation
+                length = np.inf if best is None else best.width - self.separation
                 late = best is not None and time.monotonic() - begun > 0.5 * seconds
                 if length <= enough or (late and length > hopeless) or stop.is_set() or self._over.is_set():
                     worker.stop()
@@ -206,5 +219,5 @@ class Strips:
         if best is None:
             return None
         self.answered = True
-        places = {i: (turn, shift - self.separation) for i, (turn, shift) in best.places.items()}
-        return Strip(best.width - 2.0 * self.separation, places)
+        places = {i: (turn, shift - 0.5 * self.separation) for i, (turn, shift) in best.places.items()}
+        return Strip(best.width - self.separation, places)

@@ -20,7 +20,6 @@ def main() -> None:
         strip = spyrrow.StripPackingInstance("", task["high"], items)
         config = spyrrow.StripPackingConfig(
             total_computation_time=task["seconds"],
-            min_items_separation=task["separation"],
             num_workers=task["threads"],
             seed=task["seed"],
         )

@@ -1,0 +1,136 @@
+"""Polygons with few corners round others, for searches whose time grows with the number of corners."""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+
+from ...arrays import Float
+
+_Point = tuple[float, float]
+_Change = tuple[float, int, int, _Point | None]  # what it adds, square metres, a corner, its version, where it moves
+
+
+def covering(points: Float[np.ndarray, "corners 2"], count: int) -> Float[np.ndarray, "few 2"]:
+    """A polygon with ``count`` corners round a simple one, which adds as little area as is found: the smallest change comes first.
+
+    As lines are simplified by Visvalingam and Whyatt (1993), but outwards only: a corner that points inwards is cut off by a
+    line between its neighbours, a side between two that point outwards is left out by lengthening its neighbours until they meet.
+    Neither is done where the outline would cross itself, so that more corners may be left. Counter-clockwise.
+    """
+    ring = _Ring(points)
+    while ring.left > count and (change := ring.least()) is not None:
+        ring.make(*change)
+    return ring.points()
+
+
+class _Ring:
+    """A closed outline from which corners are taken, and the changes that are possible, the least first.
+
+    Corners are known by their numbers in the first outline, counter-clockwise; ``ends`` are the corners after them. Those that are gone
+    are not a number, and neither are their ends.
+    """
+
+    def __init__(self, points: Float[np.ndarray, "corners 2"]):
+        x, y = points[:, 0], points[:, 1]
+        turned = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0
+        self.at = np.array(points[::-1] if turned else points, dtype=float)
+        self.ends = np.roll(self.at, -1, axis=0)
+        self.left = len(points)
+        # the same as tuples, which are quicker one by one
+        self.corners: list[_Point] = [(x, y) for x, y in self.at.tolist()]
+        self.after = [*range(1, self.left), 0]
+        self.before = [self.left - 1, *range(self.left - 1)]
+        self.version = [0] * self.left  # of what is known of a corner; changes of an older one are void
+        self.changes: list[_Change] = []
+        for corner in range(self.left):
+            self._offer(corner)
+
+    def points(self) -> Float[np.ndarray, "corners 2"]:
+        """The corners that are left, in order."""
+        return self.at[np.isfinite(self.at[:, 0])]
+
+    def least(self) -> tuple[int, _Point | None] | None:
+        """A corner, and where it moves while the one after it goes, or ``None`` where it goes itself; ``None`` once nothing can be done."""
+        while self.changes:
+            _, corner, version, to = heapq.heappop(self.changes)
+            if version == self.version[corner] and self._free(corner, to):
+                return corner, to
+        return None
+
+    def make(self, corner: int, to: _Point | None) -> None:
+        """Make one of the changes."""
+        gone = corner if to is None else self.after[corner]
+        before, after = self.before[gone], self.after[gone]
+        if to is not None:
+            self.corners[corner] = to
+            self.at[corner] = self.ends[self.before[corner]] = to
+        self.after[before], self.before[after] = after, before
+        self.ends[before] = self.corners[after]
+        self.at[gone] = self.ends[gone] = np.nan
+        self.version[gone] = -1
+        self.left -= 1
+        first = self.before[before]
+        for near in {self.before[first], first, before, after}:
+            self._offer(near)
+
+    def _turn(self, corner: int) -> float:
+        """Twice the area of a corner's triangle with its neighbours, more than 0 where it points outwards."""
+        (x0, y0), (x, y), (x1, y1) = (self.corners[k] for k in (self.before[corner], corner, self.after[corner]))
+        return (x - x0) * (y1 - y) - (y - y0) * (x1 - x)
+
+    def _offer(self, corner: int) -> None:
+        """Put what can be done at a corner among the changes."""
+        self.version[corner] += 1
+        turn, following = self._turn(corner), self.after[corner]
+        if turn <= 0.0:
+            self._put(-0.5 * turn, corner, None)
+        elif self._turn(following) > 0.0:
+            (x0, y0), (x, y) = self.corners[self.before[corner]], self.corners[corner]
+            (x1, y1), (x2, y2) = self.corners[following], self.corners[self.after[following]]
+            bend = (x - x0) * (y1 - y2) - (y - y0) * (x1 - x2)
+            if bend < 0.0:  # else both lines part
+                far = ((x1 - x) * (y1 - y2) - (y1 - y) * (x1 - x2)) / bend
+                to = x + far * (x - x0), y + far * (y - y0)
+                twice = abs((x1 - x) * (to[1] - y) - (y1 - y) * (to[0] - x))
+                # a sharp corner is in the way of others though it has little area: it counts as the square of its height
+                height = twice**2 / ((x1 - x) ** 2 + (y1 - y) ** 2)
+                self._put(max(0.5 * twice, height), corner, to)
+
+    def _put(self, area: float, corner: int, to: _Point | None) -> None:
+        heapq.heappush(self.changes, (area, corner, self.version[corner], to))
+
+    def _free(self, corner: int, to: _Point | None) -> bool:
+        """Whether no other part of the outline lies in the triangle that a change adds.
+
+        Corners of the triangle are neither in it nor across its sides: what is reckoned of them is 0 without rounding.
+        """
+        before, after = self.before[corner], self.after[corner]
+        three = [before, corner, after] if to is None else [corner, -1, after]
+        triangle = np.array([to if k < 0 else self.corners[k] for k in three])
+        low, high = triangle.min(axis=0), triangle.max(axis=0)
+        # only sides whose box meets that of the triangle
+        meets = ((self.at <= high) | (self.ends <= high)) & ((self.at >= low) | (self.ends >= low))
+        near = meets.all(axis=1)
+        own = 4 if to is None else 3  # sides that share a corner with it, of which two may bend back into it
+        if np.count_nonzero(near) == own:
+            next_to = self.at[[self.before[before], self.after[after]]]
+            if to is not None or not ((next_to >= low) & (next_to <= high)).all(axis=1).any():
+                return True
+        start, end = self.at[near], self.ends[near]
+        along = np.roll(triangle, -1, axis=0) - triangle
+
+        def sides(points: np.ndarray) -> np.ndarray:
+            """On which side of the triangle's three lines points lie: times twice a length."""
+            off = points[:, None] - triangle
+            return along[:, 0] * off[..., 1] - along[:, 1] * off[..., 0]
+
+        from_start, from_end = sides(start), sides(end)
+        if ((from_start > 0.0).all(axis=1) | (from_start < 0.0).all(axis=1)).any():
+            return False
+        span = (end - start)[:, None]
+        off = triangle - start[:, None]
+        across = span[..., 0] * off[..., 1] - span[..., 1] * off[..., 0]
+        crossed = (from_start * from_end < 0.0) & (across * np.roll(across, -1, axis=1) < 0.0)
+        return not crossed[:, [2] if to is None else [0, 1]].any()
