@@ -232,12 +232,22 @@ def test_candidates_are_what_the_stages_make_of_their_settings(strip, tmp_path):
         assert one.measures["quads"] == len(strip.mesh.quads)
         # three times as large it is longer than the sheet
         assert one.measures["panels"] == (1 if one.values["edge"] == 10.0 else 2)
-        # one panel lies flat, and one seam bends a strip next to nothing
+        # one panel lies flat, and one seam bends a strip next to nothing; a piece that bends follows below
         assert one.measures["strain_share"] < (1e-6 if one.values["edge"] == 10.0 else 0.01)
     assert len(list(tmp_path.glob("candidate-*.svg"))) == 4
     taken = api.use(strip, made.candidates[3].values)
     assert taken.settings.spiral.thickness == pytest.approx(1e-3 * made.candidates[3].values["spiral.thickness"])
     assert taken.mesh.median_edge == pytest.approx(1e-3 * made.candidates[3].values["edge"])
+
+
+def test_thicker_sheets_of_a_dome_are_strained_more():
+    """Strain by bending is half of the thickness times the curvature, of which a dome cut into two panels keeps the most."""
+    dome = api.layout(api.load("shape:dome", edge=20))
+    base = Base({0: candidates.Start(dome.mesh, dome.result.flat.layout.cut)}, dome.settings, effort=0.03)
+    thin, thick = (candidates.evaluate(base, {"spiral.thickness": t}).measures for t in (1.0, 4.0))
+    assert thin["strain_share"] > 0.05
+    assert thick["strain_share"] > 1.5 * thin["strain_share"]
+    assert thick["cut_minutes"] > thin["cut_minutes"]
 
 
 def test_settings_that_cross_are_the_fault_of_a_candidate_alone(strip):
