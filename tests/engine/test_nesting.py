@@ -185,8 +185,9 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
     assert simple.area == pytest.approx(outline.envelope.buffer(0.001, quad_segs=64).area, rel=0.01)
 
 
-@pytest.mark.parametrize("count", [8, 20, 60])
-def test_a_polygon_with_few_corners_covers_a_wild_one(count):
+@pytest.mark.parametrize(("count", "most"), [(8, 1.3), (20, 1.0), (60, 0.75)])
+def test_a_polygon_with_few_corners_covers_a_wild_one(count, most):
+    """Of a star with 90 corners: with 20 it is smaller than the convex hull, so that bays are left open, with 60 much smaller."""
     rng = np.random.default_rng(count)
     for _ in range(30):
         angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 90))
@@ -197,8 +198,7 @@ def test_a_polygon_with_few_corners_covers_a_wild_one(count):
         assert given.is_valid and few.is_valid and few.exterior.is_ccw
         assert len(few.exterior.coords) - 1 <= count
         assert given.difference(few).area < 1e-12
-        # little beyond the best of that many corners, of which the hull has fewer
-        assert few.area < 1.3 * given.convex_hull.area
+        assert few.area < most * given.convex_hull.area
     np.testing.assert_array_equal(covering(wild, 90), wild if given.exterior.is_ccw else wild[::-1])
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from ...arrays import Float
 
 _Point = tuple[float, float]
-_Change = tuple[float, int, int, _Point | None]  # what it adds, square metres, a corner, its version, where it moves
+# square metres that it adds, a corner, the version of what was known of it, and where it moves, ``None`` where it goes
+_Change = tuple[float, int, int, _Point | None]
 
 
 def covering(points: Float[np.ndarray, "corners 2"], count: int) -> Float[np.ndarray, "few 2"]:
@@ -95,8 +96,8 @@ class _Ring:
                 to = x + far * (x - x0), y + far * (y - y0)
                 twice = abs((x1 - x) * (to[1] - y) - (y1 - y) * (to[0] - x))
                 # a sharp corner is in the way of others though it has little area: it counts as the square of its height
-                height = twice**2 / ((x1 - x) ** 2 + (y1 - y) ** 2)
-                self._put(max(0.5 * twice, height), corner, to)
+                square = twice**2 / ((x1 - x) ** 2 + (y1 - y) ** 2)
+                self._put(max(0.5 * twice, square), corner, to)
 
     def _put(self, area: float, corner: int, to: _Point | None) -> None:
         heapq.heappush(self.changes, (area, corner, self.version[corner], to))
