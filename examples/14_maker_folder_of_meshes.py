@@ -22,7 +22,7 @@ def make(mesh: Path, out: Path, edge: float, settings: dict) -> str:
     """Write everything for one mesh; returns a line about it."""
     quads = None
     if any(finding.is_error for finding in api.check(api.load(mesh, edge=edge))):
-        quads = 1500
+        quads = 500
     made = api.run(mesh, out / mesh.stem, edge=edge, quads=quads, settings=settings, optimised=True, pictures=False)
     sheets = made["sheets"]
     return f"{sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts, {sheets['mass_g']:.0f} g"

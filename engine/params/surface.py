@@ -11,7 +11,7 @@ from .fields import Params, setting
 class RemeshParams(Params):
     """Making quads out of any mesh in Blender, and the size at which the piece is made."""
 
-    quads: int = setting(1500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
+    quads: int = setting(500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
     edge: float = setting(
         0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m"

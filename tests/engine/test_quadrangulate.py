@@ -102,6 +102,14 @@ def test_a_map_by_hand_gives_its_grid():
     assert found == {(float(x), float(y), 0.0) for x in range(5) for y in range(4)}
 
 
+def test_a_map_smaller_than_a_quad_is_refused():
+    """One triangle whose map lies within a cell and is turned over: nothing of it is a quad."""
+    mesh = Triangles(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    uv = np.array([[[0.1, 0.1], [0.1, 0.4], [0.4, 0.1]]])
+    with pytest.raises(FlexMapsError):
+        extracted(mesh, np.zeros(3, int), uv)
+
+
 def test_the_grid_goes_on_over_turns_and_shifts():
     """Every triangle with a u and v of its own, turned by quarters and shifted by whole numbers: the same grid."""
     mesh = plane(1)

@@ -69,6 +69,8 @@ def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.nda
     sides = _glued(quad, turn, glued)
     keep = _real(quad, pieces, p, area)
     result = _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
+    if not len(result.sizes):
+        raise FlexMapsError("The map is smaller than a quad")
     if not _is_like(mesh, result.corners.reshape(-1, 4)):
         raise FlexMapsError("The map folds over itself and tears the surface")
     return result
