@@ -28,14 +28,17 @@ from .wishes import Wishes
 from .work import FIT, Work
 
 ENDS = {
-    "converged": "Further steps would gain next to nothing.",
-    "iterations": "It took as many steps as it may; more of them may gain more.",
-    "time": "Its time was over; more patience may gain more.",
-    "stopped": "It was stopped.",
-    "nothing": "Nothing better was found.",
+    "converged": "Converged: further steps would improve it by next to nothing.",
+    "iterations": "Stopped at the largest number of steps. Press Optimise again to improve it further.",
+    "time": "Stopped at the time limit. Press Optimise again to improve it further.",
+    "stopped": "Cancelled; the best design so far is kept.",
+    "nothing": "No better design was found; the design is unchanged.",
 }
 LOADS = (0.1, 0.3, 0.6, 1.0)  # shares in which the loads are put on where all at once lead to no equilibrium
 TRIES = 3  # designs that are proved, the best first, until one keeps its shape
+# Starts may lie so many times the smallest mismatch from the target. Their values alone, where closing slots and strain count beside the
+# mismatch, led a vessel of two walls into a collapsed shape; the mismatch alone made results of two other surfaces worse by a third
+NEARBY = 1.5
 SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
 
 
@@ -149,7 +152,7 @@ def optimise(
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
     Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the
-    curvature-adjusted one or the uniform one, whichever is nearest to the target; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    curvature-adjusted one or the uniform one, see ``_best_start``; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
@@ -159,8 +162,9 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
-    name, start = min(points.items(), key=lambda item: item[1].value)
-    start = start.weighed()
+    farthest = _farthest(points.get("given"), problem)
+    name = _best_start(points, farthest)
+    start = points[name].weighed()
     # now rather than at the end, where somebody who stopped it would have to wait for this
     given = points.get("given", start)
     within = progress.part(0.1, 0.12)
@@ -173,14 +177,14 @@ def optimise(
         vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
-    search = Search(task, trace, accepted, max(FARTHER * given.distance, NEAR) + problem.target.reach, design.flat)
+    search = Search(task, trace, accepted, _farthest(given, problem), design.flat)
     accepted(start)
     try:
         search.run(start, design, work.paced(progress.part(0.12, 0.9)))
         ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
-    was = Found(before, given)
+    was = Found(before, given, search.farthest)
     strictness = LOOSE if ended == "stopped" else LENIENT
     if found is None or not found.merit(strictness) < was.merit(strictness):
         found, ended = was, ended if ended == "stopped" else "nothing"
@@ -198,18 +202,33 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
         wishes.check(len(design.width))
 
 
+def _farthest(given: Point | None, problem: Problem) -> float:
+    """Return the largest RMS distance from the target of a sound result, in distances of neighbours; without limit if there is no given design."""
+    return np.inf if given is None else max(FARTHER * given.distance, NEAR) + problem.target.reach
+
+
+def _best_start(points: dict[str, Point], farthest: float) -> str:
+    """Return the start of least objective among the sound ones that match the target nearly as well as the best of them."""
+    sound = {name: point for name, point in points.items() if point.distance <= farthest}
+    limit = NEARBY * min(point.mismatch.value for point in sound.values())
+    nearby = {name: point.value for name, point in sound.items() if point.mismatch.value <= limit}
+    return min(nearby, key=nearby.__getitem__)
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A simulated design, and the point of the search that it was."""
+    """A simulated design, the point of the search that it was, and its largest RMS distance as in ``Search``."""
 
     simulation: Simulation
     point: Point
+    farthest: float
 
     def merit(self, strictness: float) -> float:
-        """Of what was simulated, as ``Point.merit``; infinite without an equilibrium."""
-        if not self.simulation.equilibrium.converged:
+        """Return ``Point.merit`` of the simulated shape; infinite without an equilibrium, or too far from the target."""
+        target, pose = self.point.problem.target, self.simulation.equilibrium.pose
+        if not self.simulation.equilibrium.converged or target.distance(pose) > self.farthest:
             return np.inf
-        mismatch = self.point.problem.target.compare(self.simulation.equilibrium.pose.centres)
+        mismatch = target.compare(pose.centres)
         strains = self.simulation.strain
         largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
         return self.point.merit(strictness, mismatch, largest)
@@ -226,7 +245,7 @@ def _proved(search: Search, progress: Progress) -> Found | None:
             design = proved(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
         except FlexMapsError:
             continue
-        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point))
+        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point, search.farthest))
         if found[-1].merit(strictness) <= (1.0 + SAME) * held.merit(strictness):
             break
     return min(found, key=lambda one: one.merit(strictness), default=None)
@@ -235,7 +254,7 @@ def _proved(search: Search, progress: Progress) -> Found | None:
 def _held(search: Search) -> Found | None:
     """The best design as the search left it; None where none keeps its shape."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
-    return Found(search.task.rested(best.design, best.point), best.point) if best.sound else None
+    return Found(search.task.rested(best.design, best.point), best.point, search.farthest) if best.sound else None
 
 
 def _strictness(search: Search) -> float:
@@ -259,11 +278,11 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
     """
     task, found = search.task, list[Found]()
     if search.held and search.best.value < np.inf:
-        found.append(Found(task.rested(search.best.design, search.best.point), search.best.point))
+        found.append(Found(task.rested(search.best.design, search.best.point), search.best.point, search.farthest))
     if not found or found[0].merit(LOOSE) > (1.0 + SAME) * point.merit(LOOSE):
         latest = codesign.designed(point, design)
         if latest is not None:
-            found.append(Found(task.rested(latest, point), point))
+            found.append(Found(task.rested(latest, point), point, search.farthest))
     return min(found, key=lambda one: one.merit(LOOSE))
 
 

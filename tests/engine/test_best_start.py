@@ -1,0 +1,47 @@
+"""Which start a search takes, and that a result too far from the target counts for nothing."""
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation.search import Task
+from flexmaps.engine.optimisation.work import Work
+from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+
+def point(mismatch: float, value: float, distance: float = 0.5) -> Any:
+    return SimpleNamespace(mismatch=SimpleNamespace(value=mismatch), value=value, distance=distance)
+
+
+def test_slots_and_strain_do_not_outvote_the_mismatch() -> None:
+    points = {"given": point(0.0035, 0.0158), "uniform": point(0.0096, 0.0096)}
+    assert optimise._best_start(points, np.inf) == "given"
+
+
+def test_among_near_equals_the_objective_decides() -> None:
+    points = {"given": point(0.0188, 0.05), "uniform": point(0.0190, 0.02), "curvature": point(0.0170, 0.03)}
+    assert optimise._best_start(points, np.inf) == "uniform"
+
+
+def test_a_start_too_far_away_is_not_taken() -> None:
+    points = {"given": point(0.004, 0.03, distance=0.4), "uniform": point(0.003, 0.003, distance=1.75)}
+    assert optimise._best_start(points, 0.42) == "given"
+    assert optimise._best_start(points, np.inf) == "uniform"
+
+
+def test_a_result_too_far_away_is_worth_nothing() -> None:
+    made = job.run(PolygonMesh.of(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    assert made.design is not None
+    physics = SimulateParams(restarts=0)
+    task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
+    problem = task.problem(made.design)
+    start = optimise.starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)["given"]
+    near = optimise.Found(task.rested(made.design, start), start, start.distance * 1.01)
+    assert np.isfinite(near.merit(1.0))
+    assert dataclasses.replace(near, farthest=start.distance * 0.99).merit(1.0) == np.inf
