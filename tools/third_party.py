@@ -125,6 +125,7 @@ PACKAGES = {
         {"libgeos": _GEOS, "geos": _GEOS, "msvcp140": _MICROSOFT},
     ),
     "spyrrow": Package("MIT", "https://github.com/PaulDL-RS/spyrrow"),
+    "svgelements": Package("MIT", "https://github.com/meerk40t/svgelements"),
     "threadpoolctl": Package("BSD-3-Clause", "https://github.com/joblib/threadpoolctl"),
     "typing_extensions": Package("PSF-2.0", "https://github.com/python/typing_extensions"),
     "xatlas": Package("MIT", "https://github.com/mworchel/xatlas-python"),

@@ -147,6 +147,7 @@ def make_sheets(
     outlines = [p.outline for p in (*traced, *panels[len(drawn) :])]
     shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
     laid = nest(shapes, params, progress.part(0.72, 1.0))
+    warnings += dict.fromkeys(remark for one in laid.remnants for remark in one.remarks)
     packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
     return CutSheets(
         panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,

@@ -119,6 +119,19 @@ class SheetParams(Params):
         "Remnants",
         "DXF or SVG drawings of odd pieces of sheet, with ; between them: they are filled first, each once. Along their width runs the grain",
     )
+    remnant_unit: str = setting(
+        "mm",
+        "Unit of drawings",
+        "Unit of lengths in drawings of remnants that name none",
+        choices=(
+            ("mm", "Millimetres", "As most programs of makers write"),
+            ("cm", "Centimetres", "As some drawing programs write"),
+            ("m", "Metres", "As programs of architects write"),
+            ("in", "Inches", "As programs in imperial units write"),
+            ("pt", "Points", "1/72 inch"),
+            ("px", "Pixels", "1/96 inch, as browsers read SVG"),
+        ),
+    )
     seed: int = setting(0, "Seed", "Another number tries the panels in another order", low=0, high=2**31 - 1)
 
     def __post_init__(self) -> None:

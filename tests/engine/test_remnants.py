@@ -104,7 +104,7 @@ def test_circles_arcs_and_turned_groups(tmp_path: Path) -> None:
         ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 50 50"/></svg>', "no closed outline"),
         ("a.svg", '<svg xmlns="http://www.w3.org/2000/svg"><rect width="1e9" height="1e9"/></svg>', "m large"),
         ("a.dxf", "nothing", "no DXF"),
-        ("a.dxf", "", "no DXF"),
+        ("a.dxf", "", "no closed outline"),
     ],
 )
 def test_what_is_no_drawing_is_refused(tmp_path: Path, name: str, text: str, says: str) -> None:

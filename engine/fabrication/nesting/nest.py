@@ -36,7 +36,7 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     Never worse than ``packing.pack``, which it returns where spyrrow is missing or nothing better is found. The seed makes
     the search repeatable as far as a limit in seconds can be. Remnants come first, and are filled by ``odd``.
     """
-    remnants = read(params.remnants) if params.remnants.strip() else []
+    remnants = read(params.remnants, params.remnant_unit) if params.remnants.strip() else []
     if remnants:
         odd, rest = on_remnants(shapes, remnants, params, progress.part(0.0, 0.2))
         whole = replace(params, remnants="")

@@ -1,0 +1,236 @@
+"""The lines of DXF and SVG drawings, in millimetres, read by ezdxf and svgelements."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ...errors import FlexMapsError
+from .svg_tree import SvgTree
+
+if TYPE_CHECKING:
+    from ezdxf.entities import DXFEntity
+
+FLAT = 4e-3  # millimetres that chords may stray from curves; a size is wrong by at most twice as much
+MAX_BYTES = 50_000_000  # of a file that is read
+MAX_DEPTH = 32  # blocks in blocks; one that holds itself is damaged
+# millimetres of the units of $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
+# decimetre, decametre, hectometre, and the foot, inch, and yard of the US survey
+DXF_UNITS = {
+    1: 25.4,
+    2: 304.8,
+    3: 1609344.0,
+    4: 1.0,
+    5: 10.0,
+    6: 1e3,
+    7: 1e6,
+    8: 25.4e-6,
+    9: 0.0254,
+    10: 914.4,
+    11: 1e-7,
+}
+DXF_UNITS |= {12: 1e-6, 13: 1e-3, 14: 1e2, 15: 1e4, 16: 1e5, 21: 304.800609601, 22: 25.4000508001, 23: 914.401828804}
+FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill an area
+
+
+@dataclass
+class Drawing:
+    """What is drawn in a file.
+
+    lines : points in millimetres, y upwards, and whether they are closed
+    unitless : whether lengths are in a unit that the file does not name
+    outside : names of forms that are not read
+    """
+
+    lines: list[tuple[np.ndarray, bool]] = field(default_factory=list)
+    unitless: bool = False
+    outside: set[str] = field(default_factory=set)
+
+
+def read_dxf(path: Path, unit: float) -> Drawing:
+    """Every visible line of a DXF drawing; ``unit`` is how many millimetres a length without a unit is."""
+    import ezdxf
+
+    logging.getLogger("ezdxf").setLevel(logging.ERROR)
+    try:
+        document = _document(path)
+        code = int(document.header.get("$INSUNITS", 0) or 0)
+        factor = DXF_UNITS[code] if code else unit
+        frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
+        off = {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
+        made = Drawing(unitless=not code)
+        filled: list[tuple[np.ndarray, bool]] = []
+        for kind, points, closed in _visible(
+            document.modelspace(), _Place(document.blocks, frozen, off, FLAT / factor)
+        ):
+            if len(points) < 2:
+                made.outside.add(kind)
+            else:
+                (filled if kind in FILLED else made.lines).append((factor * points, closed))
+        made.lines = made.lines or filled  # beside lines a hatch only fills what they enclose
+    except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
+        raise FlexMapsError(f"{path.name} is no DXF drawing that can be read; save it again, as R2010") from None
+    return made
+
+
+def _document(path: Path) -> Any:
+    """The drawing as ezdxf reads it, however damaged."""
+    import ezdxf
+    from ezdxf import recover
+
+    data = path.read_bytes()
+    if data.startswith(b"AutoCAD Binary DXF"):
+        return ezdxf.readfile(path)
+    try:
+        return recover.read(io.BytesIO(data))[0]
+    except ezdxf.DXFStructureError:
+        return recover.read(io.BytesIO(_with_classes(data)))[0]
+
+
+def _with_classes(data: bytes) -> bytes:
+    """A drawing whose light polylines have the marks of their classes, and a version that has any; ezdxf takes no others."""
+    lines = [line.strip() for line in data.splitlines()]
+    records: list[list[bytes]] = [[]]
+    for code, value in zip(lines[::2], lines[1::2]):
+        if code == b"0":
+            records.append([])
+        records[-1] += [code, value]
+    for record in records:
+        if record[:2] == [b"0", b"LWPOLYLINE"]:
+            pairs = [p for p in zip(record[2::2], record[3::2], strict=True) if p[0] != b"100"]
+            shared = [p for p in pairs if p[0] in (b"5", b"6", b"8", b"48", b"60", b"62", b"67")]
+            own = [p for p in pairs if p not in shared]
+            record[2:] = [x for p in ((b"100", b"AcDbEntity"), *shared, (b"100", b"AcDbPolyline"), *own) for x in p]
+    head = b"0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1015\n0\nENDSEC\n" if b"$ACADVER" not in data else b""
+    return head + b"\n".join(line for record in records for line in record) + b"\n"
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where entities are drawn: the blocks and the names of hidden layers, and of a block the layer and the transform.
+
+    distance : of chords from curves, in the drawing's unit
+    """
+
+    blocks: Any
+    frozen: set[str]
+    off: set[str]
+    distance: float
+    layer: str = ""
+    depth: int = 0
+
+
+def _visible(entities: Iterable[Any], place: _Place) -> Iterator[tuple[str, np.ndarray, bool]]:
+    """The kind of every visible entity, its points in the unit of the drawing, and whether they are closed.
+
+    Blocks are taken apart by their transforms: what lies on layer 0 of one belongs to the layer of the block, and a circle in
+    blocks that are turned and scaled unevenly is nothing that DXF has an entity for.
+    """
+    from ezdxf.disassemble import recursive_decompose
+
+    for entity in entities:
+        own = str(entity.dxf.get("layer", "0")).lower()
+        own = place.layer if place.layer and own == "0" else own
+        kind, block = entity.dxftype(), entity.dxftype() == "INSERT"
+        if entity.dxf.get("invisible", 0) or own in place.frozen or (own in place.off and not block):
+            continue
+        if block and entity.dxf.name in place.blocks and place.depth < MAX_DEPTH:
+            for one in entity.multi_insert() if entity.mcount > 1 else (entity,):
+                moves = np.array(one.matrix44().get_2d_transformation()).reshape(3, 3)
+                scale = max(float(np.linalg.norm(moves[:2, :2], 2)), 1e-12)
+                inner = replace(place, layer=own, depth=place.depth + 1, distance=place.distance / scale)
+                for what, points, closed in _visible(place.blocks[entity.dxf.name], inner):
+                    yield what, points @ moves[:2, :2] + moves[2, :2], closed
+        elif not block and kind not in ("DIMENSION", "LEADER", "MULTILEADER"):
+            for part in recursive_decompose([entity]):
+                yield from ((kind, *line) for line in _flattened(part, place.distance))
+
+
+def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
+    """The lines of one entity in its own unit; one without points where it has none."""
+    from ezdxf import path
+
+    if entity.dxftype() == "SPLINE":
+        yield _spline(entity.construction_tool(), distance), False  # type: ignore[attr-defined]
+        return
+    try:
+        made = list(path.from_hatch(entity)) if entity.dxftype() in ("HATCH", "MPOLYGON") else [path.make_path(entity)]  # type: ignore[arg-type]
+    except TypeError:  # an entity without a path, like text
+        made = []
+        yield np.zeros((0, 2)), False
+    for one in made:
+        for part in one.sub_paths():
+            yield np.array([(v.x, v.y) for v in part.flattening(distance, segments=8)]), part.is_closed
+
+
+def _spline(spline: Any, distance: float) -> np.ndarray:
+    """Points on a B-spline of ezdxf, over the knots that have all their neighbours."""
+    knots, degree = np.array(spline.knots()), spline.degree
+    inner = np.unique(knots[degree : len(knots) - degree])
+    for steps in 8, 32, 128, 512:  # between knots, until chords are near enough
+        parts = [np.linspace(a, b, steps, endpoint=False) for a, b in pairwise(inner.tolist())]
+        points = np.array([(v.x, v.y) for v in spline.points([*np.concatenate(parts).tolist(), float(inner[-1])])])
+        if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() <= 4.0 * distance:
+            break
+    return points
+
+
+def read_svg(path: Path, unit: float) -> Drawing:
+    """Every visible line of an SVG drawing; ``unit`` is how many millimetres a length without a unit is."""
+    from svgelements import SVG, Close, Shape
+    from svgelements import Path as Curve
+
+    try:
+        document = ElementTree.parse(path).getroot()
+        if document.tag not in ("svg", "{http://www.w3.org/2000/svg}svg"):
+            raise ValueError("no SVG")
+        tree = SvgTree(document, unit)
+        made = Drawing(unitless=tree.unitless, outside=tree.outside)
+        source = io.BytesIO(ElementTree.tostring(tree.root))
+        for shape in SVG.parse(source, width=1.0, height=1.0, on_error="raise").elements():
+            shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
+            if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
+                for part in abs(Curve(shape)).as_subpaths():
+                    points = _chords(Curve(part), FLAT / tree.unit) * [tree.unit, -tree.unit]
+                    if len(points) >= 2:
+                        made.lines.append((points, any(isinstance(s, Close) for s in part)))
+    except (
+        ElementTree.ParseError,
+        ArithmeticError,
+        LookupError,
+        RecursionError,
+        ValueError,
+        TypeError,
+        AttributeError,
+    ):
+        raise FlexMapsError(f"{path.name} is no SVG drawing that can be read; save it again, as plain SVG") from None
+    return made
+
+
+def _chords(curve: Any, distance: float) -> np.ndarray:
+    """Points on a path, so dense that chords stray from it by at most ``distance``."""
+    from svgelements import Arc, CubicBezier, QuadraticBezier
+
+    points: list[np.ndarray] = []
+    for part in curve:
+        if isinstance(part, Arc):  # within r (1 - cos(step / 2)) of the largest radius
+            radius = max(part.rx, part.ry, distance)
+            steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # within an eighth of the second difference
+            corners = np.array([complex(*p) for p in part])
+            bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
+            steps = math.ceil(math.sqrt(bend / (8.0 * distance)))
+        else:
+            points += [np.array([[part.end.x, part.end.y]])] if part.end is not None else []
+            continue
+        points.append(np.asarray(part.npoint(np.linspace(0.0, 1.0, max(steps, 1) + 1))).reshape(-1, 2))
+    return np.concatenate(points) if points else np.zeros((0, 2))
