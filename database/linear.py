@@ -56,10 +56,3 @@ def tip_compliance(model: Model, motions: Float[np.ndarray, "nodes 3 6"]) -> Flo
     of_hub = np.einsum("gij,gik->jk", hub.spread, motions[hub.nodes])
     found = turned(offset / np.linalg.norm(offset)) @ (of_tip - transport(offset) @ of_hub)
     return 0.5 * (found + found.T)
-
-
-def peak_strains(model: Model, motions: Float[np.ndarray, "nodes 3 6"]) -> Float[np.ndarray, " 6"]:
-    """Largest principal strain, 99 % of the loaded arm's volume stays below it, per unit of each wrench component."""
-    own = np.flatnonzero(model.solid.arm_of == TIP)
-    scale = 1e-7 / np.maximum(np.abs(motions).max(axis=(0, 1)), 1e-300)
-    return np.array([model.elements.peak_strain(motions[..., k] * scale[k], only=own) / scale[k] for k in range(6)])

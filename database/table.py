@@ -22,7 +22,7 @@ COUNTS = (9, 7, 11, 3)  # nodes in ln(s/w), ln(w/h), twist / limit and Poisson's
 # of the solids: twice as fine across as ``COARSE``
 FINENESS = Fineness(length=2.5, turn=0.7, across=2, through=1, root=0.4)
 NARROW = replace(FINENESS, across=4)  # for stout spirals with narrow slots, whose hubs bulge far out
-CHANNELS = 18  # of a node: 12 entries of the compliance, 6 peak strains
+CHANNELS = 12  # of a node: the entries of the compliance
 
 
 def roots(count: int) -> Float[np.ndarray, " count"]:
@@ -46,17 +46,17 @@ def fineness_of(spiral: Spiral) -> Fineness:
     return NARROW if spiral.scale < 9.0 and spiral.tip_gap < 0.4 else FINENESS
 
 
-def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[Float[np.ndarray, " 18"], Model]:
-    """What the table stores of one spiral: the relative factor (12) and the logarithms of six peak strains."""
+def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[Float[np.ndarray, " 12"], Model]:
+    """What the table stores of one spiral: the relative factor (12)."""
     model = Model(spiral, poisson, fineness_of(spiral), like=like)
     motions = linear.unit_motions(model)
     compliance = linear.tip_compliance(model, motions)
     factor = stiffness.relative_factor(compliance, spiral.scale, spiral.height, spiral.twist, poisson)
-    return np.concatenate([factor, np.log(linear.peak_strains(model, motions))]), model
+    return factor, model
 
 
 def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Progress = SILENT) -> np.ndarray:
-    """(Nx, Ny, Nz, Np, 18) the values at all nodes; one file a plan under ``folder``, those that exist are not made again."""
+    """(Nx, Ny, Nz, Np, 12) the values at all nodes; one file a plan under ``folder``, those that exist are not made again."""
     ratios, flatnesses, shares, poissons = _axes(counts)
     folder.mkdir(parents=True, exist_ok=True)
     out = np.empty((*counts, CHANNELS))
@@ -74,7 +74,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
             part = name.with_suffix(".part.npy")
             np.save(part, values)
             part.replace(name)
-        out[i, :, k] = np.load(name)
+        out[i, :, k] = np.load(name)[..., :CHANNELS]  # older files hold strains behind
         progress((done + 1) / len(plans), f"stiffness table: plan {done + 1} of {len(plans)}")
     return out
 

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, dia_array, diags_array, hstack
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import arm_wrenches
+from ..mechanics.arms.strain_changes import by_shapes
 from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..patches.flattening.flatten import FlatPatches
@@ -195,20 +196,17 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of the parts of their strains (12) where these
+        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains
         count, and of their tips' motions (12) where slots close."""
-        bearing = None if self.strains is None else self.problem.bearing
+        strained = self.strains is not None
         assert isinstance(self.model, ArmModel)
-        # the strains have a kink where a component of a wrench changes its sign, which no difference may step across
-        own = self.model.without_rim
-        signs = np.sign(arm_wrenches(own.assembly, own.wrenches(own.start(self.equilibrium.pose))))
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
             state = model.start(pose)
             found = [model.joint_gradients(state)]
-            if bearing is not None:
-                found.append(model.strains(state, bearing.material, signs).reshape(-1, 12))
+            if strained:
+                found.append(arm_wrenches(model.assembly, model.wrenches(state)).reshape(-1, 12))
             if self._closing is not None:
                 tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
                 found.append(tips.reshape(-1, 12))
@@ -254,13 +252,17 @@ class FlatPoint(Point):
         return csr_array(hstack([self._forces_by_spirals(), by_geometry @ self._by_flats]))
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        rows, e = super()._strain_rows(arms), arms // 2
-        parts = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
+        assert self.strains is not None
+        e, found = arms // 2, self.strains.slopes(arms)
+        rows = self._rows_of_spirals(e, found)
         rims = e >= len(self._by_geometry)
         e = np.where(rims, 0, e)
-        by_geometry = np.where(rims[:, None, None], 0.0, self._by_geometry[e[:, None], parts])
-        column = np.repeat(6 * e[:, None] + np.arange(6), 6, axis=0)
+        wrench = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
+        by = (found.arms.by_wrench[:, None] @ self._by_geometry[e[:, None], wrench])[:, 0]
+        by = by + by_shapes(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
+        column = 6 * e[:, None] + np.arange(6)
         start = np.arange(0, column.size + 1, 6)
-        shape = (len(column), self._by_flats.shape[0])
-        by_flats = csr_array((by_geometry.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
+        shape = (len(e), self._by_flats.shape[0])
+        values = np.where(rims[:, None], 0.0, by)
+        by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
         return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))

@@ -12,7 +12,8 @@ from scipy.sparse import csr_array
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import JointChanges, StrainChanges
+from ..mechanics.arms.sensitivity import JointChanges
+from ..mechanics.arms.strain_changes import Strains, StrainSlopes
 from ..mechanics.assembly import Assembly, Pose
 from ..mechanics.elastic import ElasticModel, JointSum
 from ..mechanics.equilibrium import Equilibrium, solve
@@ -188,7 +189,7 @@ class Point:
         """What there is to say about the equilibrium."""
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
-            found.append(Excess(self.problem.bearing, self.strains.parts, self._strain_rows))
+            found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
         return (*found, *([] if self._narrow is None else [self._narrow]))
 
     @cached_property
@@ -249,11 +250,11 @@ class Point:
         return self.model.start(self.equilibrium.pose)
 
     @cached_property
-    def strains(self) -> StrainChanges | None:
+    def strains(self) -> Strains | None:
         """Of the arms; None where they do not count."""
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
             return None
-        return StrainChanges.of(self.model.assembly, self._changes, self.problem.bearing.material)
+        return Strains.of(self.model.assembly, self._changes, self.problem.bearing.material)
 
     @cached_property
     def _closing(self) -> Closing | None:
@@ -311,15 +312,16 @@ class Point:
         return -(self._back_forces @ self.system.solve(pull).ravel())
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        """Derivatives of the six parts of the strains of some arms, 2 e + side of the joint e."""
-        found, problem = self.strains, self.problem
-        assert found is not None
-        e, side, whole = arms // 2, arms % 2, problem.assembly.whole
-        pairs, owners = (np.repeat(of[e], 6, axis=0) for of in (whole.pairs, whole.owners))
-        hubs = _sparse(found.by_pose[e, side].reshape(-1, 2, 6), 6 * pairs, 6 * whole.size)
-        by_spirals = found.by_design[e, side].transpose(0, 2, 1, 3) @ self._slopes[e]
-        by_spirals = by_spirals.transpose(0, 2, 1, 3).reshape(len(pairs), 2, problem.space.each)
-        return Rows(hubs, _sparse(by_spirals, problem.space.each * owners, problem.own))
+        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        assert self.strains is not None
+        return self._rows_of_spirals(arms // 2, self.strains.slopes(arms))
+
+    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
+        """Derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
+        problem, whole = self.problem, self.problem.assembly.whole
+        hubs = _sparse(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
+        own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
+        return Rows(hubs, _sparse(own, problem.space.each * whole.owners[e], problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:

@@ -28,8 +28,6 @@ WEIGHT = 100.0
 # Excess below the limit from which on arms damp steps, which would else strain many of them beyond it at once. On that surface
 # 3 of 32 steps were refused instead of 11, and the error ended at 0.24 mm instead of 0.27; with 1.0 at 0.26
 NEAR = 0.3
-# share of the limit below which a part of a strain counts as so large where its kink at zero is rounded off; by eye
-LEAST = 0.02
 # How the weight grows where the largest excess is more than this share of what it was before. On that surface strains ended at
 # 1.00 of their limit with 2 and 4, at 1.02 without
 GROWTH, LESS = 2.0, 0.5
@@ -139,12 +137,12 @@ class Excess(Term):
 
     Beyond ``HOPELESS`` it goes on in a straight line (Huber's loss).
 
-    parts : (m, 2, 6) that add up to the strains, each the size of a component of a wrench; changes : derivatives of those of some
-        arms, by their numbers when both arms of one joint follow each other
+    strains : (m, 2) of both arms of every joint; changes : derivatives of those of some arms, by their numbers when both arms of one
+        joint follow each other
     """
 
     bearing: Bearing
-    parts: Float[np.ndarray, "joints 2 6"]
+    strains: Float[np.ndarray, "joints 2"]
     changes: Callable[[np.ndarray], Rows]
 
     @cached_property
@@ -155,7 +153,7 @@ class Excess(Term):
     @cached_property
     def _pushes(self) -> Float[np.ndarray, " arms"]:
         known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
-        return (known + STIFF * self.bearing.excess(self.parts.sum(axis=2))).ravel()
+        return (known + STIFF * self.bearing.excess(self.strains)).ravel()
 
     @cached_property
     def _felt(self) -> Int[np.ndarray, " k"]:
@@ -167,7 +165,7 @@ class Excess(Term):
 
     @property
     def _unit(self) -> float:
-        return self.bearing.weight / (2 * len(self.parts))
+        return self.bearing.weight / (2 * len(self.strains))
 
     @property
     def _by_strain(self) -> float:
@@ -186,7 +184,7 @@ class Excess(Term):
 
     @property
     def gradient(self) -> Change:
-        return self._rows.backward(np.repeat(self._force, 6))
+        return self._rows.backward(self._force)
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
@@ -196,20 +194,8 @@ class Excess(Term):
         )
         return self._unit * STIFF * self._by_strain**2 * share
 
-    @cached_property
-    def _kinks(self) -> Float[np.ndarray, "k 6"]:
-        """By the parts, which are sizes and rise again beyond zero: of the parabola that touches each of them from above.
-
-        So a step expects no fall from components that change their signs (Lange, Hunter and Yang 2000). Without it, steps on a
-        surface of 1296 quads went from one sign to the other until none was taken any more, at 1.7 mm instead of 1.1.
-        """
-        parts = self.parts.reshape(-1, 6)[self._felt]
-        return self._force[:, None] / np.maximum(parts, LEAST * self.bearing.limit)
-
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        parts = self._rows.forward(moves, change).reshape(-1, 6)
-        back = (self._curvature * parts.sum(axis=1))[:, None] + self._kinks * parts
-        return self._rows.backward(back.ravel())
+        return self._rows.backward(self._curvature * self._rows.forward(moves, change))
 
 
 def turning(weight: float, moves: np.ndarray) -> Change:

@@ -14,6 +14,7 @@ from ..materials import Material
 from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
+from ..mechanics.arms.strain_changes import largest
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
@@ -69,19 +70,15 @@ class Simulation:
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) the largest strain of every spiral's arms as a share of what the material bears; None for the rod model.
+        """(F,) the largest strain on the surface of every spiral's arms, fillets left out, as a share of what the material bears; None
+        for the rod model.
 
-        A safe estimate, see ``peak_strain``.
+        At a joint that of the arm which is strained more counts for both; see ``peak_strain``.
         """
         if not isinstance(self.model, ArmModel):
             return None
-        found = (
-            self.model.strains(self.model.start(self.equilibrium.pose), self.material).sum(axis=2).max(axis=1)
-            / self.material.strain_limit
-        )
-        worst = np.zeros(self.assembly.size)
-        np.maximum.at(worst, self.model.assembly.owners, found[:, None])
-        return worst
+        state = self.model.start(self.equilibrium.pose)
+        return largest(self.model.assembly, self.model.strains(state, self.material)) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
         """The slots between the arms in this shape, measured at the first call; None where it is no equilibrium."""

@@ -17,6 +17,7 @@ from ..errors import FlexMapsError
 from ..fabrication.connectors.connect import Connections
 from ..materials import Material
 from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.strain_changes import largest
 from ..mechanics.assembly import Pose
 from ..mechanics.equilibrium import Equilibrium, solve
 from ..mechanics.loads import Loads, standing
@@ -217,9 +218,7 @@ class _Strength:
         if not isinstance(model, ArmModel):
             return Borne()
         state = model.start(pose)
-        arms = model.strains(state, material).sum(axis=2) / strain
-        worst = np.zeros(model.assembly.spirals)
-        np.maximum.at(worst, model.assembly.owners, arms)
+        worst = largest(model.assembly, model.strains(state, material)) / strain
         wrench = model.wrenches(state)[: model.assembly.inner]
         stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)

@@ -66,9 +66,7 @@ def test_table_meets_the_compliances_of_the_sampled_spirals(series):
     found = stiffness.load_table(0.3)
     for s in series:
         spiral = s.subject.spiral
-        stored = np.concatenate(
-            [stiffness.relative_factor(s.compliance, spiral.scale, spiral.height, spiral.twist, 0.3), np.zeros(6)]
-        )
+        stored = stiffness.relative_factor(s.compliance, spiral.scale, spiral.height, spiral.twist, 0.3)
         errors.append(np.abs(table.block_errors(stored, spiral, 0.3, found)))
     assert len(errors) == 125
     assert np.median(errors) < 0.015
@@ -79,9 +77,7 @@ def test_the_table_goes_on_beyond_its_nodes(tmp_path):
     """Spirals far more slender than those that the table was made of, against finite elements of their own."""
     some = [s for s in table.slender() if (s[0].scale, s[0].height, round(np.degrees(s[0].twist))) in BEYOND]
     assert len(some) == len(BEYOND)
-    compliance, strains = table_file.errors(some, tmp_path, "slender")
-    assert np.abs(compliance).max() < 0.02
-    assert strains.min() > -0.04  # a strain may be taken for too large, not for too small
+    assert np.abs(table_file.errors(some, tmp_path, "slender")).max() < 0.02
 
 
 BEYOND = {(80.0, 1.0, 150), (120.0, 1.0, 0)}

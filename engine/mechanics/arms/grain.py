@@ -36,8 +36,6 @@ POINTS = 48
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
 HUB_TALL = 0.31  # where the second turns from tall arms to wide ones, in solids of straight arms
 HUB_AT = 0.5  # widths from the centre to where a hub yields: where the arm leaves it
-_DIRECTIONS = 24  # places along an arm where its strength is looked at
-_HIGH = 12  # the power that stands for the largest: 0.8 of it where a tenth of the places reaches it
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
 _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # the numbers by which the beam has derivatives
 
@@ -305,29 +303,17 @@ def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.nd
     return places, paces
 
 
-def strength_share(
-    strength: tuple[float, float, float],
-    stress: float,
-    twist: Float[np.ndarray, " arms"],
-    grain: Float[np.ndarray, " arms"],
-) -> tuple[Float[np.ndarray, " arms"], Float[np.ndarray, " arms"]]:
-    """A stress (Pa) over what n arms bear, in the direction in which they bear least, and the derivative by their twist.
+def direction_share(
+    strength: tuple[float, float, float], stress: float, angle: Float[np.ndarray, "*n"]
+) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+    """A stress (Pa) over what the sheet bears at an angle (radians) to its grain, and the derivative by the angle.
 
-    In one direction by Norris (Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962);
-    of all directions along an arm the mean of a high power, which has derivatives. strength : as in ``Orthotropy``
+    Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962. strength : as in
+    ``Orthotropy``
     """
     first, second, sheared = (stress / one for one in strength)
-    t = (np.arange(_DIRECTIONS)[:, None] + 0.5) / _DIRECTIONS
-    wind = twist * (1.0 - t)
-    # the way of a spiral against its radius, and how that changes with the twist
-    way = twist * t - np.arctan(wind)
-    angle, by_twist = grain - way, -(t - (1.0 - t) / (1.0 + wind**2))
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
     both = sheared**2 - first * second
-    square = c * c * first**2 + s * s * second**2 + c * s * both
+    share = np.sqrt(c * c * first**2 + s * s * second**2 + c * s * both)
     slope = np.sin(2.0 * angle) * (s * second**2 - c * first**2 + 0.5 * (c - s) * both)
-    power = 0.5 * _HIGH
-    mean = (square**power).mean(axis=0)
-    out = mean ** (1.0 / _HIGH)
-    change = (power * square ** (power - 1.0) * 2.0 * slope * by_twist).mean(axis=0)
-    return out, out / mean * change / _HIGH
+    return share, slope / share

@@ -28,7 +28,8 @@ from .compliances import ArmCompliances, arm_compliances
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .cut import by_shapes, shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
-from .sensitivity import JointChanges, arm_strains
+from .sensitivity import JointChanges
+from .strain_changes import arm_strains
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,12 +232,9 @@ class ArmModel:
         inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
         return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
 
-    def strains(
-        self, state: ArmState, material: Material, signs: np.ndarray | None = None
-    ) -> Float[np.ndarray, "joints 2 6"]:
-        """(m, 2, 6) what wrenches add to the peak strain of both arms of every joint; signs (m, 2, 6): see ``peak_strain``."""
-        found = arm_strains(self.assembly, self.wrenches(state), material, signs)
-        return found.parts.reshape(-1, 2, 6)
+    def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) largest strain on the surface of both arms of every joint, fillets left out; see ``peak_strain``."""
+        return arm_strains(self.assembly, self.wrenches(state), material)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly

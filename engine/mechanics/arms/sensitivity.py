@@ -18,14 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Float, Int
-from ...materials import Material
 from ..assembly import Assembly
 from ..vectors import skew, times
 from .curving import curved, weighted
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
-from .grain import strength_share
 from .joint_motion import JointMotion, SpatialMotion, first_order
-from .peak_strain import PeakStrain, peak_strain
 
 # What a joint follows of the spiral on either side, in this order: width of the arm that meets it, twist (``WIDTH`` and
 # ``TWIST`` of ``cut``), width of the arms on both sides of that one, half of their sum.
@@ -103,45 +100,6 @@ class JointChanges:
         return of_spirals(out, self.sides).transpose(0, 3, 1, 2)
 
 
-@dataclass(frozen=True, eq=False)
-class StrainChanges:
-    """Peak strains of both arms of m joints, a safe estimate (see ``peak_strain``), with derivatives.
-
-    parts : (m, 2, 6) that the components of the wrenches add; by_pose : (m, 2, 6, 12) by the increments of both hubs
-    by_design : (m, 2, 6, 2, 5) by the widths and the twist (last) of the spirals on both sides
-    """
-
-    parts: Float[np.ndarray, "joints 2 6"]
-    by_pose: Float[np.ndarray, "joints 2 6 12"]
-    by_design: Float[np.ndarray, "joints 2 6 2 5"]
-
-    @property
-    def values(self) -> Float[np.ndarray, "joints 2"]:
-        return self.parts.sum(axis=2)
-
-    @classmethod
-    def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> StrainChanges:
-        """The strains that go with the wrenches of ``changes``."""
-        axes, m = assembly.arm_axes, len(assembly.pairs)
-        found = arm_strains(assembly, changes.wrench, material)
-        # per unit of the joint's wrench
-        by_wrench = found.by_wrench.reshape(m, 2, 6, 1) * np.swapaxes(axes, 2, 3)
-        through = by_wrench.reshape(m, 12, 6) @ changes.wrench_by_design.reshape(m, -1, 6).transpose(0, 2, 1)
-        by_design = through.reshape(m, 2, 6, 2, PARAMETERS)
-        by_width, by_twist = found.by_width.reshape(m, 2, 6), found.by_twist.reshape(m, 2, 6)
-        if assembly.nodes:
-            # necks are as wide as the arms beyond; strips stay as they are
-            ties = assembly.ties
-            by_design[ties, 1, :, 0, WIDTH] += by_width[ties, 1]
-            by_width[ties, 1] = by_twist[ties, 1] = by_width[ties.stop :] = by_twist[ties.stop :] = 0.0
-        for side in (0, 1):
-            by_design[:, side, :, side, WIDTH] += by_width[:, side]
-            by_design[:, side, :, side, TWIST] += by_twist[:, side]
-        spread = of_spirals(by_design.transpose(0, 3, 4, 1, 2), assembly.sides).transpose(0, 3, 4, 1, 2)
-        by_pose = (by_wrench.reshape(m, 12, 6) @ changes.wrench_by_pose).reshape(m, 2, 6, 12)
-        return cls(found.parts.reshape(m, 2, 6), by_pose, spread)
-
-
 def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
     """(m, 2, 5, ...) by the widths and the twist of both spirals, from changes (m, 2, 3, ...) by the joints' parameters."""
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
@@ -156,32 +114,6 @@ def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.nd
 def arm_wrenches(assembly: Assembly, wrench: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 2 6"]:
     """Wrenches of the joints, N and N m in their axes, in the axes of both arms."""
     return (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
-
-
-def arm_strains(
-    assembly: Assembly, wrench: np.ndarray, material: Material, signs: Float[np.ndarray, "joints 2 6"] | None = None
-) -> PeakStrain:
-    """Peak strains of the 2 m arms of m joints under wrenches (m, 6) N and N m in the joints' axes, joint by joint; of sheets with
-    a grain, those that are as near to the strain limit as their arms are to their strength.
-
-    signs : as in ``peak_strain``
-    """
-    width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
-    found = peak_strain(
-        arm_wrenches(assembly, wrench).reshape(-1, 6),
-        2.0 * assembly.radius.ravel(),
-        width,
-        twist,
-        thickness=assembly.thickness,
-        youngs=material.youngs,
-        poisson=material.poisson,
-        signs=None if signs is None else signs.reshape(-1, 6),
-    )
-    if material.orthotropy is None or material.orthotropy.strength is None:
-        return found
-    # the stress that the arms carry hardly depends on their moduli; what they bear of it depends on the grain
-    stress = material.youngs * material.strain_limit
-    return found.times(*strength_share(material.orthotropy.strength, stress, twist, assembly.to_grain.ravel()))
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:

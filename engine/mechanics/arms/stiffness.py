@@ -1,4 +1,4 @@
-"""How stiff the arm of a spiral is: the fitted table and its exact derivatives; ``peak_strain`` holds the strains.
+"""How stiff the arm of a spiral is: the fitted table and its exact derivatives.
 
 Table values come from the linear limit of volumetric finite elements, stored relative to a curved beam and
 interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio. What is interpolated
@@ -117,7 +117,7 @@ FORMAT = 1  # of the file
 class _Point:
     """Where n arms lie in the table: coordinates in [-1, 1], and how they depend on ln(s/w), ln(w/h), twist.
 
-    share : of the corrections that is left, 1 up to the largest s/w of the nodes; thinner : ln(w/h) beyond the nodes'
+    share : of the corrections that is left, 1 up to the largest s/w of the nodes
     """
 
     x: np.ndarray
@@ -128,7 +128,6 @@ class _Point:
     z_by_scale: np.ndarray
     z_by_twist: np.ndarray
     share: np.ndarray
-    thinner: np.ndarray
 
 
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
@@ -136,9 +135,8 @@ def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point
     within = np.clip(ratio, *SCALE_RANGE)
     limit, slope = _twist_limit(within)
     part = twist / limit
-    log_width = np.log(flatness)
     x, x_slope = _unit(np.log(within), *np.log(SCALE_RANGE))
-    y, y_slope = _unit(log_width, *np.log(WIDTH_RANGE))
+    y, y_slope = _unit(np.log(flatness), *np.log(WIDTH_RANGE))
     z, z_slope = _unit(part, 0.0, 1.0)
     return _Point(
         x,
@@ -149,7 +147,6 @@ def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point
         np.where(ratio == within, -z_slope * part * slope / limit, 0.0),
         z_slope / limit,
         np.minimum(SCALE_RANGE[1] / ratio, 1.0),
-        log_width - np.clip(log_width, *np.log(WIDTH_RANGE)),
     )
 
 
@@ -193,9 +190,9 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return value, slope
 
 
-def interpolate(table: Table, at: _Point, channels: slice) -> tuple[np.ndarray, np.ndarray]:
-    """(C, n) values and (3, C, n) derivatives by ln(s/w), ln(w/h) and twist of the chosen channels."""
-    c = table.coefficients[:, channels]
+def interpolate(table: Table, at: _Point) -> tuple[np.ndarray, np.ndarray]:
+    """(12, n) values and (3, 12, n) derivatives by ln(s/w), ln(w/h) and twist."""
+    c = table.coefficients
     pairs, count, degree = c.shape
     tx, dx = _chebyshev(at.x, degree)
     ty, dy = _chebyshev(at.y, int(table.pairs[:, 0].max()) + 1)
@@ -279,7 +276,7 @@ def blocks(
     beam : what the table is taken relative to; the isotropic one if not given
     """
     at = locate(ratio, flatness, twist)
-    log, dlog = interpolate(table, at, slice(0, 12))
+    log, dlog = interpolate(table, at)
     log, dlog = log * at.share, dlog * at.share
     dlog[0] -= np.where(at.share < 1.0, log, 0.0)
     log, dlog = log.reshape(2, 6, -1).swapaxes(0, 1), dlog.reshape(3, 2, 6, -1).swapaxes(1, 2)

@@ -23,6 +23,7 @@ from ...spirals.lines import Lines
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
 
+HUB_SHARE = 0.985  # of the way to the first fillet at which an arm leaves its hub
 _FARTHEST = 0.6  # radius of the hub at most, as a share of the arm's; no spiral that leaves a slot over its outer third has more
 
 
@@ -298,9 +299,9 @@ def hub_ends(
     least = 1.0 / _FARTHEST**2
     over, slope = ramp(room - wind**2 - least, 1.0)
     whole = least + over
-    by = 0.5 * 0.985 * whole**-1.5 * slope
+    by = 0.5 * HUB_SHARE * whole**-1.5 * slope
     slopes = by[:, None] * np.stack([2.0 * room / radius, -2.0 * wind, -2.0 * room / away], axis=1)
-    return 0.985 * (1.0 - 1.0 / np.sqrt(whole)), slopes
+    return HUB_SHARE * (1.0 - 1.0 / np.sqrt(whole)), slopes
 
 
 def _mixed(first: Any, second: Any) -> Any:

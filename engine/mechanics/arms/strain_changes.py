@@ -1,0 +1,139 @@
+"""Largest strains of the arms of an assembly, and how they change with the hubs, the spirals and the flat shapes.
+
+The rim's strips and necks count as straight bars as wide as they are beside their holes; nothing of them changes with the design, but
+that a neck is as wide as the arm beyond its joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...materials import Material
+from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
+from ..assembly import Assembly
+from .cut import TWIST, WIDTH, shapes
+from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
+from .sensitivity import PARAMETERS, JointChanges, arm_wrenches, of_spirals
+
+_UNCUT = 0.3  # share of t over which arms would be blended that are alike anyhow
+
+
+@dataclass(frozen=True, eq=False)
+class StrainSlopes:
+    """Derivatives of the largest strains of K arms.
+
+    by_pose : (K, 12) by the increments of both hubs of their joint; by_design : (K, 2, 5) by the widths and the twist (last) of
+    the spirals on both sides; arms : by their own wrenches and numbers
+    """
+
+    by_pose: Float[np.ndarray, "k 12"]
+    by_design: Float[np.ndarray, "k 2 5"]
+    arms: PeakStrain
+
+
+@dataclass(frozen=True, eq=False)
+class Strains:
+    """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``."""
+
+    assembly: Assembly
+    changes: JointChanges
+    arms: StrainedArms
+    wrench: Float[np.ndarray, "n 6"]
+    values: Float[np.ndarray, "joints 2"]
+
+    @classmethod
+    def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
+        """The strains that go with the wrenches of ``changes``."""
+        arms = strained_arms(assembly, material)
+        wrench = arm_wrenches(assembly, changes.wrench).reshape(-1, 6)
+        return cls(assembly, changes, arms, wrench, arms.values(wrench).reshape(-1, 2))
+
+    def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
+        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        found, known = self.arms.slopes(self.wrench[arms], arms), self.assembly
+        e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
+        by_wrench = (known.arm_axes[e, side] @ found.by_wrench[..., None])[:, None, :, 0]
+        by_pose = (by_wrench @ self.changes.wrench_by_pose[e])[:, 0]
+        through = by_wrench @ self.changes.wrench_by_design[e].reshape(len(e), -1, 6).swapaxes(1, 2)
+        by_design = through.reshape(-1, 2, PARAMETERS)
+        mate, sign = (of[arms] for of in _mates(known))
+        # a neck changes with the arm beyond its joint, a strip with nothing
+        own = np.where((e >= known.inner) & (side == 1), 0, side)
+        beyond = np.where(mate == arms, own, mate % 2)
+        alive = e < known.ties.stop
+        turns = (e < known.inner) | (alive & (side == 0))
+        for at, numbers, weight in ((own, (OWN_WIDTH, OWN_WIND), 1.0), (beyond, (MATE_WIDTH, MATE_WIND), sign)):
+            by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
+            by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
+        return StrainSlopes(by_pose, of_spirals(by_design, known.sides[e]), found)
+
+
+def by_shapes(
+    assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 9"]
+) -> Float[np.ndarray, "k 2 3"]:
+    """Derivatives of what changes with the numbers of some arms, 2 e + side of the joint e, by the rest geometry of both sides: x
+    and y of the lever (per metre) and the direction of the edge (per radian)."""
+    e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
+    out = np.zeros((len(arms), 2, 3))
+    for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN), (1 - side, MATE_LEAN, None, None)):
+        lever = assembly.lever[e, at, :2]
+        size = np.linalg.norm(lever, axis=1)
+        turn = sense * (by[:, lean] - (0.0 if grain is None else by[:, grain]))
+        along = np.zeros(len(arms)) if radius is None else by[:, radius]
+        out[rows, at, 0] = (along * lever[:, 0] - turn * lever[:, 1] / size) / size
+        out[rows, at, 1] = (along * lever[:, 1] + turn * lever[:, 0] / size) / size
+        out[rows, at, 2] = -sense * by[:, lean]
+    return out
+
+
+def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
+    """Both arms of every joint, one joint after the other."""
+    shape, cut = shapes(assembly, material), assembly.cut
+    mate, sign = _mates(assembly)
+    numbers = np.zeros((len(mate), NUMBERS))
+    width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
+    numbers[:, OWN_WIDTH], numbers[:, MATE_WIDTH] = width, width[mate]
+    numbers[:, OWN_WIND], numbers[:, MATE_WIND] = twist, sign * twist[mate]
+    numbers[:, RADIUS] = shape[:, 0]
+    if cut is not None:
+        lean = shape[:, 1]
+        if assembly.nodes:
+            lean = lean.copy()
+            lean[1 + 2 * assembly.ties.start : 2 * assembly.ties.stop : 2] = 0.0
+        numbers[:, OWN_LEAN], numbers[:, MATE_LEAN] = lean, sign * lean[mate]
+    if shape.shape[1] > 3:
+        numbers[:, GRAIN] = shape[:, 3]
+    blend, fillet = (_UNCUT, 0.0) if cut is None else (cut.blend, cut.fillet)
+    return StrainedArms(numbers, blend, fillet, assembly.thickness, material)
+
+
+def arm_strains(
+    assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], material: Material
+) -> Float[np.ndarray, "joints 2"]:
+    """Largest strains of both arms of every joint under wrenches, N and N m in the joints' axes."""
+    arms = strained_arms(assembly, material)
+    return arms.values(arm_wrenches(assembly, wrench).reshape(-1, 6)).reshape(-1, 2)
+
+
+def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
+    """The largest strain at the joints of every spiral: at a joint that of the arm which is strained more counts for both, since a
+    kink of the one begins in the other."""
+    worst = np.zeros(assembly.spirals)
+    np.maximum.at(worst, assembly.owners, strains.max(axis=1)[:, None])
+    return worst
+
+
+def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """The arms beyond the joints of both arms of every joint, and the sense in which their twists and leans count: an arm at a rim is
+    blended with its own mirror image, an arm that is cut as a pure spiral with one like itself."""
+    own = np.arange(2 * len(assembly.pairs))
+    mate, sign = own ^ 1, np.ones(len(own))
+    if assembly.cut is None:
+        mate = own
+    elif assembly.nodes:
+        rim = slice(2 * assembly.inner, None)
+        mate[rim], sign[rim] = own[rim], -1.0
+    return mate, sign
