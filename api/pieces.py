@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FlexMapsError
+from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.mechanics.loads import standing
+from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, changed
 from ..engine.progress import SILENT, Progress
 from ..engine.runs import job, stages
@@ -115,17 +117,20 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
     return obj
 
 
-def save(piece: Piece, path: str | Path) -> Path:
+def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
     """Save a .blend file with the piece: the file it came from with the object brought up to date, else one of its own.
 
-    Blender's open file stays as it is, but for an object that is brought up to date.
+    Blender's open file stays as it is, but for an object that is brought up to date. Raises ``FlexMapsError`` for a path that the
+    piece was read from, and, unless ``overwrite`` is set, for a file that FlexMaps did not write or that was changed since.
     """
     from ..bridge.view import scene
     from ..engine import files
 
+    guard = guard_of([piece], overwrite)
+    guard.check([Path(path)])
     if piece.uid is not None:
         show(piece)
-    with files.replacing(path) as new:
+    with files.replacing(path, guard) as new:
         if piece.uid is None:
             scene.save_alone(new, piece.result, piece.name, piece.settings)
         else:
@@ -148,10 +153,21 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
     found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted.remesh.smooth, progress_of(progress))
-    made = begun(Piece(piece.name, found.polygons, piece.settings), piece.edge, piece.height)
+    made = begun(Piece(piece.name, found.polygons, piece.settings, files=piece.files), piece.edge, piece.height)
     if made.made is None:
         return made
     return replace(made, made=replace(made.made, findings=[*made.made.findings, *found.findings]))
+
+
+def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
+    """What keeps the user's files as these pieces are written: all that they were read from, their remnants too."""
+    given = [path for piece in pieces for path in piece.files]
+    return Guard([*given, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
+
+
+def remnants_of(settings: ObjectSettings) -> list[str]:
+    """The paths of the drawings of remnants that the settings name."""
+    return [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
 
 
 def progress_of(tell: Tell) -> Progress:
@@ -172,7 +188,7 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
     except FlexMapsError:
         made = None  # ``check`` says what is wrong, and so does every stage
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
-    return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams)
+    return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams, piece.files)
 
 
 def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
@@ -191,7 +207,7 @@ def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
 
 
 def _from_blender(source: Any) -> Piece:
-    from ..bridge.store import notes, snapshot
+    from ..bridge.store import notes, objects, snapshot
     from ..bridge.view import scene
     from ..engine import versions
 
@@ -201,11 +217,20 @@ def _from_blender(source: Any) -> Piece:
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
-    return Piece(name, found.source, found.settings, made=found.result, uid=found.uid, seams=found.seams)
+    return Piece(
+        name,
+        found.source,
+        found.settings,
+        made=found.result,
+        uid=found.uid,
+        seams=found.seams,
+        files=objects.files_read(),
+    )
 
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
         polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
         return Piece("mesh", polygons, ObjectSettings())
-    return Piece(*meshio.named(str(source), up), ObjectSettings())
+    files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
+    return Piece(*meshio.named(str(source), up), ObjectSettings(), files=files)

@@ -9,12 +9,13 @@ from typing import Any
 
 from ..engine.errors import FlexMapsError
 from ..engine.exploring.explore import Exploration
+from ..engine.exploring.folder import refuse
 from ..engine.exploring.run import explored
 from ..engine.exploring.space import GOALS, MINIMISED, SIZES, space
 from ..engine.params import changed, wish
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
-from .pieces import Supports, Tell, begun, change, go_on, go_to, metres, progress_of, remesh
+from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metres, progress_of, remesh
 
 
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
@@ -73,7 +74,7 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
         from ..bridge.store import snapshot
 
         ready = replace(ready, rest=snapshot.rest_of(piece.uid))
-    return go_on(replace(piece, made=ready), ("compare",), progress)
+    return go_on(replace(piece, made=ready, files=(*piece.files, Path(scan))), ("compare",), progress)
 
 
 def structure(
@@ -110,6 +111,7 @@ def explore(
     *,
     goals: Sequence[str] = GOALS,
     minimised: Sequence[str] = MINIMISED,
+    overwrite: bool = False,
     progress: Tell = None,
     **search: Any,
 ) -> Exploration:
@@ -118,14 +120,18 @@ def explore(
     vary : settings by "section.name", ``edge`` or ``height`` in millimetres, ``quads``; each "low:high" or a list, see ``space``
     folder : gets table, plot and pictures; an exploration that was stopped, which gives what it found so far, goes on there
     goals : as "rms_percent<=1"; minimised : the two measures of the front; search : how many and where, see ``explored``
+    overwrite : also replace files in the folder that FlexMaps did not write, or that were changed since
     """
     if search.get("scheduler"):
         _refuse_offline()
+    guard = guard_of([piece], overwrite)
+    if folder is not None:
+        refuse(Path(folder), guard)
     told, question = progress_of(progress), space(vary, piece.settings, goals, minimised)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid.items()}
-    return explored(results, piece.settings, question, folder, progress=told, **search)
+    return explored(results, piece.settings, question, folder, guard=guard, progress=told, **search)
 
 
 def _refuse_offline() -> None:

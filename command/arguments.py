@@ -6,6 +6,7 @@ import argparse
 import math
 from collections import Counter
 from dataclasses import Field, fields
+from functools import partial
 from typing import Any, NoReturn, get_type_hints
 
 from .. import api
@@ -21,6 +22,7 @@ from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from . import calibration, handles, painting, summary
+from .guarding import guarded
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
 
@@ -128,7 +130,7 @@ def number(text: str) -> float:
 def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
     """A command that reads a mesh, with the arguments that all of them have."""
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=run, tell=tell, keeps=name in KEEP)
+    made.set_defaults(run=partial(guarded, run), tell=tell, keeps=name in KEEP)
     made.add_argument(
         "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
     )
@@ -146,6 +148,8 @@ def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argpar
                       help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
     made.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
                       help="a DXF or SVG drawing of an odd piece of sheet to fill first; may be given several times")  # fmt: skip
+    made.add_argument("--overwrite", action="store_true",
+                      help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
     made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
     return made
 
@@ -244,7 +248,7 @@ def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     given = _source(args)
     chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
     return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
-                   formats=args.formats, pictures=args.pictures, progress=tell)  # fmt: skip
+                   formats=args.formats, pictures=args.pictures, overwrite=args.overwrite, progress=tell)  # fmt: skip
 
 
 def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -270,7 +274,7 @@ def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     piece = api.load(args.mesh, **_source(args))
     made = api.structure(piece, *args.cases, combinations=args.combinations, progress=tell)
-    return api.report(made, args.out)
+    return api.report(made, args.out, overwrite=args.overwrite)
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -295,7 +299,7 @@ def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     if args.simulate:
         piece = api.simulate(piece, progress=told.part(0.0, 0.6))
     found = api.compare(piece, args.scan, unit=args.unit or "", anywhere=not args.near, progress=told.part(0.6, 1.0))
-    return api.report(found, args.out)
+    return api.report(found, args.out, overwrite=args.overwrite)
 
 
 def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -306,14 +310,14 @@ def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     vary = {name.strip(): given.strip() for name, _, given in pairs}
     made = api.explore(
         api.load(args.mesh, **_source(args)), vary, args.out, candidates=args.candidates, goals=args.goals or GOALS,
-        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, progress=tell,
+        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, overwrite=args.overwrite, progress=tell,
     )  # fmt: skip
     return made.report()
 
 
 def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
     if args.out:
-        api.save(piece, args.out)
+        api.save(piece, args.out, overwrite=args.overwrite)
     return api.report(piece)
 
 
@@ -324,7 +328,7 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     if len(meshes) > 1 or args.copies:
         return _export_together(args, meshes, tell)
     piece = api.sheets(api.load(args.mesh, **_source(args)), progress=Progress(tell).part(0.0, 0.9))
-    written = api.export(piece, args.out, formats=args.formats)
+    written = api.export(piece, args.out, formats=args.formats, overwrite=args.overwrite)
     described = api.report(piece)
     described["sheets"]["files"] = [path.name for path in written]
     return described
@@ -338,7 +342,7 @@ def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> 
         given = _source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
         given["settings"] = {**given["settings"], "export.copies": count}
         pieces.append(api.load(mesh, **given))
-    written = api.export(pieces, args.out, formats=args.formats, progress=tell)
+    written = api.export(pieces, args.out, formats=args.formats, overwrite=args.overwrite, progress=tell)
     args.tell = summary.together
     return {
         "files": [path.name for path in written],
@@ -348,13 +352,14 @@ def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> 
 
 def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     told = Progress(tell)
-    return api.report(_simulated(args, told.part(0.0, 0.7)), args.out, progress=told.part(0.7, 1.0))
+    piece = _simulated(args, told.part(0.0, 0.7))
+    return api.report(piece, args.out, overwrite=args.overwrite, progress=told.part(0.7, 1.0))
 
 
 def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     told = Progress(tell)
     piece = _simulated(args, told.part(0.0, 0.7))
-    api.share(piece, args.out, progress=told.part(0.7, 1.0))
+    api.share(piece, args.out, overwrite=args.overwrite, progress=told.part(0.7, 1.0))
     return api.report(piece)
 
 

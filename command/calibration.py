@@ -21,6 +21,8 @@ def add(commands: Any) -> None:
                       help=f"kinds of files: {', '.join(WRITERS)} (default: {' '.join(USUAL)})")  # fmt: skip
     made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
                       help="what is known so far: spiral.thickness, material.material, cut.kerf_outline, ...")  # fmt: skip
+    made.add_argument("--overwrite", action="store_true",
+                      help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
     made.add_argument("--json", action="store_true", help="print the paths as JSON")
     made.set_defaults(keeps=False, run=_draw, tell=_drawn)
     help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
@@ -60,7 +62,8 @@ def assigned(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    written = api.calibration_sheet(args.out, assigned(args.settings), formats=args.formats, progress=tell)
+    wanted = assigned(args.settings)
+    written = api.calibration_sheet(args.out, wanted, formats=args.formats, overwrite=args.overwrite, progress=tell)
     return {"files": [path.name for path in written]}
 
 

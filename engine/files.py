@@ -13,7 +13,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
+from . import own_files
 from .errors import FlexMapsError
+from .own_files import Guard
 
 NewFile = Callable[[str | os.PathLike[str]], Path]
 LOCK = ".flexmaps-lock"  # name of the file by which a run holds its folder
@@ -62,27 +64,31 @@ def reason(error: OSError | ValueError) -> str:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], guard: Guard | None = None) -> Iterator[Path]:
     """Write one file whole or not at all: gives a temporary path beside it, which takes its place at the end."""
-    with replacing_many() as new:
+    with replacing_many(guard=guard) as new:
         yield new(path)
 
 
 @contextmanager
 def replacing_many(
-    stale: Iterable[str | os.PathLike[str]] = (), alone_in: str | os.PathLike[str] | None = None
+    stale: Iterable[str | os.PathLike[str]] = (),
+    alone_in: str | os.PathLike[str] | None = None,
+    guard: Guard | None = None,
 ) -> Iterator[NewFile]:
     """Write several files so that all of them appear, or none and the earlier ones stay as they were.
 
     Gives a function that takes the path of a wanted file and returns a temporary path beside it, of the same suffix, to
     write to. ``stale`` are old files that vanish when the new ones appear. ``alone_in`` is a folder that no other run may
-    write to meanwhile. Raises ``FlexMapsError`` where the folder cannot be written to or is held by another run, or the disk
+    write to meanwhile. With a ``guard`` only its own files are replaced or removed, and their checksums are noted in
+    ``alone_in`` or else beside them. Raises ``FlexMapsError`` where the folder cannot be written to or is held by another run, or the disk
     is full; other errors that are raised inside, as by reading a missing file, stay what they are.
     Whatever is raised, no temporary file is left.
     """
     wanted: dict[Path, Path] = {}
     made: list[Path] = []
     held: BinaryIO | None = None
+    root = None if alone_in is None else Path(alone_in)
 
     def new(path: str | os.PathLike[str]) -> Path:
         target = Path(path)
@@ -90,6 +96,8 @@ def replacing_many(
             made.extend(_make_folder(target.parent))
             if target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
+            if guard is not None:
+                guard.check([target], root)
             if target not in wanted:
                 wanted[target] = _beside(target)
                 wanted[target].touch()  # a folder that cannot be written to says so before the work is done
@@ -107,7 +115,11 @@ def replacing_many(
                 raise
             raise _refused(error, wanted) from error
         with _writing(wanted):
-            _swap(wanted, [p for p in map(Path, stale) if p not in wanted and p.is_file()])
+            gone = [p for p in map(Path, stale) if p not in wanted and p.is_file()]
+            if guard is not None:
+                gone = [p for p in gone if guard.may_remove(p, root)]
+                _note(wanted, gone, root)
+            _swap(wanted, gone)
         made.clear()
     finally:
         for temporary in wanted.values():
@@ -118,6 +130,15 @@ def replacing_many(
         for folder in reversed(made):
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
+    """Add the notes of checksums to the files that are wanted."""
+    for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
+        own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
+        text = own_files.note_text(folder, own, gone)
+        wanted[folder / own_files.NOTE] = _beside(folder / own_files.NOTE)
+        wanted[folder / own_files.NOTE].write_text(text, encoding="utf-8")
 
 
 @contextmanager

@@ -34,6 +34,7 @@ from . import (
     structure,
     together,
     tutorial,
+    writes,
 )
 
 MODULES = (
@@ -65,6 +66,7 @@ MODULES = (
     report,
     overlay,
     presets,
+    writes,
 )
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 

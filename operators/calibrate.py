@@ -10,14 +10,16 @@ import bpy
 from ..bridge.store import presets, settings
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
+from ..engine.own_files import TheirFile
 from ..engine.params import ObjectSettings, changed
 from .export import folder_of
 from .stage import OnObject, redraw
+from .writes import Writes
 
 SUBFOLDER = "calibration"  # of the folder for the sheets
 
 
-class CalibrationSheet(OnObject, bpy.types.Operator):
+class CalibrationSheet(Writes, OnObject, bpy.types.Operator):
     """Write a small sheet to cut and to measure: a kerf comb, ladders of clearances, a strip to bend, two spirals to hang a weight on"""
 
     bl_idname = "flexmaps.calibration_sheet"
@@ -29,7 +31,9 @@ class CalibrationSheet(OnObject, bpy.types.Operator):
         try:
             wanted = settings.read(context.object.flexmaps, ObjectSettings)
             folder = folder_of(wanted.export.folder) / SUBFOLDER
-            written = api.calibration_sheet(folder, wanted, formats=_formats(wanted))
+            written = api.calibration_sheet(folder, wanted, formats=_formats(wanted), overwrite=self.overwrite)
+        except TheirFile as error:
+            return self.ask(error)
         except FlexMapsError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -19,13 +19,14 @@ from ..engine import files
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .writes import Writes
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Export(ContinuedStage, bpy.types.Operator):
+class Export(Writes, ContinuedStage, bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
@@ -44,6 +45,7 @@ class Export(ContinuedStage, bpy.types.Operator):
         # panels that stand beside the model with other connectors are drawn anew
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = folder_of(settings.export.folder) / file_name(snapshot.name)
+        guard = self.guard(settings, export.present(base, formats), base.parent)
         letters.learn(snapshot.name)
         # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
         # and a base stands under the simulated shape
@@ -61,7 +63,7 @@ class Export(ContinuedStage, bpy.types.Operator):
             assert made.design is not None
             assert made.assembly is not None
             progress(0.85, "Writing files")
-            with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
+            with files.replacing_many(export.stale(base, made.sheets.count), base.parent, guard) as new:
                 guide = job_folder.guide_of(base) if settings.export.guide else None
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)

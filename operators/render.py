@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Iterator
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,14 +15,15 @@ from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
-from ..engine.params import ObjectSettings, RenderParams
+from ..engine.params import ObjectSettings
 from .stage import StageOperator, Work
+from .writes import Writes
 
 if TYPE_CHECKING:
     from ..bridge.store.surface import Surface
 
 
-class Render(StageOperator, bpy.types.Operator):
+class Render(Writes, StageOperator, bpy.types.Operator):
     """Take a picture of the target, the assembled piece and its flat panels, with light and materials of its own; your scene is left alone"""
 
     bl_idname = "flexmaps.render"
@@ -29,6 +31,7 @@ class Render(StageOperator, bpy.types.Operator):
 
     _folder: Any = None  # a folder for the time of the work
     _path = Path()  # where the picture goes
+    _guard: Any = None  # an ``engine.own_files.Guard``
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
@@ -42,6 +45,7 @@ class Render(StageOperator, bpy.types.Operator):
 
         obj, params = find(surface.uid), settings.render
         self._path = file_of(params.file, params.film)
+        self._guard = self.guard(settings, _present(self._path))
         self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
         pack, made = Path(self._folder.name) / "scene.blend", Path(self._folder.name) / "made"
         frames = 0
@@ -59,7 +63,7 @@ class Render(StageOperator, bpy.types.Operator):
         from ..engine import files
 
         for one in result:
-            with files.replacing(self._path.with_name(one.name)) as new:
+            with files.replacing(self._path.with_name(one.name), self._guard) as new:
                 shutil.copyfile(one, new)
         if self._path in [self._path.with_name(one.name) for one in result] and self._path.suffix == ".png":
             self._told(self._path)
@@ -79,14 +83,15 @@ class Render(StageOperator, bpy.types.Operator):
         from ..engine import files
 
         try:
-            params = settings.read(context.object.flexmaps.render, RenderParams)
-            path = file_of(params.file, params.film)
+            used = settings.read(context.object.flexmaps, ObjectSettings)
+            params, path = used.render, file_of(used.render.file, used.render.film)
+            guard = self.guard(used, _present(path))
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 count = picture.film(context.object, path, params)
                 self.report({"INFO"}, translate("{} frames in {}", count, path.parent))
                 return {"FINISHED"}
-            with files.replacing(path) as new:
+            with files.replacing(path, guard) as new:
                 picture.together(context.object, new, params)
         except FlexMapsError as error:
             return self._refused(context, error)
@@ -109,6 +114,11 @@ def file_of(text: str, film: bool = False) -> Path:
     return (
         path if path.suffix.lower() in ({".png", ".mp4"} if film else {".png"}) else path.with_name(f"{path.name}.png")
     )
+
+
+def _present(path: Path) -> list[Path]:
+    """The picture or film, and the frames of an earlier one."""
+    return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]
 
 
 CLASSES = (Render,)

@@ -14,13 +14,14 @@ from ..bridge.store.settings import unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 from .export import file_name, folder_of
+from .writes import Writes
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Report(ContinuedStage, bpy.types.Operator):
+class Report(Writes, ContinuedStage, bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -41,17 +42,18 @@ class Report(ContinuedStage, bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.hosts import pages
         from ..bridge.view import report as held
+        from ..engine.runs import report_page
 
         found = held.read(obj, snapshot)
         letters = self._letters = Future()
         given, folder = snapshot.settings.export.folder, None
         if self.files and not unsaved(given):
             folder = folder_of(given) / f"{file_name(snapshot.name)}-report"
+            guard = self.guard(snapshot.settings, report_page.stale(folder), folder)
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
             from ..engine.display import raster
-            from ..engine.runs import report_page
 
             told = pages.of_object(result, found, progress.part(0.0, 0.2))
             drawn, view = told.drawn, told.piece(progress.part(0.2, 0.5)) if folder is not None else None
@@ -63,7 +65,7 @@ class Report(ContinuedStage, bpy.types.Operator):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.pixels(drawing, letters.result())
             if folder is not None:
-                with files.replacing_many(report_page.stale(folder)) as new:
+                with files.replacing_many(report_page.stale(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)
                     report_page.write(told.described, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder
@@ -100,7 +102,7 @@ class Report(ContinuedStage, bpy.types.Operator):
             yield
 
 
-class Share(ContinuedStage, bpy.types.Operator):
+class Share(Writes, ContinuedStage, bpy.types.Operator):
     """Write one page that holds the piece in 3D, to send to somebody who has only a browser: from flat panels to the shape, and how to join them step by step"""
 
     bl_idname = "flexmaps.share"
@@ -118,10 +120,11 @@ class Share(ContinuedStage, bpy.types.Operator):
 
         found = held.read(obj, snapshot)
         path = folder_of(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
+        guard = self.guard(snapshot.settings, [path])
 
         def go_on(result: Result, progress: Progress) -> Any:
             told = pages.of_object(result, found, progress.part(0.0, 0.2))
-            return pages.save(told, path, progress.part(0.2, 1.0)), found.pose is not None
+            return pages.save(told, path, guard, progress.part(0.2, 1.0)), found.pose is not None
 
         return go_on
 

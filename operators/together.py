@@ -15,11 +15,12 @@ from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .export import file_name, folder_of
 from .stage import AnyMesh, OnObject, StageOperator, Work
+from .writes import Writes
 
 ENDING = "together"  # of the files' name, which begins with the active object's
 
 
-class ExportTogether(AnyMesh, StageOperator, bpy.types.Operator):
+class ExportTogether(Writes, AnyMesh, StageOperator, bpy.types.Operator):
     """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
 
     bl_idname = "flexmaps.export_together"
@@ -48,11 +49,12 @@ class ExportTogether(AnyMesh, StageOperator, bpy.types.Operator):
         first = settings[0]
         formats = export.chosen(first.export)
         base = folder_of(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
+        guard = self.guard(first, export.present(base, formats), base.parent)
 
         def work(progress: Progress) -> Any:
             results = [one.result for one in stored if one.result is not None]
             made = together(names, results, settings, progress.part(0.0, 0.85))
-            with files.replacing_many(export.stale(base, made.sheets.count), base.parent) as new:
+            with files.replacing_many(export.stale(base, made.sheets.count), base.parent, guard) as new:
                 guides, rest = first.export.guide, progress.part(0.85, 1.0)
                 written = job_folder.write_batch(made, base, formats, new, guides, rest)
             return written, made.sheets.count, len(made.of), base.parent

@@ -6,7 +6,6 @@ import ctypes
 import json
 import os
 import sys
-from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -15,7 +14,8 @@ from typing import Any
 from ...engine import files
 from ...engine.assembling import sheet as assembly_sheet
 from ...engine.fabrication.batch import Batch
-from ...engine.fabrication.writers import export, parts, series
+from ...engine.fabrication.writers import export, parts
+from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import job, page_data, report, report_page
@@ -32,12 +32,13 @@ TITLE = "together.png"  # of the report
 
 
 @contextmanager
-def folder(out: Path) -> Iterator[files.NewFile]:
+def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> Iterator[files.NewFile]:
     """Gives the function that ``write`` takes. All its files appear at the end, or the earlier ones stay as they were.
 
-    Raises ``FlexMapsError`` where another run is writing into the folder.
+    Raises ``FlexMapsError`` where another run is writing into the folder, or where ``guard`` keeps what would be replaced.
     """
-    with files.replacing_many(_stale(out), out) as new:
+    refuse(out, guard, formats, pictures)
+    with files.replacing_many(_stale(out), out, guard) as new:
         new(out / REPORT)  # raises before the work where the folder cannot be written to
         yield new
 
@@ -143,21 +144,26 @@ def guide_of(base: Path) -> Path:
     return base.with_name(f"{base.name}-assembly.pdf")
 
 
+def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
+    """Raise ``FlexMapsError`` where ``write`` would replace what ``guard`` keeps."""
+    guard.check(_present(out, formats, pictures), out)
+
+
+def _present(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
+    """The files that ``write`` may replace, sheets only where there are any."""
+    names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
+    return [*export.present(out / SHEET, formats), *names, *report_page.stale(out)]
+
+
 def _stale(out: Path) -> list[Path]:
-    """What an earlier run left in the folder: it goes when the new files come, and only what its report names or shows."""
-    try:
-        earlier = json.loads((out / REPORT).read_text(encoding="utf-8"))
-        sheets = [out / Path(name).name for name in earlier.get("sheets", {}).get("files", [])]
-        page = (out / report_page.PAGE).read_text(encoding="utf-8") if (out / report_page.PAGE).is_file() else ""
-        pictures = [path for path in map(out.joinpath, PICTURES) if path.is_file() and _shows(page, path)]
-    except (OSError, ValueError, AttributeError, TypeError):
-        return []
-    return [*filter(series.ours, sheets), *pictures, *report_page.stale(out)]
-
-
-def _shows(page: str, picture: Path) -> bool:
-    """Whether a page holds exactly this picture, as ``report_page`` puts it in."""
-    return b64encode(picture.read_bytes()).decode("ascii") in page
+    """What an earlier run may have left in the folder; what of it is ours goes when the new files come."""
+    return [
+        *export.present(out / SHEET, export.FORMATS),
+        *map(out.joinpath, PICTURES),
+        out / GUIDE,
+        out / f"{SHEET}-parts.csv",
+        *report_page.stale(out),
+    ]
 
 
 @contextmanager

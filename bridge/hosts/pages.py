@@ -10,6 +10,7 @@ from typing import Any
 from ...engine import files
 from ...engine.display.drawing import Drawing
 from ...engine.errors import FlexMapsError
+from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import page_data, report, report_page, share_page, stages
@@ -43,29 +44,30 @@ def described(piece: Any) -> dict[str, Any]:
     return _told(piece).described
 
 
-def write(piece: Any, out: Path, progress: Progress = SILENT) -> dict[str, Any]:
+def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
     """Write the page of a piece or an object with its plots, and report.json, into a folder; returns the report."""
+    guard.check([*report_page.stale(out), out / "report.json"], out)
     told = _told(piece)
     view = told.piece(progress.part(0.0, 0.9))
-    with files.replacing_many(report_page.stale(out)) as new:
+    with files.replacing_many(report_page.stale(out), out, guard) as new:
         report_page.write(told.described, told.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
         new(out / "report.json").write_text(json.dumps(told.described, indent=2) + "\n", encoding="utf-8")
     return told.described
 
 
-def share(piece: Any, path: Path, progress: Progress = SILENT) -> Path:
+def share(piece: Any, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share; returns its path. Raises ``FlexMapsError`` where there are no spirals."""
-    return save(_told(piece), path, progress)
+    return save(_told(piece), path, guard, progress)
 
 
-def save(told: Told, path: Path, progress: Progress = SILENT) -> Path:
+def save(told: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """The same of what was read before; touches no Blender data."""
     if told.shown is None:
         raise told.lost or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(told.described)
     view = page_data.text(told.shown, told.settings, title, progress.part(0.0, 0.95))
     text = share_page.page(view, title, told.described, told.drawn)
-    with files.replacing(path) as new:
+    with files.replacing(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 
 from ...engine.errors import FlexMapsError
@@ -48,6 +50,12 @@ def shared(obj: bpy.types.Object) -> str:
         return ""
     others = [f"'{o.name}'" for o in bpy.data.objects if o.data == obj.data and o != obj]
     return ", ".join(others[:2]) + (f" (+{len(others) - 2})" if len(others) > 2 else "")
+
+
+def files_read() -> tuple[Path, ...]:
+    """The open .blend file, if it was ever saved, and the files that it links."""
+    linked = (bpy.path.abspath(library.filepath) for library in bpy.data.libraries)
+    return tuple(Path(path) for path in (bpy.data.filepath, *linked) if path)
 
 
 def find(uid: int) -> bpy.types.Object:

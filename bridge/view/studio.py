@@ -106,7 +106,7 @@ class Studio:
 
     def take(self, path: str | Path) -> None:
         """Render to a PNG file. Raises ``FlexMapsError`` where it cannot be written."""
-        self.scene.render.filepath = str(Path(path).absolute())
+        self.scene.render.filepath = _literal(Path(path).absolute())
         try:
             self._render(write_still=True)
         except RuntimeError as error:
@@ -120,10 +120,10 @@ class Studio:
         path, render = Path(path).absolute(), self.scene.render
         self.scene.frame_start, self.scene.frame_end = frames
         render.fps, render.fps_base = rate
-        render.filepath = str(path.with_suffix("")) + "-"
+        render.filepath = _literal(path.with_suffix("")) + "-"
         if path.suffix.lower() == ".mp4":
             _as_film(render)
-            render.filepath, render.use_file_extension = str(path), False
+            render.filepath, render.use_file_extension = _literal(path), False
         try:
             self._render(animation=True)
         except RuntimeError as error:
@@ -207,6 +207,12 @@ class Studio:
         if tight:
             scene.render.resolution_y = _pixels(width, _needed(seen, half) / half)
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
+
+
+def _literal(path: Path) -> str:
+    """The path for Blender's renderer, which from 4.5 on takes braces for templates unless they are doubled."""
+    text = str(path)
+    return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= (4, 5) else text
 
 
 def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:

@@ -13,6 +13,7 @@ from ..fabrication.nesting.packing import Packing
 from ..fabrication.panels.toolpath import Runs
 from ..fabrication.writers import dxf, pdf, svg
 from ..files import replacing_many
+from ..own_files import Guard
 from ..params import Settings, SheetParams
 from ..progress import SILENT, Progress
 from . import drawing
@@ -88,6 +89,7 @@ def write(
     formats: Sequence[str] = USUAL,
     name: str = "calibration",
     progress: Progress = SILENT,
+    guard: Guard | None = None,
 ) -> list[Path]:
     """Write the sheet's files and ``calibration.json`` with its sizes into a folder, all of them or none; returns their paths."""
     unknown = set(formats) - set(WRITERS)
@@ -95,7 +97,7 @@ def write(
         wrong = f"There is no format '{min(unknown)}' of the calibration sheet" if unknown else "No format is chosen"
         raise FlexMapsError(f"{wrong}; choose among {', '.join(WRITERS)}")
     written = []
-    with replacing_many(alone_in=folder) as new:
+    with replacing_many(alone_in=folder, guard=guard) as new:
         for key in dict.fromkeys(formats):
             ending, writer = WRITERS[key]
             written.append(folder / f"{name}{ending}")

@@ -14,6 +14,7 @@ from .. import files
 from ..display.drawing import GREY, INK, Dots, Drawing, Text, svg, ticks
 from ..display.plots import ACCENT, CURVE, Axes
 from ..errors import FlexMapsError
+from ..own_files import Guard
 from .candidate import Base, Candidate
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
@@ -26,8 +27,10 @@ SPAN = 0.08  # of an axis, free at its ends; by eye
 class Folder:
     """Where an exploration lies. Raises ``FlexMapsError`` where that cannot be, or where another one lies there."""
 
-    def __init__(self, path: str | Path, base: Base, space: Space):
-        self.path = Path(path)
+    def __init__(self, path: str | Path, base: Base, space: Space, guard: Guard | None = None):
+        self.path, self.guard = Path(path), guard
+        if guard is not None:
+            refuse(self.path, guard)
         self.known: list[Candidate] = []
         mark = {"of": _mark(base), "varied": [variable.name for variable in space.variables]}
         try:
@@ -62,7 +65,9 @@ class Folder:
     def write(self, made: Exploration) -> dict[str, Any]:
         """Table, report, plot of the front and a picture of every candidate; returns the report."""
         described, front = made.report(), made.front
-        with files.replacing_many(self.path.glob("candidate-*.svg")) as new:
+        with files.replacing_many(
+            self.path.glob("candidate-*.svg"), None if self.guard is None else self.path, self.guard
+        ) as new:
             names = [variable.name for variable in made.space.variables]
             with new(self.path / TABLE).open("w", newline="", encoding="utf-8") as stream:
                 table = csv.DictWriter(stream, ["number", "front", *names, *MEASURES, "advice", "fault"])
@@ -83,6 +88,11 @@ class Folder:
             self._stream.flush()
         except OSError as error:
             raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+
+
+def refuse(path: Path, guard: Guard) -> None:
+    """Raise ``FlexMapsError`` where an exploration in this folder would replace what ``guard`` keeps."""
+    guard.check([*(path / name for name in (TABLE, REPORT, PLOT)), *path.glob("candidate-*.svg")], path)
 
 
 def cell(value: Any) -> Any:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..cluster import Cluster
 from ..errors import FlexMapsError
+from ..own_files import Guard
 from ..params import Settings
 from ..progress import SILENT, Progress
 from ..runs.result import Result
@@ -30,6 +31,7 @@ def explored(
     cores: int | None = None,
     effort: float = EFFORT,
     seed: int = 0,
+    guard: Guard | None = None,
     progress: Progress = SILENT,
 ) -> Exploration:
     """Try many candidates of a piece that is laid out.
@@ -38,6 +40,7 @@ def explored(
     folder : gets table, plot and pictures; what was tried there before is known
     candidates : how many are tried at most; seed : another number tries others
     scheduler : address of a Dask cluster to work on; else so many ``cores`` of this machine, all by default
+    guard : keeps the user's files in the folder
     effort : share of the optimiser's patience that every candidate gets
 
     Raises ``FlexMapsError`` where the folder or the cluster cannot be used, ``Cancelled`` where it was stopped before
@@ -51,7 +54,7 @@ def explored(
     starts = {count: Start(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
     base = Base(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:
-        kept = None if folder is None else stack.enter_context(Folder(folder, base, question))
+        kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))
         executor = stack.enter_context(Cluster(scheduler) if scheduler else Workers(cores))
         if kept is None:
             return explore(base, question, candidates, executor, progress, seed=seed)

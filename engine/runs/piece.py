@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -22,6 +23,7 @@ class Piece:
     made : what the stages made (``Result``); None where the mesh is none that can be made
     uid : Blender's id of the object that it was read from and can be shown in again
     seams : (E,) bool, edges that the object has marked as seams
+    files : what it was read from, and what was read for it since: never to be written over
     """
 
     name: str
@@ -32,6 +34,7 @@ class Piece:
     made: Result | None = None
     uid: int | None = None
     seams: Bool[np.ndarray, " edges"] | None = None
+    files: tuple[Path, ...] = ()
 
     @property
     def result(self) -> Result:

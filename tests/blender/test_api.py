@@ -265,7 +265,7 @@ def test_another_object_is_not_written_over(strip: api.Piece, dome: Any, content
 
 def test_export_writes_all_or_nothing(strip: api.Piece, tmp_path: Path) -> None:
     written = api.export(strip, tmp_path / "out", formats=("svg", "3mf"))
-    assert {path.name for path in written} == {p.name for p in (tmp_path / "out").iterdir()}
+    assert {path.name for path in written} == {p.name for p in (tmp_path / "out").glob("[!.]*")}
     with pytest.raises(api.FlexMapsError):
         api.export(strip, tmp_path / "other", formats=("svg", "png"))
     assert not (tmp_path / "other").exists()

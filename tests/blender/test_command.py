@@ -152,7 +152,7 @@ def test_results_to_standard_output_and_progress_to_standard_error(
     assert told["optimise"]["history"] == better["optimise"]["history"], "what the file holds, not a new one"
     assert (tmp_path / "rep" / "report.html").is_file()
     assert run("export", tmp_path / "o.blend", *QUICK, "--formats", "svg", "--out", tmp_path / "cut") == 0
-    assert sorted(p.name for p in (tmp_path / "cut").iterdir()) == [
+    assert sorted(p.name for p in (tmp_path / "cut").glob("[!.]*")) == [
         "sheet-01.svg",
         "sheet-assembly.pdf",
         "sheet-parts.csv",

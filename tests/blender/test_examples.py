@@ -32,7 +32,7 @@ def near_the_saddle(out: str) -> None:
 
 
 def sheets_for_a_laser(out: str) -> None:
-    assert {path.suffix for path in Path("sheets").iterdir()} == {".svg", ".dxf", ".pdf", ".csv"}
+    assert {path.suffix for path in Path("sheets").glob("[!.]*")} == {".svg", ".dxf", ".pdf", ".csv"}
 
 
 def stiffness_of_the_strip(out: str) -> None:

@@ -144,7 +144,7 @@ def test_every_file_says_which_version_made_it(written: Path, tmp_path: Path) ->
     """But for pictures, and for what others' formats have no place for; a Blender file says it beside the notes."""
     api.calibration_sheet(tmp_path)
     silent = []
-    for path in [*written.rglob("*"), *tmp_path.rglob("*")]:
+    for path in [*written.rglob("[!.]*"), *tmp_path.rglob("[!.]*")]:
         if path.is_file() and path.suffix not in (".png", ".blend"):
             data = zipfile.ZipFile(path).read("3D/3dmodel.model") if path.suffix == ".3mf" else path.read_bytes()
             silent += [] if MARK.encode() in data else [path.name]

@@ -236,7 +236,7 @@ def test_two_pieces_in_one_file(add: Any, content: Any, tmp_path: Path) -> None:
     assert kinds(first)["sheets"] == states.TODO
     activate(first)
     press("export")
-    names = {path.name.split("-")[0].split(".")[0] for path in tmp_path.iterdir()}
+    names = {path.name.split("-")[0].split(".")[0] for path in tmp_path.glob("[!.]*")}
     assert names == {"first", "second"}
     owned = {c.name: {o.name.split()[0] for o in c.objects} for c in bpy.data.collections}
     assert owned == {"FlexMaps first": {"first"}, "FlexMaps second": {"second"}}

@@ -50,7 +50,7 @@ def test_everything_is_written(dome: Path, tmp_path: Path, monkeypatch: pytest.M
     assert report["spirals"]["count"] == report["input"]["quads"]
     named = set(report["sheets"]["files"]) | {"report.json", "model.blend", "share.html"}
     named |= {"layout.png", "panels.png", "shape.png", "together.png"}
-    assert named | {"report.html", "plots"} == {p.name for p in out.iterdir()}
+    assert named | {"report.html", "plots"} == {p.name for p in out.glob("[!.]*")}
     assert {Path(name).suffix for name in report["sheets"]["files"]} == {".svg", ".dxf", ".pdf", ".csv"}
     assert (out / "layout.png").read_bytes().startswith(b"\x89PNG")
 
@@ -75,8 +75,8 @@ def test_files_of_an_earlier_run_that_are_no_longer_true_go(
     (out / "panels.png").write_bytes(b"\x89PNG mine")
     assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "merge") == 0
     kept = {"notes.txt", "panels.png"}
-    assert {p.name for p in out.iterdir()} == {"report.json", "report.html", "plots", "model.blend"} | kept
-    assert {p.name for p in (out / "plots").iterdir()} == {"surface.svg", "patches.svg", "distortion.svg"}
+    assert {p.name for p in out.glob("[!.]*")} == {"report.json", "report.html", "plots", "model.blend"} | kept
+    assert {p.name for p in (out / "plots").glob("[!.]*")} == {"surface.svg", "patches.svg", "distortion.svg"}
 
 
 def broken_inputs(folder: Path) -> dict[str, Path]:

@@ -178,7 +178,7 @@ def test_the_button_writes_the_page_to_share(strip: api.Piece, tmp_path: Path) -
     bpy.context.view_layer.objects.active = obj
     obj.flexmaps.export.folder = str(tmp_path)
     assert bpy.ops.flexmaps.share() == {"FINISHED"}
-    assert [path.name for path in tmp_path.iterdir()] == [f"{obj.name}-share.html"]
+    assert [path.name for path in tmp_path.glob("[!.]*")] == [f"{obj.name}-share.html"]
     bpy.data.objects.remove(obj)
     early = api.show(api.layout(api.load("shape:strip", edge=20)))
     bpy.context.view_layer.objects.active = early
@@ -189,12 +189,12 @@ def test_the_button_writes_the_page_to_share(strip: api.Piece, tmp_path: Path) -
 def test_every_stage_that_is_missing_is_left_out(tmp_path: Path) -> None:
     early = api.load("shape:strip", edge=20)
     api.report(early, tmp_path)
-    assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"]
+    assert [p.name for p in (tmp_path / "plots").glob("[!.]*")] == ["surface.svg"]
     api.report(api.spirals(early), tmp_path)
     there = {p.stem for p in (tmp_path / "plots").iterdir()}
     assert there == {"surface", "patches", "distortion", "width", "anisotropy", "twist"}
     api.report(early, tmp_path)
-    assert [p.name for p in (tmp_path / "plots").iterdir()] == ["surface.svg"], "what is no longer true goes"
+    assert [p.name for p in (tmp_path / "plots").glob("[!.]*")] == ["surface.svg"], "what is no longer true goes"
 
 
 # -- the plots -------------------------------------------------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import NamedTuple
@@ -84,6 +86,19 @@ def write(
 def stale(base: Path, count: int) -> list[Path]:
     """The files of an earlier run that had more sheets than ``count``."""
     return [path for key in FORMATS for path in series.numbered_before(_named(base, key), count)]
+
+
+def present(base: Path, formats: Collection[str]) -> list[Path]:
+    """The files that are there already and that sheets in these formats, however many, may replace."""
+    names = sorted(entry.name for entry in base.parent.iterdir()) if base.parent.is_dir() else []
+    found = []
+    for key in formats:
+        series_of = _named(base, key)
+        numbers = re.compile(rf"{re.escape(series_of.stem)}-(\d\d+){re.escape(series_of.suffix)}", re.IGNORECASE)
+        matches = [match for match in map(numbers.fullmatch, names) if match is not None]
+        found += [base.with_name(f"{series_of.stem}-{match[1]}{series_of.suffix}") for match in matches]
+    others = [base.with_name(f"{base.name}-{rest}") for rest in ("parts.csv", "assembly.pdf") if formats]
+    return [path for path in dict.fromkeys([*found, *others]) if os.path.lexists(path)]
 
 
 def _named(base: Path, key: str) -> Path:

@@ -1,0 +1,77 @@
+"""Base of the operators that write files: they ask before a file of the user's is replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.store.i18n import translate
+from ..engine.own_files import Guard, TheirFile
+
+if TYPE_CHECKING:
+    from ..engine.params import ObjectSettings
+
+
+class Writes:
+    """Mixed in before a stage's own base; ``guard`` is called before the work begins."""
+
+    overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Overwrite",
+        description="Also replace files that FlexMaps did not write, or that were changed since",
+        default=False,
+        options={"SKIP_SAVE"},
+    )
+
+    def guard(self, settings: ObjectSettings, present: Iterable[Path], root: Path | None = None) -> Guard:
+        """The guard of what is written; raises ``TheirFile`` where a file that is present is the user's."""
+        from ..bridge.store.objects import files_read
+        from ..engine.fabrication.nesting.remnants import SEPARATOR
+
+        remnants = [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
+        made = Guard([*files_read(), *remnants], self.overwrite)
+        made.check(present, root)
+        return made
+
+    def _refused(self, context: bpy.types.Context, error: Exception) -> set[str]:
+        return self.ask(error) if isinstance(error, TheirFile) else super()._refused(context, error)  # type: ignore[misc]
+
+    def ask(self, error: TheirFile) -> set[str]:
+        """Ask whether to replace the files, and begin again then; without a window that is an error."""
+        if bpy.app.background or self.overwrite:
+            self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
+        else:
+            bpy.ops.flexmaps.replace_files("INVOKE_DEFAULT", stage=self.bl_idname, text=str(error))  # type: ignore[attr-defined]
+        return {"CANCELLED"}
+
+
+class ReplaceFiles(bpy.types.Operator):
+    """Write over files that FlexMaps did not write, or that were changed since"""
+
+    bl_idname = "flexmaps.replace_files"
+    bl_label = "Replace these files?"
+    bl_options = {"INTERNAL"}
+
+    stage: bpy.props.StringProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+    text: bpy.props.StringProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        manager: Any = context.window_manager
+        return manager.invoke_confirm(
+            self,
+            event,
+            title=translate(self.bl_label),
+            message=self.text,
+            confirm_text=translate("Replace"),
+            icon="WARNING",
+        )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        name = self.stage.lower().replace("_ot_", ".").split(".")[-1]
+        getattr(bpy.ops.flexmaps, name)("INVOKE_DEFAULT", overwrite=True)
+        return {"FINISHED"}
+
+
+CLASSES = (ReplaceFiles,)
