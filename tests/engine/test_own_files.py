@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 import pytest
-
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.files import replacing, replacing_many
