@@ -20,6 +20,8 @@ from . import (
     handles,
     layout,
     live,
+    mend,
+    next,
     optimise,
     overlay,
     painting,
@@ -39,7 +41,9 @@ from . import (
 
 MODULES = (
     example,
+    next,
     check,
+    mend,
     remesh,
     regularise,
     layout,

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import preload
-from ..bridge.store import notes, settings
+from ..bridge.store import failures, notes, settings
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find
 from ..engine.errors import FlexMapsError
@@ -23,6 +23,10 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
     bl_idname = "flexmaps.quad_remesh"
     bl_label = "Quad remesh"
 
+    quads: bpy.props.IntProperty(  # type: ignore[valid-type]
+        name="Quads", description="About how many; 0 for as many as are set", min=0, options={"SKIP_SAVE"}
+    )
+
     _source = 0  # Blender's id of the object that is remeshed
 
     def _read(self, context: bpy.types.Context) -> Work:
@@ -33,8 +37,8 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         self._source = context.object.session_uid
         leave_edit_mode(context)
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
-        polygons = remesh.seen(context.object, context)
-        return lambda progress: remesh.quads_of(polygons, wanted.quads, wanted.smooth, progress)
+        polygons, count = remesh.seen(context.object, context), self.quads or wanted.quads
+        return lambda progress: remesh.quads_of(polygons, count, wanted.smooth, progress)
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh
@@ -57,6 +61,7 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
 
     leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
+    failures.hand_down(obj.data, made.data)
     collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)
@@ -77,11 +82,18 @@ class SetSize(StageOperator, bpy.types.Operator):
     bl_idname = "flexmaps.set_size"
     bl_label = "Scale to quad edge"
 
+    times: bpy.props.FloatProperty(  # type: ignore[valid-type]
+        name="Times", description="So many times as large as it is, the quad edge too; 0 for the quad edge that is set",
+        min=0.0, options={"SKIP_SAVE"},
+    )  # fmt: skip
+
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return "The object's scale is locked; unlock it first" if any(obj.lock_scale) else None
 
     def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+        times = self.times
+
         def work(progress: Progress) -> Any:
             from ..engine.surface.checking import check
 
@@ -89,8 +101,8 @@ class SetSize(StageOperator, bpy.types.Operator):
             now = check.median_edge(surface.polygons)
             if not 0 < now < float("inf"):
                 raise FlexMapsError("The mesh has no size: its edges have no length; scale it by hand first")
-            scaled = check.scaled(surface.polygons, edge=settings.remesh.edge)
-            return settings.remesh.edge / now, check.findings(scaled)
+            edge = times * now or settings.remesh.edge
+            return edge / now, edge, check.findings(check.scaled(surface.polygons, edge=edge))
 
         return work
 
@@ -98,7 +110,9 @@ class SetSize(StageOperator, bpy.types.Operator):
         from ..bridge.store import mesh
         from ..bridge.view import collection, framing
 
-        factor, findings = result
+        factor, edge, findings = result
+        if self.times:
+            obj.flexmaps.remesh.edge = edge * 1e3
         obj.scale = [s * factor for s in obj.scale]
         framing.follow(context, obj, factor)
         context.view_layer.update()

@@ -240,7 +240,7 @@ class StageOperator:
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
-        from ..bridge.store import mesh, states
+        from ..bridge.store import failures, mesh, states
         from ..bridge.store.objects import find
         from ..bridge.view import overlay
 
@@ -254,6 +254,7 @@ class StageOperator:
             message = self.finish(context, obj, self._surface, result)
         finally:  # a check writes what it found, then complains
             states.stamp(obj, context.scene, self._made_from)
+        failures.clear(obj, idname_of(self))
         overlay.renew(obj, self.shows)
         redraw(context)
         yield
@@ -282,13 +283,34 @@ class StageOperator:
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
         from ..bridge.store.objects import find
+        from ..bridge.view import framing
 
         if self._surface is not None and (error.faces or error.edges):
             with suppress(FlexMapsError):  # where the object is gone there is nothing to select
                 reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
+                framing.frame(context)
+        if self._surface is not None:
+            with suppress(FlexMapsError):
+                self._note(context, find(self._surface.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
+
+    def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
+        """Keep why it failed, and what the check says of the mesh where nobody has asked, so that *Next* offers a cure."""
+        from ..bridge.store import failures, mesh, notes, states
+        from ..engine.surface.checking import check
+
+        if states.of(obj, context.scene)["checks"].kind != states.DONE:
+            notes.write_checks(obj.data, check.findings(mesh.read_surface(obj, context.scene).polygons))
+            states.stamp(obj, context.scene)
+        failures.write(obj, context.scene, idname_of(self), error)
+
+
+def idname_of(operator: Any) -> str:
+    """Its name as scripts call it: "flexmaps.check"."""
+    group, _, name = operator.bl_idname.partition("_OT_")
+    return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:

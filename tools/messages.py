@@ -129,7 +129,7 @@ def _of_panels() -> Found:
 
 def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
-    from flexmaps.bridge.store import states
+    from flexmaps.bridge.store import cures, notices, states
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
     from flexmaps.engine.runs import stages
@@ -138,6 +138,10 @@ def _of_lines() -> Found:
         yield "", text, "why a stage is out of date"
     for _, text in versions.CHANGED:
         yield "", text, "what changed since an earlier version"
+    for text in (*(words for _, words in cures.MENDS.values()), *(words for words, _ in notices.WORDS.values())):
+        yield "", text, "what there is to look at, and its cure"
+    for text in notices.FAILED.values():
+        yield "", text, "what there is to look at, and its cure"
     for text in stages.MISSING.values():
         yield "", text, "why a button is grey"
     for text in optimise.ENDS.values():
@@ -145,7 +149,11 @@ def _of_lines() -> Found:
     yield "", wishes.UNSTRAINED, "how an optimisation ended"
     for file in sorted(p for folder in ("operators", "bridge") for p in (ROOT / folder).rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _name(node.func) == "translate"]
+        calls = [
+            node
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and _name(node.func) in {"translate", "interface"}
+        ]
         named = {_name(node.args[0]) for node in calls}
         for text in (t for node in calls for t in _texts(node.args[0])):
             yield "", text, "report"

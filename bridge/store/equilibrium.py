@@ -196,10 +196,11 @@ def warnings(block: dict[str, Any]) -> list[str]:
 
 def remarks(block: dict[str, Any]) -> list[str]:
     """What else a simulation warns of; that it found no equilibrium stands in its ``status``."""
-    return [_remark(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
+    return [sentence(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
 
 
-def _remark(finding: dict[str, Any], block: dict[str, Any]) -> str:
+def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
+    """A finding of a simulation as a sentence."""
     if finding["code"] != "strained":
         return finding["message"]
     broken = (

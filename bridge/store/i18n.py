@@ -16,3 +16,9 @@ def translate(text: str, *values: Any) -> str:
 def button_name(label: str) -> str:
     """What stands on a button, as the preferences want it for the interface."""
     return bpy.app.translations.pgettext_iface(label, "Operator")
+
+
+def interface(text: str, *values: Any) -> str:
+    """The translation of words in the sidebar, as the preferences want it for the interface, with the values in its places."""
+    translated: str = bpy.app.translations.pgettext_iface(text)
+    return translated.format(*values) if values else translated

@@ -1,65 +1,179 @@
-"""Which button a person would press next; cheap enough to be asked at every redraw."""
+"""What *Next* does: the one act that a person would do now; cheap enough to be asked at every redraw."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
 import bpy
 
-from . import notes
+from . import failures, notes, notices, objects
+from .cures import Cure
+from .i18n import interface, translate
+from .notices import INFORMATION, KEPT, LEAST_QUADS, MADE_SQUARER, STOPS, Notice
 from .settings import unsaved
 from .states import DONE, TODO, State, is_old_unnoted
 
 EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
-# findings of the check that Regularise helps with, and errors that are mended by hand rather than by new quads
-MADE_SQUARER = {"concave", "warped", "thin"}
-MENDED_BY_HAND = {
-    "inconsistent-orientation", "size-ratio", "zero-edge", "zero-area", "not-finite", "loose-vertices", "far-vertices",
-    "folded", "duplicate-faces",
-}  # fmt: skip
+LETTERS = 28  # of a label at most, in every language
+
+
+@dataclass(frozen=True)
+class Act:
+    """One press of *Next*.
+
+    idname, properties : the operator; label : what stands on the button, "Next: 500 quads"; tooltip : the whole sentence
+    section : of the sidebar, that it uses: piece, layout, shape or make; cure : whether it cures something, rather than going on
+    """
+
+    idname: str
+    label: str
+    tooltip: str
+    section: str
+    properties: dict[str, Any] = field(default_factory=dict)
+    cure: Cure | None = None
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) -> str:
     """The operator that a person would press next, by its idname; "" when the sheets are up to date."""
+    found = act(obj, scene, stages, notices.of(obj, scene, stages))
+    return "" if found is None or found.idname == "wm.path_open" else found.idname
+
+
+def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]) -> Act | None:
+    """What *Next* does, given the states of the stages and all notices; None where only a person can go on."""
     mesh = obj.data
     if not len(mesh.polygons):
-        return ""
+        return None
     if len(mesh.loops) != 4 * len(mesh.polygons):
-        return "flexmaps.quad_remesh"
+        return _unless_failed(mesh, _quads(obj), found)
+    if objects.changed_by_modifiers(obj):
+        said = translate("Applies the modifiers: the layout lives in the mesh itself")
+        return Act("object.convert", _next(interface("Apply modifiers")), said, "piece", {"target": "MESH"})
+    if len(mesh.polygons) < LEAST_QUADS and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
+        if stages["layout"].kind == TODO:
+            return _unless_failed(mesh, _quads(obj), found)
     if stages["layout"].kind == TODO:
-        preparing = _before_layout(obj, scene, stages)
-        if preparing:
-            return preparing
+        preparing = _before_layout(obj, scene, stages, found)
+        if preparing is not None:
+            return _unless_failed(mesh, preparing, found)
+        if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in found):
+            return None
+    return _unless_failed(mesh, _way(obj, stages, found), found)
+
+
+def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice]) -> Act:
+    """The next stage from a mesh that is fit to be cut."""
+    blocks = notes.read(obj.data)
     if stages["layout"].kind != DONE:
-        edited = stages["layout"].part == "seams" and "layout" in notes.read(mesh)
-        return "flexmaps.update_from_seams" if edited else "flexmaps.merge"
-    if stages["spirals"].kind == TODO and notes.read(mesh)["layout"].get(notes.TRACED):
-        return "flexmaps.merge"
+        if stages["layout"].part == "seams" and "layout" in blocks:
+            said = translate("Flattens the panels whose seams were edited; the others stay as they are")
+            return Act("flexmaps.update_from_seams", _next(interface("Update from seams")), said, "layout")
+        return _layout()
+    if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
+        return _layout()
     if stages["spirals"].kind != DONE:
-        return "flexmaps.spirals"
+        said = translate("Gives every quad its spiral: the more the surface bends there, the softer")
+        return Act("flexmaps.spirals", _next(interface("Cut the spirals")), said, "shape")
     if stages["sheets"].kind == DONE:
-        return ""
-    for stage, idname in (("equilibrium", "flexmaps.simulate"), ("optimise", "flexmaps.optimise")):
-        if stages[stage].kind != DONE:
-            return idname
-    return "wm.save_mainfile" if unsaved(obj.flexmaps.export.folder) else "flexmaps.export"
+        folder = bpy.path.abspath(obj.flexmaps.export.folder)
+        said = translate("Opens the folder with the files for the cutter")
+        return Act("wm.path_open", interface("Open the folder"), said, "make", {"filepath": folder})
+    for stage, idname, words, said in (
+        ("equilibrium", "flexmaps.simulate", "Simulate", "Finds the shape that the assembled panels take"),
+        ("optimise", "flexmaps.optimise", "Make it fit", "Searches for the spirals that spring into the shape"),
+    ):
+        if stages[stage].kind != DONE and not _passed_over(idname, found):
+            return Act(idname, _next(interface(words)), translate(said), "shape")
+    return _cured(obj.data, found) or _files(obj)
 
 
-def _before_layout(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) -> str:
-    """What a mesh of quads still needs before it is cut; "" where it is fit."""
+def _layout() -> Act:
+    said = translate("Cuts the surface into panels that lie flat and fit the sheet")
+    return Act("flexmaps.merge", _next(interface("Lay out the panels")), said, "layout")
+
+
+def _files(obj: bpy.types.Object) -> Act:
+    if unsaved(obj.flexmaps.export.folder):
+        said = translate("The folder for the files begins with //, which is where this file is: save it first")
+        return Act("wm.save_mainfile", _next(interface("Save the file")), said, "make")
+    said = translate("Lays the panels on sheets and writes the files for the cutter")
+    return Act("flexmaps.export", _next(interface("Write the files")), said, "make")
+
+
+def _quads(obj: bpy.types.Object) -> Act:
+    count = obj.flexmaps.remesh.quads
+    said = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
+    return Act("flexmaps.quad_remesh", _next(interface("{} quads", count)), said, "piece")
+
+
+def _before_layout(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]
+) -> Act | None:
+    """What a mesh of quads still needs before it is cut; None where it is fit."""
     edge, wanted = quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
-    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0:
-        return "flexmaps.set_size"
+    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
+        size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
+        said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
+        return Act("flexmaps.set_size", _next(interface("Scale to {:.0f} mm", size)), said, "piece")
     if stages["checks"].kind != DONE:
-        return "flexmaps.check"
-    checks = notes.read(obj.data)["checks"]
-    errors = {finding["code"] for finding in checks if finding["severity"] == "error"}
-    if errors:
-        return "flexmaps.check" if errors <= MENDED_BY_HAND else "flexmaps.quad_remesh"
-    poor = any(finding["code"] in MADE_SQUARER for finding in checks)
+        said = translate("Looks for everything that would stop the job or spoil the piece")
+        return Act("flexmaps.check", _next(interface("Check the mesh")), said, "piece")
+    wrong = [notice for notice in found if notice.kind == STOPS and notice.key.startswith("checks/")]
+    ways = ((notice, cure) for notice in wrong for cure in _untried(obj.data, notice))
+    mending = next((_cure(notice, cure, "piece") for notice, cure in ways), None)
+    if mending is not None:
+        return mending
+    poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in found)
     regular = "regularise" in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, "regularise")
-    if poor and not regular:  # pressing Regularise a second time changes nothing
-        return "flexmaps.regularise"
-    return ""
+    if poor and not regular and not _passed_over("flexmaps.regularise", found):
+        said = translate("Moves the vertices along the surface so that the quads become squarer")
+        return Act("flexmaps.regularise", _next(interface("Squarer quads")), said, "piece")
+    return None
+
+
+def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, found: Sequence[Notice]) -> Act | None:
+    """What is wanted, or the first cure of its failure where it failed with the same input; None without a cure."""
+    failed = next((notice for notice in found if notice.key == f"failed/{wanted.idname}"), None)
+    if failed is None:
+        return wanted
+    return next((_cure(failed, cure, wanted.section) for cure in _untried(mesh, failed)), None)
+
+
+def _cured(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
+    """A cure of what would break the piece; None where nothing does, all were tried, or somebody goes on as it is."""
+    breaking = [notice for notice in found if notice.kind == notices.BREAKS]
+    ways = (
+        (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
+    )
+    return next((_cure(notice, cure, "shape") for notice, cure in ways), None)
+
+
+def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
+    """The cures that *Next* has not pressed yet; going on as it is can always be pressed."""
+    tried = failures.tried(mesh)
+    return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
+
+
+def _passed_over(idname: str, found: Sequence[Notice]) -> bool:
+    """Whether somebody goes on without a stage that failed."""
+    return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in found)
+
+
+def _sentence(found: Sequence[Notice], key: str) -> str:
+    return next((notice.sentence for notice in found if notice.key == key), "")
+
+
+def _cure(notice: Notice, cure: Cure, section: str) -> Act:
+    return Act(cure.idname, _next(cure.label), notice.sentence, section, cure.properties, cure)
+
+
+def _next(words: str) -> str:
+    """The words on the button, short enough for it."""
+    label = interface("Next: {}", words)
+    return label if len(label) <= LETTERS else words[:LETTERS]
 
 
 def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:

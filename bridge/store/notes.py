@@ -52,6 +52,16 @@ def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
     mesh[name + SUM] = _checksum(mesh[name])
 
 
+def get_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any]:
+    """What ``put_text`` keeps under a name; empty where there is nothing, or what something else wrote."""
+    return _get(mesh, name) or {}
+
+
+def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
+    """Keep a dictionary on the mesh as text."""
+    _put(mesh, name, value)
+
+
 def unsound(mesh: bpy.types.Mesh) -> bool:
     """Whether what is kept is damaged, or written by something else; then it counts as nothing."""
     return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None

@@ -38,8 +38,8 @@ def scaled(mesh: QuadMesh, edge: float = 0.02) -> QuadMesh:
 
 @pytest.fixture
 def piece(add: Any) -> Any:
-    """A dome of 48 quads, for what has to be computed."""
-    return add(scaled(shapes.dome(4)))
+    """A dome of 75 quads, for what has to be computed."""
+    return add(scaled(shapes.dome(5)))
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     pressed = []
     while offered(piece):
         pressed.append(offered(piece))
-        press(pressed[-1])
+        press("next")
         assert len(pressed) < 10
     assert pressed == ["check", "merge", "spirals", "simulate", "optimise", "export"]
     asked = {"choose", "scan", "structure"}
@@ -89,8 +89,8 @@ def test_next_leads_from_blenders_own_shapes_to_the_sheets(shape: str, tmp_path:
     pressed: list[str] = []
     while offered(bpy.context.object):
         pressed.append(offered(bpy.context.object))
-        press(pressed[-1])
-        assert len(pressed) < 12, pressed
+        press("next")
+        assert len(pressed) < 14, pressed
     assert "quad_remesh" in pressed and pressed[-1] == "export", pressed
     assert list(tmp_path.glob("*.svg"))
 

@@ -1,0 +1,85 @@
+"""Cures: what a button beside a notice does, as the operator that does it, its properties and its label.
+
+``api`` has a function and the command line a ``--cure`` of the same name for each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...engine.optimisation import remedies
+from .i18n import interface
+
+# findings of the check that one press mends, by what ``flexmaps.mend`` calls it; the words are of its button
+MENDS = {
+    "zero-edge": ("short-edges", "Merge {} vertices"),
+    "repeated-vertex": ("short-edges", "Merge {} vertices"),
+    "zero-area": ("thin-faces", "Dissolve {} faces"),
+    "duplicate-faces": ("double-faces", "Delete {} faces"),
+    "folded": ("folds", "Delete {} faces"),
+    "inconsistent-orientation": ("normals", "Turn {} faces"),
+    "inside-out": ("outside", "Turn {} faces"),
+    "loose-vertices": ("loose", "Delete loose parts"),
+    "far-vertices": ("far", "Delete {} faces"),
+    "not-finite": ("not-finite", "Delete {} faces"),
+    "non-manifold-vertex": ("fans", "Split vertices"),
+    "non-manifold-edge": ("walls", "Split edges"),
+    "non-orientable": ("one-sided", "Cut it open"),
+}
+
+
+@dataclass(frozen=True)
+class Cure:
+    """A button: its label without *Next*, in the interface's language, its operator and that operator's properties."""
+
+    label: str
+    idname: str
+    properties: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """What the command line calls it, such as "make_larger"; "mend-normals" where its operator does several things."""
+        short = self.idname.partition(".")[2]
+        kind = self.properties.get("what") or self.properties.get("where")
+        return f"{short}-{kind}" if kind else short
+
+    @property
+    def call(self) -> str:
+        """The call that does it, for reports and scripts."""
+        arguments = ", ".join(f"{key}={value!r}" for key, value in self.properties.items())
+        return f"bpy.ops.{self.idname}({arguments})"
+
+
+def mend(code: str, count: int) -> Cure | None:
+    """The cure of a finding of the check; None where only a person can mend it."""
+    if code not in MENDS:
+        return None
+    what, words = MENDS[code]
+    return Cure(interface(words, count), "flexmaps.mend", {"what": what})
+
+
+def remesh(quads: int) -> Cure:
+    """New quads, about so many."""
+    return Cure(interface("Remesh, {} quads", quads), "flexmaps.quad_remesh", {"quads": quads})
+
+
+def regularise() -> Cure:
+    """Squarer quads."""
+    return Cure(interface("Squarer quads"), "flexmaps.regularise")
+
+
+def let_go(key: str) -> Cure:
+    """The notice becomes information, and *Next* goes on."""
+    return Cure(interface("Go on as it is"), "flexmaps.let_go", {"key": key})
+
+
+def remedy(name: str, amount: float | None) -> Cure:
+    """What the optimiser advises, see ``engine/optimisation/remedies.py``."""
+    if name == remedies.LARGER:
+        return Cure(interface("Larger: {:g} x", amount), "flexmaps.make_larger")
+    if name == remedies.THINNER:
+        return Cure(interface("Sheet of {:g} mm", amount), "flexmaps.make_thinner")
+    if name == remedies.FINER:
+        return Cure(interface("Finer: {:.0f} quads", amount), "flexmaps.make_finer")
+    return Cure(interface("Cut there"), "flexmaps.cut_there")

@@ -1,0 +1,114 @@
+"""What the head of the sidebar says of an object: what *Next* does, one status line, and what there is to look at.
+
+    seen = guidance.of(obj, scene)
+    seen.act.label      # "Next: Lay out the panels"
+    seen.status.text    # "484 quads, spirals of 15 mm", at most 34 letters
+    seen.notices        # worst first, each with its cures
+
+The report and the command line tell the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from . import next_button, notes, notices, objects, states
+from .i18n import interface
+from .next_button import Act, quad_edge
+from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
+
+LETTERS = 34  # of the status line at most, in every language
+NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line
+STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # what *Next* makes, in its order
+
+
+@dataclass(frozen=True)
+class Status:
+    """One line of at most ``LETTERS`` letters, and its sign."""
+
+    text: str
+    sign: str
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """What the head says; ``act`` is None where only a person can go on."""
+
+    act: Act | None
+    status: Status
+    notices: tuple[Notice, ...]
+
+    @property
+    def open(self) -> tuple[Notice, ...]:
+        """The notices above information: those that speak against cutting."""
+        return tuple(notice for notice in self.notices if notice.kind != INFORMATION)
+
+
+def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:
+    """What the head says of a usable object; ``known``: its ``states``, where they have been computed."""
+    known = states.of(obj, scene) if known is None else known
+    found = notices.of(obj, scene, known)
+    act = next_button.act(obj, scene, known, found)
+    return Guidance(act, _status(obj, scene, known, found), tuple(found))
+
+
+def _status(
+    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State], found: list[Notice]
+) -> Status:
+    stopped = next((notice for notice in found if notice.kind == STOPS), None)
+    if stopped is not None:
+        return Status(_short(stopped.words), STOPPED)
+    old = sum(known[name].kind == states.OLD for name in STEPS)
+    if old:
+        return Status(_short(_changed(known, old)), REDO)
+    serious = [notice for notice in found if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
+    if known["sheets"].kind == states.DONE:
+        if not serious:
+            return Status(interface("Files written, nothing against it"), TICK)
+        many = interface("Files written. {} things to look at", len(serious))
+        return Status(interface("Files written. 1 thing to look at") if len(serious) == 1 else many, LOOK)
+    if known["equilibrium"].kind == states.DONE:
+        return _ready(obj, serious)
+    return Status(_short(_made(obj, scene, known)), NEUTRAL)
+
+
+def _ready(obj: bpy.types.Object, serious: list[Notice]) -> Status:
+    """Of a piece whose shape is known."""
+    block = notes.read(obj.data)["equilibrium"]
+    if any(notice.key == "equilibrium/strained" for notice in serious):
+        share = 100 * block.get("strain_share_max", 0.0)
+        return Status(_short(interface("Too strained: {:.0f} % of its limit", share)), LOOK)
+    if serious:
+        return Status(_short(serious[0].words), LOOK)
+    return Status(interface("Ready to cut: it fits and holds"), TICK)
+
+
+def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> str:
+    """How far a piece is that nothing speaks against."""
+    mesh = obj.data
+    if known["layout"].kind == states.DONE:
+        panels = notes.read(mesh)["layout"].get("patches", 1)
+        return interface("1 panel") if panels == 1 else interface("{} panels", panels)
+    count, size = len(mesh.polygons), 1e3 * max(obj.dimensions) * scene.unit_settings.scale_length
+    wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
+    if objects.changed_by_modifiers(obj):
+        return interface("Modifiers are to be applied")
+    if len(mesh.loops) != 4 * count:
+        return interface("{}, not all quads", wide)
+    if count < notices.LEAST_QUADS:
+        return interface("{}, only {} quads", wide, count)
+    return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * quad_edge(obj, scene))
+
+
+def _changed(known: dict[str, states.State], old: int) -> str:
+    part = next((known[name].part for name in STEPS if known[name].part), "")
+    what = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}.get(
+        part, "Settings changed"
+    )
+    return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= LETTERS else text[: LETTERS - 1].rstrip() + "\N{HORIZONTAL ELLIPSIS}"

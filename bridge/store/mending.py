@@ -1,0 +1,174 @@
+"""What the check calls wrong put right in the mesh itself, by Blender's own tools, so that seams, groups and maps stay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import bmesh
+import bpy
+import numpy as np
+
+from ...engine.errors import FlexMapsError
+from ...engine.surface.checking import check
+from . import equilibrium, mesh, notes, objects
+from .i18n import translate
+
+if TYPE_CHECKING:
+    from ...engine.surface.checking.check import Finding
+    from .surface import Surface
+
+SHORT = 1e-6  # of the median edge: what counts as no length, as in the check
+TOUCHING = 2.0  # times that: how near vertices are merged, so that all edges go that the check names
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A mesh that is mended: its faces, edges and vertices as the check found them, and the finding that it is about."""
+
+    bm: bmesh.types.BMesh
+    surface: Surface
+    found: list[Finding]
+    edge: float  # median, in the object's own frame
+
+    @property
+    def faces(self) -> list[bmesh.types.BMFace]:
+        """The culprits."""
+        numbers = sorted({face for finding in self.found for face in finding.faces})
+        return [self.bm.faces[number] for number in numbers]
+
+    @property
+    def edges(self) -> list[bmesh.types.BMEdge]:
+        """The culprits."""
+        numbers = sorted({edge for finding in self.found for edge in finding.edges})
+        return [self.bm.edges[number] for number in self.surface.edge_of[numbers]] if numbers else []
+
+
+def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
+    """Mend one kind of fault, check the mesh anew, and return what was done as a sentence.
+
+    Raises ``FlexMapsError``, with the mesh as it was, where there is nothing of that kind or it did not become less.
+    """
+    codes, work = _KINDS[what]
+    surface = mesh.read_surface(obj, scene)
+    if obj.data.shape_keys is not None and equilibrium.foreign_keys(obj.data):
+        raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
+    before = [finding for finding in check.findings(surface.polygons) if finding.code in codes]
+    if not before:
+        raise FlexMapsError("There is nothing of this kind to mend; press Check again")
+    made = obj.data.copy()
+    bm = bmesh.new()
+    try:
+        bm.from_mesh(made)
+        for elements in (bm.verts, bm.edges, bm.faces):
+            elements.ensure_lookup_table()
+        work(_Place(bm, surface, before, _median_edge(bm)))
+        bm.to_mesh(made)
+    finally:
+        bm.free()
+    shared, old = objects.shared(obj), obj.data
+    obj.data = made
+    after = check.findings(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
+    if not len(made.polygons) or _weight(after, codes) >= _weight(before, codes):
+        obj.data = old
+        bpy.data.meshes.remove(made)
+        raise FlexMapsError(f"This could not be mended: {before[0].message}", faces=before[0].faces)
+    made.name = old.name
+    if not old.users:
+        name = old.name
+        bpy.data.meshes.remove(old)
+        made.name = name
+    notes.write_checks(made, after)
+    done = translate("Mended; {} findings are left", len(after))
+    return f"{done}. {translate('The mesh was copied first: {} use the old one', shared)}" if shared else done
+
+
+def _median_edge(bm: bmesh.types.BMesh) -> float:
+    lengths = [edge.calc_length() for edge in bm.edges]
+    return float(np.median(lengths)) if lengths else 0.0
+
+
+def _weight(found: list[Finding], codes: tuple[str, ...]) -> int:
+    """How much of some kinds of faults there is."""
+    return sum(1 + len(finding.faces) + len(finding.edges) for finding in found if finding.code in codes)
+
+
+# -- one kind each -----------------------------------------------------------------------------------------------------
+
+
+def _short_edges(place: _Place) -> None:
+    verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
+    bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SHORT * place.edge)
+    bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SHORT * place.edge, edges=place.bm.edges)
+
+
+def _thin_faces(place: _Place) -> None:
+    bmesh.ops.dissolve_degenerate(
+        place.bm, dist=TOUCHING * SHORT * place.edge, edges=[edge for face in place.faces for edge in face.edges]
+    )
+    thin = [face for face in place.bm.faces if face.calc_area() <= SHORT * place.edge**2]
+    bmesh.ops.delete(place.bm, geom=thin, context="FACES")
+
+
+def _deleted(place: _Place) -> None:
+    bmesh.ops.delete(place.bm, geom=place.faces, context="FACES")
+
+
+def _double_faces(place: _Place) -> None:
+    kept: set[frozenset[bmesh.types.BMVert]] = set()
+    doubles = []
+    for face in place.bm.faces:
+        corners = frozenset(face.verts)
+        (doubles.append(face) if corners in kept else kept.add(corners))
+    bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
+
+
+def _folds(place: _Place) -> None:
+    """Of every two faces that lie on each other the one with fewer neighbours goes."""
+    gone: set[bmesh.types.BMFace] = set()
+    for edge in place.edges:
+        pair = [face for face in edge.link_faces if face not in gone]
+        if len(pair) == 2:
+            gone.add(min(pair, key=lambda face: (sum(not side.is_boundary for side in face.edges), -face.index)))
+    bmesh.ops.delete(place.bm, geom=list(gone), context="FACES")
+
+
+def _normals(place: _Place) -> None:
+    bmesh.ops.recalc_face_normals(place.bm, faces=place.bm.faces)
+
+
+def _outside(place: _Place) -> None:
+    bmesh.ops.reverse_faces(place.bm, faces=place.faces)
+
+
+def _loose(place: _Place) -> None:
+    edges = [edge for edge in place.bm.edges if not edge.link_faces]
+    bmesh.ops.delete(place.bm, geom=edges, context="EDGES")
+    bmesh.ops.delete(place.bm, geom=[v for v in place.bm.verts if not v.link_faces], context="VERTS")
+
+
+def _fans(place: _Place) -> None:
+    for v in [v for v in place.bm.verts if v.link_faces and not v.is_manifold]:
+        bmesh.utils.vert_separate(v, [edge for edge in v.link_edges if edge.is_boundary])
+
+
+def _cut(place: _Place) -> None:
+    bmesh.ops.split_edges(place.bm, edges=place.edges)
+
+
+# what the operator calls it -> codes of the findings, and what mends them
+_KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
+    "short-edges": (("zero-edge", "repeated-vertex"), _short_edges),
+    "thin-faces": (("zero-area",), _thin_faces),
+    "double-faces": (("duplicate-faces",), _double_faces),
+    "folds": (("folded",), _folds),
+    "normals": (("inconsistent-orientation",), _normals),
+    "outside": (("inside-out",), _outside),
+    "loose": (("loose-vertices",), _loose),
+    "far": (("far-vertices",), _deleted),
+    "not-finite": (("not-finite",), _deleted),
+    "fans": (("non-manifold-vertex",), _fans),
+    "walls": (("non-manifold-edge",), _cut),
+    "one-sided": (("non-orientable",), _cut),
+}

@@ -1,0 +1,246 @@
+"""What there is to look at on an object: each a few words, a sentence, where it is, and the buttons that cure it.
+
+Built from the notes alone, so that it is cheap enough for every redraw. ``of`` gives them in the order in which they are shown:
+what stops, what breaks, what makes the piece worse, then information.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+from ...engine.optimisation import remedies
+from . import cures, equilibrium, failures, notes, states
+from .cures import Cure
+from .i18n import interface, translate
+
+STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
+ORDER = (STOPS, BREAKS, WORSE, INFORMATION)
+
+# findings by code: two or three words with their count, and how bad it is (of a check's error that does not count)
+WORDS = {
+    "no-faces": ("No faces", STOPS),
+    "bad-index": ("Damaged mesh", STOPS),
+    "not-finite": ("{} lost faces", STOPS),
+    "far-vertices": ("{} faces far out", STOPS),
+    "far-from-origin": ("Far from origin", STOPS),
+    "non-quad": ("{} no quads", STOPS),
+    "repeated-vertex": ("{} doubled corners", STOPS),
+    "duplicate-faces": ("{} doubled faces", STOPS),
+    "zero-edge": ("{} faces collapsed", STOPS),
+    "zero-area": ("{} without area", STOPS),
+    "crossed": ("{} crossed quads", STOPS),
+    "folded": ("{} folded faces", STOPS),
+    "non-manifold-edge": ("{} at inner walls", STOPS),
+    "non-manifold-vertex": ("{} touch at a point", STOPS),
+    "non-orientable": ("Only one side", STOPS),
+    "inconsistent-orientation": ("{} faces turned", STOPS),
+    "size": ("No size to cut", STOPS),
+    "size-ratio": ("Uneven sizes", WORSE),
+    "small-quads": ("{} small quads", WORSE),
+    "concave": ("{} bent-in quads", WORSE),
+    "warped": ("{} warped quads", WORSE),
+    "thin": ("{} narrow quads", WORSE),
+    "inside-out": ("Inside out", WORSE),
+    "several-bodies": ("Several bodies", INFORMATION),
+    "loose-vertices": ("Loose vertices", INFORMATION),
+    "left-out": ("Left out", INFORMATION),
+    "remeshed": ("Remeshed", INFORMATION),
+    "no-equilibrium": ("No equilibrium", BREAKS),
+    "stays-flat": ("Stays flat", BREAKS),
+    "far-from-target": ("Far from target", WORSE),
+    "joined-to-nothing": ("{} joined to none", WORSE),
+    "beyond-model": ("{} less sure", INFORMATION),
+    "strained": ("{} too strained", BREAKS),
+    "slots-close": ("{} gaps close", BREAKS),
+    "snaps": ("Snaps under load", BREAKS),
+    "overstrained": ("{} too loaded", BREAKS),
+    "joints-overloaded": ("{} joints too loaded", BREAKS),
+}
+MADE_SQUARER = {"concave", "warped", "thin"}  # what Regularise helps with
+REMESHED = {
+    "non-quad",
+    "crossed",
+    "zero-area",
+    "size-ratio",
+    "non-manifold-edge",
+    "repeated-vertex",
+}  # what new quads cure
+FAILED = {
+    "flexmaps.quad_remesh": "No quads found",
+    "flexmaps.lay_out": "No layout found",
+    "flexmaps.merge": "No layout found",
+    "flexmaps.update_from_seams": "Seams do not do",
+    "flexmaps.regularise": "Not squarer",
+    "flexmaps.spirals": "{} without room",
+    "flexmaps.fit": "{} without room",
+    "flexmaps.simulate": "No shape found",
+    "flexmaps.optimise": "Not optimised",
+    "flexmaps.export": "No files written",
+}
+# Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
+FEWER = (0.6, 0.3)
+LARGER = 1.5  # times larger, where there is no room for spirals; not measured
+LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
+KEPT = "quads-kept"  # key of what somebody let go who keeps so few
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One thing to look at.
+
+    key : tells it from the others, for ``flexmaps.show_notice`` and ``flexmaps.let_go``; words : two or three, for a row
+    sentence : the whole of it, for a tooltip; kind : one of ``ORDER``
+    faces, edges : where it is, in the engine's numbers; cures : buttons, the best first
+    """
+
+    key: str
+    words: str
+    sentence: str
+    kind: str
+    faces: tuple[int, ...] = ()
+    edges: tuple[int, ...] = ()
+    cures: tuple[Cure, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """For report.json and the command line."""
+        cured = [{"name": cure.name, "label": cure.label, "call": cure.call} for cure in self.cures]
+        place = {"faces": list(self.faces), "edges": list(self.edges)}
+        return {"key": self.key, "text": self.sentence, "words": self.words, "kind": self.kind, **place, "cures": cured}
+
+
+def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> list[Notice]:
+    """All there is to look at of an object, the worst first; ``known``: its ``states``."""
+    blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
+    found = [
+        *_failed(obj, failures.read(obj, scene)),
+        *_checks(obj, blocks.get("checks", ())),
+        *_few(obj),
+        *_equilibrium(obj, blocks),
+        *_findings("structure", blocks.get("structure", {}).get("findings", ())),
+        *_sentences("layout", "Panels at a limit", blocks.get("layout", {}).get("remarks", ())),
+        *_sentences("assembly", "Hard to assemble", blocks.get("assembly", {}).get("warnings", ())),
+        *_sentences("sheets", "On the sheets", blocks.get("sheets", {}).get("warnings", ())),
+    ]
+    seen = [_seen(obj.data, notice) for notice in found]
+    return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
+
+
+def _seen(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
+    """The notice as information where somebody went on in spite of it."""
+    if notice.kind == INFORMATION or not failures.is_let_go(mesh, notice.key, notice.sentence):
+        return notice
+    return Notice(notice.key, notice.words, notice.sentence, INFORMATION, notice.faces, notice.edges)
+
+
+# -- one source each ---------------------------------------------------------------------------------------------------
+
+
+def _failed(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[Notice]:
+    found = []
+    for idname, said in failed.items():
+        faces, edges = tuple(said["faces"]), tuple(said["edges"])
+        words = interface(FAILED.get(idname, "Stopped"), counted_quads(len(faces)))
+        found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, tuple(_ways(obj, idname))))
+    return found
+
+
+def counted_quads(count: int) -> str:
+    """For example "1 quad" or "4 quads"."""
+    return interface("1 quad") if count == 1 else interface("{} quads", count)
+
+
+def _ways(obj: bpy.types.Object, idname: str) -> list[Cure]:
+    """What may help where a stage failed: never the same act with the same input."""
+    quads, key = len(obj.data.polygons), f"failed/{idname}"
+    if idname in {"flexmaps.spirals", "flexmaps.fit"}:
+        larger = Cure(interface("Larger: {:g} x", LARGER), "flexmaps.set_size", {"times": LARGER})
+        return [*(cures.remesh(n) for n in fewer(quads)), larger]
+    if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
+        return [cures.let_go(key)]
+    if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
+        return [cures.remesh(n) for n in fewer(quads)]
+    if idname == "flexmaps.quad_remesh":
+        return [cures.remesh(n) for n in fewer(obj.flexmaps.remesh.quads)]
+    return []
+
+
+def fewer(quads: int) -> list[int]:
+    """Numbers of quads to try instead of so many, in hundreds where that is near enough."""
+    wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
+    return [int(n) for n in wanted if n >= LEAST_QUADS]
+
+
+def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
+    made = []
+    for row in found:
+        code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
+        words, kind = WORDS.get(code, ("To look at", WORSE))
+        kind = STOPS if row["severity"] == "error" else kind
+        cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
+        ways = [] if cure is None else [cure]
+        if code in MADE_SQUARER:
+            ways.append(cures.regularise())
+        if code in REMESHED or code in MADE_SQUARER:
+            ways.append(cures.remesh(obj.flexmaps.remesh.quads))
+        if kind != STOPS:
+            ways.append(cures.let_go(f"checks/{code}"))
+        told = interface(words, len(faces))
+        made.append(Notice(f"checks/{code}", told, row["message"], kind, faces, edges, tuple(ways)))
+    return made
+
+
+def _few(obj: bpy.types.Object) -> list[Notice]:
+    """A mesh of a few quads, which makes no more than a toy."""
+    count = len(obj.data.polygons)
+    if count >= LEAST_QUADS or len(obj.data.loops) != 4 * count:
+        return []
+    sentence = translate("{} quads make a coarse piece: every quad becomes one spiral", count)
+    ways = (
+        cures.remesh(obj.flexmaps.remesh.quads),
+        Cure(interface("Keep these quads"), "flexmaps.let_go", {"key": KEPT}),
+    )
+    return [Notice(KEPT, interface("Only {} quads", count), sentence, WORSE, cures=ways)]
+
+
+def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
+    block = blocks.get("equilibrium", {})
+    advised = (
+        [cures.remedy(name, amount) for name, amount in remedies.of_block(blocks["reach"]).items()]
+        if "reach" in blocks
+        else []
+    )
+    found = []
+    for row in block.get("findings", ()):
+        if row["code"] == "strained-for-years":
+            continue
+        key, ways = f"equilibrium/{row['code']}", list(advised)
+        words, kind = WORDS.get(row["code"], ("To look at", WORSE))
+        if row["code"] == "slots-close" and "optimise" not in blocks:
+            ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
+        if kind != INFORMATION:
+            ways.append(cures.let_go(key))
+        count = len(row["faces"])
+        sentence = equilibrium.sentence(row, block)
+        found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
+    return found
+
+
+def _findings(source: str, found: Any) -> list[Notice]:
+    made = []
+    for row in found:
+        words, kind = WORDS.get(row["code"], ("To look at", WORSE))
+        key, faces = f"{source}/{row['code']}", tuple(row["faces"])
+        made.append(Notice(key, interface(words, len(faces)), row["message"], kind, faces, (), (cures.let_go(key),)))
+    return made
+
+
+def _sentences(source: str, words: str, said: Any) -> list[Notice]:
+    """Warnings that are plain sentences, each a notice of its own."""
+    keys = [f"{source}/{number}" for number in range(len(said))]
+    return [
+        Notice(key, interface(words), text, WORSE, cures=(cures.let_go(key),))
+        for key, text in zip(keys, said, strict=True)
+    ]
