@@ -83,6 +83,13 @@ FAILED = {
 # Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
 FEWER = (0.6, 0.3)
 LARGER = 1.5  # times larger, where there is no room for spirals; not measured
+# finding of a simulation -> what helps with it of what is advised, the best first
+HELPED = {
+    "stays-flat": (remedies.CUT,),
+    "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
+    "strained": (remedies.LARGER, remedies.THINNER),
+    "slots-close": (remedies.LARGER,),
+}
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
@@ -207,16 +214,16 @@ def _few(obj: bpy.types.Object) -> list[Notice]:
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
-    advised = (
-        [cures.remedy(name, amount) for name, amount in remedies.of_block(blocks["reach"]).items()]
-        if "reach" in blocks
-        else []
-    )
+    advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
     found = []
     for row in block.get("findings", ()):
         if row["code"] == "strained-for-years":
             continue
-        key, ways = f"equilibrium/{row['code']}", list(advised)
+        helping = HELPED.get(row["code"], ())
+        key, ways = (
+            f"equilibrium/{row['code']}",
+            [cures.remedy(name, advised[name]) for name in helping if name in advised],
+        )
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
         if row["code"] == "slots-close" and "optimise" not in blocks:
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))

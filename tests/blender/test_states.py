@@ -63,6 +63,9 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert set(kinds(piece).values()) == {TODO}
     pressed = []
     while offered(piece):
+        if offered(piece) == "cut_there":  # would take a minute: somebody goes on as it is
+            assert bpy.ops.flexmaps.let_go(key="equilibrium/stays-flat") == {"FINISHED"}
+            continue
         pressed.append(offered(piece))
         press("next")
         assert len(pressed) < 10
