@@ -28,7 +28,7 @@ from .costs import Cost
 from .inverse import Point, Problem
 from .open_slots import Closing, Opening
 from .terms import Rows
-from .work import GEOMETRY
+from .work import GEOMETRY, VARIED
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +196,9 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains
-        count, and of their tips' motions (12) where slots close."""
-        strained = self.strains is not None
+        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains count, of
+        their shares of the softest eigenvalues where these are low, and of their tips' motions (12) where slots close."""
+        strained, pairs = self.strains is not None, self.assembly.pairs
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
@@ -207,6 +207,8 @@ class FlatPoint(Point):
             found = [model.joint_gradients(state)]
             if strained:
                 found.append(arm_wrenches(model.assembly, model.wrenches(state)).reshape(-1, 12))
+            if self._modes is not None:
+                found.append(self._modes.variations(model, pose, pairs))
             if self._closing is not None:
                 tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
                 found.append(tips.reshape(-1, 12))
@@ -266,3 +268,11 @@ class FlatPoint(Point):
         values = np.where(rims[:, None], 0.0, by)
         by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
         return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
+
+    def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
+        hubs, own = super()._by_modes()
+        self.problem.work.add(VARIED, self.assembly.size)
+        end = self._by_geometry.shape[1] - (0 if self._closing is None else 12)
+        by_geometry = self._by_geometry[:, end - len(own) : end]
+        by_flats = by_geometry.transpose(1, 0, 2).reshape(len(own), -1) @ self._by_flats
+        return hubs, np.concatenate([own, by_flats], axis=1)

@@ -58,6 +58,7 @@ POLISH_STEPS, POLISHES, GAIN = (
     12,
     0.01,
 )  # of the spirals alone, between two pushes, and how often in the end, as above
+UNSTABLE = 3  # steps refused as unstable from which on the barrier is stronger; stable pieces have none or one
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
@@ -165,6 +166,10 @@ class Held:
         """The same where strains push back as they ask for by now."""
         return replace(self, point=self.point.pressed())
 
+    def firmer(self) -> Held:
+        """The same in a search that keeps farther away from where pieces snap."""
+        return replace(self, point=self.point.firmer())
+
     @property
     def strained(self) -> bool:
         """Whether any arm is strained beyond its limit, which more steps may still mend."""
@@ -223,7 +228,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            start = here.pressed()
+            start = here.pressed().firmer() if self.trace.unstable > UNSTABLE else here.pressed()
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
                 break
@@ -282,7 +287,8 @@ class Search:
         if design is None:
             return None
         space = found.problem.space.including(design)
-        problem = replace(self.task.problem(design, progress, space), bearing=found.problem.bearing)
+        problem = self.task.problem(design, progress, space)
+        problem = replace(problem, bearing=found.problem.bearing, firmness=found.problem.firmness)
         x = space.coordinates(design.width, design.twist)
         point = problem.at(x, found.equilibrium.pose, progress, INNER_ITERATIONS)
         return self.hold(design, point)
