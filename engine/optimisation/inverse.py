@@ -19,6 +19,7 @@ from ..mechanics.elastic import ElasticModel, JointSum
 from ..mechanics.equilibrium import Equilibrium, solve
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
+from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
@@ -47,6 +48,7 @@ class Problem:
     bearing : what strains of the arms should stay below; None lets them be strained
     firmness : how stable equilibria should be; None asks for no more than that steps keep ``MARGIN``
     work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
+    stance : where supports are held; None leaves them where a search for an equilibrium starts
     """
 
     assembly: Assembly
@@ -63,6 +65,7 @@ class Problem:
     room: Room | None = None
     firmness: Firmness | None = None
     sums: list[JointSum] = field(default_factory=list)
+    stance: Stance | None = None
 
     def factors(self, start: Pose) -> Factors:
         """For all points with the same supports, which are held alike so that their equilibria lie in the same place."""
@@ -145,18 +148,21 @@ class Problem:
     ) -> Point:
         """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there."""
         model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
-        found, factors = self.rest(model, start, progress, iterations, step)
+        found, factors = self.rest(model, self.stance, start, progress, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
 
     def rest(
         self,
         model: ElasticModel,
+        stance: Stance | None,
         start: Pose,
         progress: Progress,
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, Factors]:
-        """The equilibrium of a model, sought as in ``at``, and where its factor is kept."""
+        """The equilibrium of a model in a stance, sought as in ``at``, and where its factor is kept."""
+        if stance is not None:
+            start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
         factor = factors.free()
         margins = (MARGIN,) if self.firmness is None else (MARGIN, self.firmness.enough)
@@ -344,11 +350,18 @@ class Point:
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) how the hubs, and the nodes of a rim, move, to first order, when the coordinates change (eq. 8, forward)."""
-        return -self.system.solve((self._forces @ change).reshape(-1, 6))
+        moves = -self.system.solve((self._forces @ change).reshape(-1, 6))
+        return moves if self._held is None else moves + (self._held @ change).reshape(-1, 6)
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         """Change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
-        return -(self._back_forces @ self.system.solve(pull).ravel())
+        found = -(self._back_forces @ self.system.solve(pull).ravel())
+        return found if self._held is None else found + pull.ravel() @ self._held[: pull.size]
+
+    @property
+    def _held(self) -> csr_array | None:
+        """(6 n, coordinates) how the supports move with the coordinates; None where they stay."""
+        return None
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         """Derivatives of the strains of some arms, 2 e + side of the joint e."""

@@ -18,8 +18,8 @@ from ..materials import Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
-from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
+from ..mechanics.stance import Stance
 from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
@@ -96,6 +96,7 @@ class Task:
             Opening.of(design) if params.open_slots else None,
             self.work,
             room=Room.of(design.flat, design.params),
+            stance=Stance(loads, self.target, design.flat.corners),
         )
 
     def aim(self, assembly: Assembly, free: bool) -> Target:
@@ -122,18 +123,15 @@ class Task:
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
     def rested(self, design: SpiralDesign, point: Point) -> Simulation:
-        """A design that was made of a point as if it had been simulated: anew only where it differs from the point.
+        """The state of a design that was made of a point: the point's own where nothing differs, else simulated from there.
 
-        The strains' second order is the point's.
+        A search weighs its spirals once, at the start of a stage, so under gravity it is always simulated.
         """
-        assembly, model, found, loads = of_design(design), point.model, point.equilibrium, point.problem.loads
-        if not _alike(assembly.whole, point.model.assembly):
-            model = build_model(assembly, self.material, self.physics.model, quick=True, slopes=False)
-            if isinstance(model, ArmModel) and isinstance(point.model, ArmModel):
-                model = model.with_curving(point.model.curving_at_joint)
-            found = solve(model, found.pose, loads, point.problem.simulate)
+        assembly, found, loads = of_design(design), point.equilibrium, point.problem.loads
+        if self.physics.gravity or not _alike(assembly.whole, point.model.assembly):
+            return self.simulated(design, found.pose, SILENT)
         found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
-        return Simulation(design, self.target, self.material, model, assembly, loads, found, [])
+        return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
 
 
 def _alike(one: Assembly, two: Assembly) -> bool:
