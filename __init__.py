@@ -11,10 +11,11 @@ def register() -> None:
     import bpy
 
     from . import operators, panels
-    from .bridge.store import settings
+    from .bridge.store import decided, settings
     from .command import main as command
 
     settings.register()
+    decided.register()
     operators.register()
     panels.register()
     command.register()
@@ -50,11 +51,12 @@ def unregister() -> None:
     import atexit
 
     from . import operators, panels
-    from .bridge.store import settings
+    from .bridge.store import decided, settings
     from .command import main as command
 
     atexit.unregister(unregister)
     command.unregister()
     panels.unregister()
     operators.unregister()
+    decided.unregister()
     settings.unregister()

@@ -34,6 +34,7 @@ from . import (
     simulate,
     spirals,
     structure,
+    tab,
     together,
     tutorial,
     writes,
@@ -71,6 +72,7 @@ MODULES = (
     overlay,
     presets,
     writes,
+    tab,
 )
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 

@@ -80,6 +80,28 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
     bl_label = "Take this layout"
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    tip: bpy.props.StringProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+    sure: bpy.props.BoolProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        return ". ".join(filter(None, (translate(cls.__doc__ or ""), properties.tip)))
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        """Asks first where a piece that was searched or written would be lost."""
+        if self.sure or not {"optimise", "sheets"} & notes.read(context.object.data).keys():
+            return super().invoke(context, event)
+        number = self.number
+
+        def ask(menu: Any, context: bpy.types.Context) -> None:
+            menu.layout.operator_context = "INVOKE_DEFAULT"
+            taking = menu.layout.operator(
+                self.bl_idname, text=translate("Take it: spirals, shape and sheets go"), translate=False
+            )
+            taking.number, taking.sure = number, True
+
+        context.window_manager.popup_menu(ask, title=translate("Take this layout?"), icon="QUESTION")
+        return {"CANCELLED"}
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:

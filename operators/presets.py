@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy
 from bl_operators.presets import AddPresetBase
 
+from ..bridge.store import presets
 from ..bridge.store.i18n import translate
 from ..engine.params import ObjectSettings
 from .stage import OnObject
@@ -58,7 +59,9 @@ class ApplyPreset(OnObject, bpy.types.Operator):
             self.report({"ERROR"}, translate("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
         # Blender's operator does it, which leaves no step to undo when it is called by itself
-        return bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
+        done: set[str] = bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
+        presets.note(context.object, Path(self.filepath))
+        return done
 
 
 def register() -> None:

@@ -16,6 +16,7 @@ import bpy
 
 from ..bridge.hosts import background, preload
 from ..bridge.store.i18n import button_name, translate
+from ..bridge.view import tab
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -172,6 +173,7 @@ class StageOperator:
             work = self._read(context)
         except FlexMapsError as error:
             return self._refused(context, error)
+        tab.pressed()
         self._job = background.Job(self.bl_label, work, self.on_stop)
         self._job.start()
         manager = context.window_manager
@@ -208,6 +210,7 @@ class StageOperator:
         finally:
             if not going_on:
                 self._clear(context)
+                tab.follow(context)
         return {"PASS_THROUGH"} if going_on else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:

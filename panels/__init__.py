@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.view import choices, plot
-from . import preview, sidebar, translations
+from ..bridge.view import choices, plot, tab
+from . import sidebar, translations
 
-# in the order in which they are seen
-CLASSES = (*sidebar.CLASSES, *preview.CLASSES)
+CLASSES = sidebar.CLASSES
 
 
 def register() -> None:
     translations.register()
+    tab.register()
     for cls in CLASSES:
         bpy.utils.register_class(cls)
 
@@ -20,6 +20,7 @@ def register() -> None:
 def unregister() -> None:
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
+    tab.unregister()
     plot.unregister()
     choices.unregister()
     translations.unregister()

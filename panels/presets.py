@@ -1,4 +1,4 @@
-"""Blender's menu of presets, at the right of the tab's first heading."""
+"""Blender's menu of presets, by name at the right of the tab's heading."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from typing import Any
 
 import bpy
 from bl_ui.utils import PresetPanel as BlenderPresets
+
+from ..bridge.store import presets
+from .rows import tr
 
 
 class PresetPanel(BlenderPresets, bpy.types.Panel):
@@ -16,7 +19,9 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
     preset_add_operator = "flexmaps.preset"
 
     @classmethod
-    def draw_panel_header(cls, layout: Any) -> None:
-        """As Blender's own, which fails where a class's name is not its idname."""
-        layout.emboss = "NONE"
-        layout.popover(panel=cls.bl_idname, icon="PRESET", text="")
+    def draw_by_name(cls, layout: Any, obj: bpy.types.Object) -> None:
+        """The name of the preset that was taken, with a star where a setting was changed since."""
+        layout.popover(panel=cls.bl_idname, text=presets.taken(obj)[0] or tr("Presets"), translate=False)
+
+
+CLASSES = (PresetPanel,)

@@ -1,113 +1,153 @@
-"""Small pieces that the sub-panels are put together from."""
+"""Small pieces that the sections are put together from: rows with a name, figures, popovers, words in the person's language."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import lru_cache
 from typing import Any
 
 import blf
 import bpy
-from bpy.app.translations import pgettext_iface as iface_
 
-# pixels at an interface scale of 1, read off pictures of the sidebar: what tabs and edges take of a line, what a box takes more, an
-# icon, the space between two words that stand side by side, what a button has beside its words, a box to tick, and the sidebar's
+from ..bridge.store.i18n import CONTEXT
+from ..bridge.store.i18n import interface as tr
+
+# pixels at an interface scale of 1, read off pictures of the sidebar: what tabs, frames and a box take of a line, and the sidebar's
 # width where no window tells it
-FRAMES, INSET, ICON, GAP, EDGES, TICK, UNKNOWN = 58, 14, 20, 8, 10, 20, 291
-LEAST = 78  # pixels of a line of a sentence at least, however narrow the sidebar is: a dozen letters; by eye
-# pixels that a value of each type takes, with what frames it; by eye
-VALUE = {"BOOLEAN": 20, "INT": 39, "FLOAT": 52, "ENUM": 78, "STRING": 65}
+FRAMES, UNKNOWN = 66, 291
+NAMES = 0.4  # share of a row that the name before its value takes, as Blender has it
+LOW = 0.85  # height of a figure, in rows; by eye
+Layout = Any  # bpy.types.UILayout, which tests stand in for
+
+# -- rows that set something -------------------------------------------------------------------------------------------
 
 
-def settings_rows(layout: bpy.types.UILayout, properties: Any, cls: type, names: tuple[str, ...] = ()) -> None:
-    """Settings of a dataclass, in its order: those named, or all."""
+def line(layout: Layout, name: str) -> Layout:
+    """A row beside a name, in line with the settings above and below it."""
+    split = layout.split(factor=NAMES, align=True)
+    split.use_property_split = False
+    left = split.row()
+    left.alignment = "RIGHT"
+    left.label(text=name, translate=False)
+    return split.row(align=True)
+
+
+def value(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> Layout:
+    """One setting beside its short name; the row comes back, for what belongs to it."""
+    row = line(layout, label)
+    row.prop(owner, name, text="", **options)
+    return row
+
+
+def pair(layout: Layout, label: str, owner: Any, *names: str) -> None:
+    """Several numbers of one thing in one row."""
+    row = line(layout, label)
+    for name in names:
+        row.prop(owner, name, text="")
+
+
+def choice(layout: Layout, label: str, owner: Any, name: str) -> Layout:
+    """A choice spread out beside its name; the row comes back."""
+    row = line(layout, label)
+    row.prop(owner, name, expand=True)
+    return row
+
+
+def button(layout: Layout, idname: str, text: str, icon: str = "NONE", **options: Any) -> Any:
+    """An operator under words that are translated already."""
+    return layout.operator(idname, text=text, icon=icon, translate=False, **options)
+
+
+def rare(row: Layout, name: str) -> None:
+    """At the end of a row: the popover of its rare settings."""
+    row.popover(f"FLEXMAPS_PT_{name}", text="", icon="OPTIONS")
+
+
+# -- popovers and menus ------------------------------------------------------------------------------------------------
+
+
+class _Popover:
+    bl_space_type, bl_region_type = "VIEW_3D", "HEADER"
+    bl_ui_units_x = 15
+    bl_translation_context = CONTEXT
+
+
+def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
+    """The class of a popover; ``draw`` gets its layout and the object's settings."""
+
+    def drawn(self: Any, context: bpy.types.Context) -> None:
+        self.layout.label(text=tr(label), translate=False)
+        draw(self.layout.column(align=True), context.object.flexmaps)
+
+    idname = f"FLEXMAPS_PT_{name}"
+    members = {"bl_idname": idname, "bl_label": label, "draw": drawn, "__module__": __name__}
+    return type(idname, (_Popover, bpy.types.Panel), members)
+
+
+def settings_of(layout: Layout, owner: Any, cls: type, *names: str) -> None:
+    """Settings of a dataclass with their whole names and units, in its order: those named, or all."""
     for f in fields(cls):
         if f.default is not MISSING and (not names or f.name in names):
-            setting_row(layout, properties, f.name)
+            layout.prop(owner, f.name)
 
 
-def setting_row(layout: bpy.types.UILayout, properties: Any, name: str) -> None:
-    """One setting: its name in its field, or above it where the sidebar is too narrow for the whole name and a value."""
-    prop = properties.bl_rna.properties[name]
-    label = iface_(prop.name)
-    if _wide(label) + VALUE[prop.type] <= _room(bpy.context):
-        layout.prop(properties, name)
-    elif prop.type == "BOOLEAN":
-        row = layout.row()
-        row.prop(properties, name, text="")
-        wrapped(row.column(), bpy.context, label, beside=TICK)
-    else:
-        column = layout.column(align=True)
-        wrapped(column, bpy.context, label)
-        column.prop(properties, name, text="")
+def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
+    """The class of a menu."""
+
+    def drawn(self: Any, context: bpy.types.Context) -> None:
+        self.layout.operator_context = (
+            "INVOKE_DEFAULT"  # menus would run stages at once, and the window would not answer
+        )
+        draw(self.layout, context)
+
+    idname = f"FLEXMAPS_MT_{name}"
+    members = {"bl_idname": idname, "bl_label": label, "draw": drawn, "__module__": __name__}
+    return type(idname, (bpy.types.Menu,), members)
 
 
-def fold(layout: bpy.types.UILayout, idname: str, label: str) -> bpy.types.UILayout | None:
-    """A column under a heading that opens and closes, closed at first; ``None`` while it is closed."""
-    header, body = layout.panel(idname, default_closed=True)
-    header.label(text=label)
-    return None if body is None else body.column(align=True)
+# -- figures -----------------------------------------------------------------------------------------------------------
 
 
-def more(layout: bpy.types.UILayout, idname: str, properties: Any, cls: type, but: tuple[str, ...] = ()) -> None:
-    """A fold with the settings of a dataclass that are not named in ``but``."""
-    body = fold(layout, idname, "More settings")
-    if body is not None:
-        settings_rows(body, properties, cls, tuple(f.name for f in fields(cls) if f.name not in but))
+def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
+    """The box of results of a section: what it is, how much, and whether that is past its limit, which is red."""
+    box = layout.box().column(align=True)
+    for label, said, *alert in rows:
+        row = box.row()
+        row.scale_y, row.alert = LOW, bool(alert and alert[0])
+        row.label(text=label, translate=False)
+        right = row.row()
+        right.alignment, right.alert = "RIGHT", row.alert
+        right.label(text=said, translate=False)
 
 
-def heading(layout: bpy.types.UILayout, label: str) -> None:
-    """A line that parts what follows from what stands above."""
-    layout.separator()
-    layout.label(text=label)
-
-
-def numbers(layout: bpy.types.UILayout) -> bpy.types.UILayout:
-    """A box for ``number``."""
-    return layout.box().column(align=True)
-
-
-def number(box: bpy.types.UILayout, label: str, value: str, alert: bool = False) -> None:
-    """What it is, and how much, in one line or, where the sidebar is too narrow, two; red where it is past its limit."""
-    narrow = _wide(iface_(label)) + GAP + _wide(value) > _room(bpy.context) - INSET
-    row = (box.column(align=True) if narrow else box).row()
-    row.alert = alert
-    row.label(text=label)
-    right = (box.row() if narrow else row).row()
-    right.alert = alert
-    right.alignment = "RIGHT"
-    right.label(text=value, translate=False)
-
-
-def choice_row(layout: bpy.types.UILayout, owner: Any, name: str, kinds: tuple[tuple[str, str], ...]) -> None:
-    """Buttons that switch the overlay; the one that is on is pressed in. Fewer a row where more would not be readable."""
-    button = max(_wide(iface_(label)) for _, label in kinds) + EDGES
-    a_row = next((k for k in (len(kinds), 2) if k * button <= _room(bpy.context) - ICON), 1)
+def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 99, units: int = 0) -> None:
+    """A sentence over as many lines as the width needs, that of the sidebar or of a popover of ``units``."""
     column = layout.column(align=True)
-    for k, (kind, label) in enumerate(kinds):
-        if k % a_row == 0:
-            row = column.row(align=True)
-            row.label(text="", icon="BLANK1" if k else "OVERLAY")
-        row.operator("flexmaps.overlay", text=label, depress=getattr(owner, name) == kind).kind = kind
+    for said in lines(text, room(context) if not units else 20 * units - 20, most):
+        row = column.row()
+        row.scale_y = LOW
+        row.label(text=said, translate=False)
 
 
-def wrapped(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", beside: int = 0
-) -> None:
-    """A sentence over as many lines as the sidebar's width needs; ``beside``: pixels taken by what stands to its right."""
-    column = layout.column(align=True)
-    column.scale_y = 0.8
-    below, taken = ("NONE", 0) if icon == "NONE" else ("BLANK1", ICON)
-    for k, line in enumerate(_lines(iface_(text), max(LEAST, _room(context) - INSET - taken - beside))):
-        column.label(text=line, icon=icon if k == 0 else below, translate=False)
+def lines(text: str, width: float, most: int) -> list[str]:
+    """A sentence in at most so many lines of a width in pixels; a longer word, such as a path, goes on in the next line."""
+    found: list[str] = []
+    for word in text.split():
+        if found and wide(f"{found[-1]} {word}") <= width:
+            found[-1] += f" {word}"
+            continue
+        while len(word) > 1 and wide(word) > width:
+            fits = next((k for k in range(len(word) - 1, 1, -1) if wide(word[:k]) <= width), 1)
+            found.append(word[:fits])
+            word = word[fits:]
+        found.append(word)
+    if len(found) > most:
+        found[most - 1] += "\N{HORIZONTAL ELLIPSIS}"
+    return found[:most]
 
 
-def first_that_fits(*texts: str) -> str:
-    """The first of some words for a button with an icon that the sidebar shows whole; the last where none is."""
-    return next((text for text in texts if _wide(text) <= _room(bpy.context) - ICON - EDGES), texts[-1])
-
-
-def _room(context: bpy.types.Context) -> float:
+def room(context: bpy.types.Context) -> float:
     """Pixels, at an interface scale of 1, that the sidebar has for the words of one line."""
     region = context.region
     return (UNKNOWN if region is None else region.width / _unit()) - FRAMES
@@ -117,7 +157,7 @@ def _unit() -> float:
     return bpy.context.preferences.system.ui_scale or 1.0  # 0 without a window
 
 
-def _wide(text: str) -> float:
+def wide(text: str) -> float:
     """Pixels, at an interface scale of 1, that some words take in Blender's font."""
     unit = _unit()
     return _measured(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
@@ -129,39 +169,35 @@ def _measured(text: str, size: float) -> float:
     return float(blf.dimensions(0, text)[0])
 
 
-def _lines(text: str, room: float) -> list[str]:
-    """A sentence in lines that have room; a longer word, such as a path, goes on in the next line."""
-    lines: list[str] = []
-    for word in text.split():
-        if lines and _wide(f"{lines[-1]} {word}") <= room:
-            lines[-1] += f" {word}"
-            continue
-        while len(word) > 1 and _wide(word) > room:
-            most = next((k for k in range(len(word) - 1, 1, -1) if _wide(word[:k]) <= room), 1)
-            lines.append(word[:most])
-            word = word[most:]
-        lines.append(word)
-    return lines
-
-
-# -- how values are written ----------------------------------------------------------------------------------------------
+# -- how values are written --------------------------------------------------------------------------------------------
 
 
 def decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> str:
-    value = block.get(key)
-    return "-" if value is None else f"{value:.{digits}f}{unit}"
+    found = block.get(key)
+    return "-" if found is None else f"{found:.{digits}f}{unit}"
 
 
 def percent(block: dict[str, Any], key: str) -> str:
-    value = block.get(key)
-    return "-" if value is None else f"{100 * value:.1f} %"
-
-
-def span(block: dict[str, Any], key: str, unit: str) -> str:
-    """The smallest and the largest of [smallest, mean, largest]."""
-    values = block.get(key)
-    return "-" if not values else f"{values[0]:.3g} \N{EN DASH} {values[-1]:.3g}{unit}"
+    found = block.get(key)
+    return "-" if found is None else f"{100 * found:.1f} %"
 
 
 def duration(minutes: float) -> str:
     return f"{max(minutes, 1):.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """For example "1 panel" or "4 panels", in the language of the interface; the words with a place for the number."""
+    return tr(one if count == 1 else many, count)
+
+
+def panels(count: int) -> str:
+    return counted(count, "{} panel", "{} panels")
+
+
+def sheets(count: int) -> str:
+    return counted(count, "{} sheet", "{} sheets")
+
+
+def quads(count: int) -> str:
+    return counted(count, "{} quad", "{} quads")

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import bpy
 
+from ..bridge.store.i18n import CONTEXT
 from ..engine.params import SHOWN, ObjectSettings
 
 FOLDER = Path(__file__).parent / "locale"
-CONTEXTS = ("*", "Operator")  # Blender's names: of what stands anywhere, and of buttons
+CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's names, of what stands anywhere and of buttons, and our own
 
 
 def table(file: Path) -> dict[tuple[str, str], str]:
@@ -27,7 +28,9 @@ def table(file: Path) -> dict[tuple[str, str], str]:
             label, unit = f.metadata["label"], SHOWN[f.metadata["unit"]][1]
             if unit and (CONTEXTS[0], label) in known:
                 known[CONTEXTS[0], f"{label} ({unit})"] = f"{known[CONTEXTS[0], label]} ({unit})"
-    return {(context, text): words for context in CONTEXTS for (_, text), words in known.items()} | known
+    # where the contexts differ, what stands anywhere is ours too
+    ordered = sorted(known.items(), key=lambda entry: entry[0][0] == CONTEXTS[0])
+    return {(context, text): words for context in CONTEXTS for (_, text), words in ordered} | known
 
 
 def register() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import fields
@@ -19,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LOCALE = ROOT / "panels" / "locale"
 BUTTON = "Operator"  # Blender's context of what stands on buttons; what stands elsewhere has none
 # calls in panels -> the context of the texts that they show
-SHOWING = {"number": "", "fold": "", "iface_": "", "wrapped": "", "label": "", "operator": BUTTON, "button": BUTTON}
+SHOWING = {"tr": "", "counted": "", "popover": "", "menu": "", "operator": BUTTON}
 # the same in every language, or names of things
 SAME = {"", "FlexMaps", "SVG", "DXF", "PDF", "R2010", "R12", "3MF", "STL", "MDF", "VeroWhite", "RMSE", "Gauss-Newton",
         "L-BFGS-B", "Delrin (POM)", "Delrin", "Delrin acetal", "mm", "E", "Esq"}  # fmt: skip
@@ -38,6 +39,7 @@ def main() -> int:
     return 0
 
 
+WORDS = re.compile(r"[A-Z][a-z ]")  # what a text begins with that is no name in the code
 WRAP = 100  # characters in a line of the files
 
 
@@ -106,19 +108,20 @@ def _of_panels() -> Found:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and _name(node.func) in SHOWING:
                 context = SHOWING[_name(node.func)]
+                given = (
+                    node.args[1:] if _name(node.func) in {"popover", "menu"} else node.args
+                )  # the first is an idname
                 texts = [
-                    *(() if context else node.args),
+                    *(() if context else given),
                     *(k.value for k in node.keywords if k.arg in {"text", "label"}),
                 ]
                 for text in (t for arg in texts for t in _texts(arg)):
-                    if not text.startswith("flexmaps") and text != BUTTON:
+                    if not text.lower().startswith(("flexmaps_", "flexmaps.")):
                         yield context, text, "sidebar"
-            elif isinstance(node, ast.Tuple) and len(node.elts) == 2 and all(map(_is_text, node.elts)):
-                kind, label = map(ast.literal_eval, node.elts)
-                if kind.isupper():  # of choice_row
-                    yield BUTTON, label, "button of colours"
-                elif kind.isidentifier() and label[:1].isupper():
-                    yield "", label, "sidebar"
+            elif isinstance(node, ast.Tuple):
+                for text in (ast.literal_eval(part) for part in node.elts if _is_text(part)):
+                    if WORDS.match(text) and text != BUTTON:
+                        yield "", text, "sidebar"
             elif isinstance(node, ast.Assign) and _is_text(node.value):
                 name, text = _name(node.targets[0]), ast.literal_eval(node.value)
                 if name == "bl_label":
@@ -129,7 +132,8 @@ def _of_panels() -> Found:
 
 def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
-    from flexmaps.bridge.store import cures, notices, states
+    from flexmaps.bridge.store import cures, decided, notices, states
+    from flexmaps.bridge.view import tab
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
     from flexmaps.engine.runs import stages
@@ -140,6 +144,8 @@ def _of_lines() -> Found:
         yield "", text, "what changed since an earlier version"
     for text in (*(words for _, words in cures.MENDS.values()), *(words for words, _ in notices.WORDS.values())):
         yield "", text, "what there is to look at, and its cure"
+    for _, *texts in (*tab.CHECKS, *tab.HABITS, *decided.RESTS):
+        yield from (("", text, "choice in the sidebar") for text in texts)
     for text in notices.FAILED.values():
         yield "", text, "what there is to look at, and its cure"
     for text in stages.MISSING.values():

@@ -6,6 +6,9 @@ from typing import Any
 
 import bpy
 
+# of our own translations: where Blender has the same word for something else, it does not answer first
+CONTEXT = "FlexMaps"
+
 
 def translate(text: str, *values: Any) -> str:
     """The translation of a line, as the preferences want it for reports, with the values in its places ``{}``."""
@@ -20,5 +23,5 @@ def button_name(label: str) -> str:
 
 def interface(text: str, *values: Any) -> str:
     """The translation of words in the sidebar, as the preferences want it for the interface, with the values in its places."""
-    translated: str = bpy.app.translations.pgettext_iface(text)
+    translated: str = bpy.app.translations.pgettext_iface(text, CONTEXT)
     return translated.format(*values) if values else translated

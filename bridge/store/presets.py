@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping
+from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ from ...engine import files
 from ...engine.errors import FlexMapsError
 
 SUBFOLDER = "flexmaps"  # of Blender's folder of presets
+TAKEN = "flexmaps_preset"  # on an object: the preset that it took last, and what that set
 
 
 def keep(name: str, values: Mapping[str, Any]) -> Path:
@@ -29,3 +34,37 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
     with files.replacing(path) as new:
         new.write_text(preset(values, f"Measured on a calibration sheet: {name}"), encoding="utf-8")
     return path
+
+
+def note(obj: bpy.types.Object, path: Path) -> None:
+    """Keep which preset an object took, and the values that it has of it."""
+    names = re.findall(r"^settings\.(\S+) *=", path.read_text(encoding="utf-8"), re.MULTILINE)
+    values = {name: _value(obj, name) for name in dict.fromkeys(names)}
+    obj[TAKEN] = json.dumps({"file": str(path), "values": {k: v for k, v in values.items() if v is not None}})
+
+
+def taken(obj: bpy.types.Object) -> tuple[str, str]:
+    """Name and file of the preset that an object took last, the name with a star where one of its values was changed since."""
+    found = _parsed(str(obj.get(TAKEN, "")))
+    if found is None:
+        return "", ""
+    name = Path(found["file"]).stem.replace("_", " ")
+    same = all(_value(obj, setting) == value for setting, value in found["values"].items())
+    return name if same else f"{name}*", found["file"]
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> dict[str, Any] | None:
+    try:
+        found = json.loads(text)
+        return found if isinstance(found["file"], str) and isinstance(found["values"], dict) else None
+    except (ValueError, TypeError, KeyError):
+        return None
+
+
+def _value(obj: bpy.types.Object, setting: str) -> Any:
+    """The value of "section.name"; None where this version has no such setting."""
+    try:
+        return attrgetter(setting)(obj.flexmaps)
+    except AttributeError:
+        return None

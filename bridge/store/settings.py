@@ -15,8 +15,10 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine.params import SHOWN, ObjectSettings
+from .i18n import CONTEXT
 
 T = TypeVar("T")
+LARGE = 100.0  # mm: lengths that are shown with one digit behind the point, others with two
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
@@ -26,7 +28,7 @@ def _property(f: Field) -> Any:
     meta = f.metadata
     unit = SHOWN[meta["unit"]][1]
     label = f"{meta['label']} ({unit})" if unit else meta["label"]
-    common = {"name": label, "description": meta["help"]}
+    common = {"name": label, "description": meta["help"], "translation_context": CONTEXT}
     default: Any = f.default
     if meta["choices"]:
         return EnumProperty(items=[tuple(choice) for choice in meta["choices"]], default=default, **common)
@@ -45,7 +47,9 @@ def _property(f: Field) -> Any:
     step = {"mm": 10, "\N{DEGREE SIGN}": 500}.get(unit, 1)
     # a share of something is drawn as a slider
     subtype = "FACTOR" if (meta["low"], meta["high"]) == (0.0, 1.0) else "NONE"
-    return FloatProperty(default=default * factor, precision=3, step=step, subtype=subtype, **bounds, **common)
+    shown = default * factor
+    precision = 3 if not unit else 1 if unit != "mm" or shown >= LARGE else 2
+    return FloatProperty(default=shown, precision=precision, step=step, subtype=subtype, **bounds, **common)
 
 
 def group(cls: type) -> type[bpy.types.PropertyGroup]:

@@ -46,7 +46,7 @@ class PreviewParams(Params):
         "Where the assembled piece is shown",
         choices=(
             ("BESIDE", "Beside", "To the left of the model"),
-            ("ON", "On the model", "Where the model is, to compare both; hide the model to see all of it"),
+            ("ON", "On it", "Where the model is, to compare both; hide the model to see all of it"),
         ),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +15,9 @@ from flexmaps.bridge.store import explored
 from flexmaps.command import main as command
 from flexmaps.engine.exploring import run as running
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.panels.explore import ExplorePanel
 from support.bowl import bowl
 from support.buttons import press
-from test_sidebar import draw
+from support.drawing import draw
 
 
 @pytest.fixture
@@ -49,9 +49,9 @@ def test_candidates_are_kept_and_one_is_taken(tried: Any) -> None:
 
 def test_the_sidebar_lists_them(tried: Any) -> None:
     count = len(explored.read(tried)["rows"])
-    drawn = draw(ExplorePanel)
-    assert sum(line.startswith("Quad edge: ") and line.endswith(" mm") for line in drawn) == count
-    assert any(line.startswith("RMS distance ") for line in drawn)
+    bpy.context.window_manager.flexmaps_tab.check = "EXPLORE"
+    drawn = draw("check")
+    assert sum(bool(re.fullmatch(r"\S+ %, \S+ %", line)) for line in drawn) == min(count, 6)
     report = {
         "best": 0,
         "front": [0],
@@ -59,11 +59,11 @@ def test_the_sidebar_lists_them(tried: Any) -> None:
         "candidates": [{"values": {"material.material": "pom", "gone": 3}, "measures": {}}],
     }
     explored.write(tried, report)
-    assert {f"Material: {MATERIALS['pom'].name}", "gone 3"} <= set(draw(ExplorePanel))
+    assert f"{MATERIALS['pom'].name}, gone 3" in draw("check")
     for wrong in ("no json", "[]", '{"note": 1}', '{"note": "a", "tried": 2, "rows": [{"values": 3}]}'):
         tried[explored.NAME] = wrong
         assert explored.read(tried) is None
-        draw(ExplorePanel)
+        draw("check")
 
 
 def test_the_command_line_explores(

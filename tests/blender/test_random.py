@@ -47,12 +47,12 @@ def test_the_search_for_faults_can_find_them(
         raise KeyError("missing")
 
     monkeypatch.setattr(check.Check, "prepare", bug)
-    monkeypatch.setattr(sidebar.MeshPanel, "draw", bad)
+    monkeypatch.setattr(sidebar.MainPanel, "draw", bad)
     log = random_calls.Log()
     rng = random.Random(3)
     bpy.ops.mesh.primitive_grid_add()
     assert random_calls._call(rng, "check", log) == "fault" and "ZeroDivisionError" in log.faults[0]
-    assert any("FLEXMAPS_PT_mesh cannot be drawn: KeyError" in fault for fault in random_calls._faults())
+    assert any("FLEXMAPS_PT_main cannot be drawn: KeyError" in fault for fault in random_calls._faults())
     bpy.context.object.data.loops[0].vertex_index = bpy.context.object.data.loops[1].vertex_index
     assert any("was not valid" in fault for fault in random_calls._faults())
 

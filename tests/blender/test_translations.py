@@ -44,7 +44,7 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
     assert {
         "Smallest width",
         "Width of the thinnest arm",
-        "More figures",
+        "Distortion, largest",
         "Scaled by {:.4g}",
         "Select a mesh object",
     } <= found
@@ -77,6 +77,8 @@ def test_what_is_not_sure_stays_english(tmp_path: Path) -> None:
         ("Operator", "sure"): "sure Operator",
         ("*", "pressed"): "pressed Operator",
         ("Operator", "pressed"): "pressed Operator",
+        ("FlexMaps", "sure"): "sure",
+        ("FlexMaps", "pressed"): "pressed Operator",
     }
 
 

@@ -42,6 +42,7 @@ def begin():
     yield from hands.look_at([obj])
     for name in ("merge", "spirals", "simulate"):
         yield from press(name)
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.pick_brush")
     yield 1.0
     yield from picture("brush")
@@ -224,6 +225,7 @@ def large():
     obj.flexmaps.connect.connector = "none"
     for name in ("trace", "spirals"):
         yield from press(name)
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.pick_brush")
     yield 2.0
     with hands.in_view():

@@ -71,6 +71,7 @@ def walk():
     with hands.in_view():
         bpy.ops.view3d.view_axis(type="TOP")
     yield from hands.look_at([obj])
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.live")
     began = time.perf_counter()
     while time.perf_counter() - began < PATIENCE and (
@@ -81,6 +82,7 @@ def walk():
     first = following().shape.vertices
     yield from picture("live")
     since = time.perf_counter()
+    bpy.context.window_manager.flexmaps_tab.open_piece = True
     yield from hands.type_in("thickness", "3")
     thicker = yield from moved("a number typed", since, first)
     yield from picture("thicker")
@@ -182,6 +184,7 @@ def wished():
     )
     yield from picture("wished")
     obj.flexmaps.optimise.iterations, obj.flexmaps.optimise.codesign = 1, False
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.optimise")
     block = yield from optimised()
     FOUND["wished_mm"] = [block.get("wished_mm_before"), block.get("wished_mm")]

@@ -159,6 +159,10 @@ class Spy:
             if not Spy.fits(name, words, options):
                 return _spied(value(*words, **options))
             Spy.drawn, before = True, layout.alert
+            if name == "panel_prop":  # what is drawn on it stays red
+                header, body = value(*words, **options)
+                header.alert = True
+                return _spied((header, body))
             layout.alert = not before
             if name == "popover":  # without a frame to turn red
                 options["icon"] = "ERROR"
@@ -176,7 +180,7 @@ class Spy:
         wanted_method, identifier, text = Spy.wanted
         names = [w for w in words if isinstance(w, str)] + [options.get(k) for k in ("operator", "property", "panel")]
         written = str(options.get("text", ""))
-        fits = not written.startswith(NEXT) if text is None else written.startswith(text)
+        fits = text is None or written.startswith(text)
         return method == wanted_method and identifier in names and fits
 
 
@@ -209,9 +213,6 @@ def spy_on(classes):
 
 def _through_spy(draw, name):
     def spied(panel, context):
-        if name == "draw_header" and Spy.wanted == ("header", panel.bl_idname, None):
-            Spy.drawn = True
-            panel.layout.label(text="", icon="KEYTYPE_EXTREME_VEC")
         draw(_Self(panel), context)
 
     return spied
@@ -266,9 +267,9 @@ def click(method, identifier, text=None, times=1):
     return pressed
 
 
-def unfold(panel):
-    """Open a sub-panel that is closed, by its heading."""
-    yield from click("header", panel)
+def unfold(section):
+    """Open a section of the tab that is closed, by its heading, or fold it."""
+    yield from click("panel_prop", f"open_{section}")
     yield 0.5
 
 

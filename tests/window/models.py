@@ -69,7 +69,7 @@ def to_sheets(name, settings):
         if not step:
             break
         found["pressed"].append(step)
-        measured = yield from press(step, text=hands.NEXT)
+        measured = yield from press("next")
         found["seconds"][step] = measured["seconds"]
         if step in {"quad_remesh", "set_size"}:
             yield from hands.look_at([bpy.context.object])

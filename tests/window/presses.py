@@ -94,14 +94,30 @@ def _watch_jobs():
     kind.start, kind._report = noted, held
 
 
-def press(name, text=None, meanwhile=None):
+# in which section buttons stand; all others stand in menus
+BUTTONS = {
+    "quad_remesh": "piece", "choose": "layout", "pick_brush": "shape", "live": "shape", "export": "make", "report": "make",
+    "preview": "show", "animate": "show", "render": "show",
+}  # fmt: skip
+
+
+def press(name, text=None, meanwhile=None, options=None):
     """Click the button of an operator, wait until its work is over, and keep what was measured; returns it too."""
-    place = yield from hands.find("operator", f"flexmaps.{name}", text)
-    yield from hands.move(place)
+    if name in BUTTONS:
+        setattr(bpy.context.window_manager.flexmaps_tab, f"open_{BUTTONS[name]}", True)
+    direct = name in BUTTONS or name == "next"
+    if direct:
+        place = yield from hands.find("operator", f"flexmaps.{name}", text)
+        yield from hands.move(place)
+        yield 0.5  # Next does nothing for a moment after its words have changed
     bar, before = hands.pixels()[-STATUS:].copy(), (len(BEGUN), last_operator())
     meter = Meter(lambda: not np.array_equal(hands.pixels()[-STATUS:], bar))
     pressed = time.perf_counter()
-    hands.xdotool("click", 1)
+    if direct:
+        hands.xdotool("click", 1)
+    else:  # in a menu
+        with hands.in_view():
+            getattr(bpy.ops.flexmaps, name)("INVOKE_DEFAULT", **(options or {}))
     yield from until(lambda: (len(BEGUN), last_operator()) != before)
     if (len(BEGUN), last_operator()) == before:
         raise LookupError(f"a click on {name} does nothing")

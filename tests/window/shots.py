@@ -29,6 +29,7 @@ def shot(name):
 def brush(obj):
     """Half of a ring painted stiffer, by the brush that is in hand."""
     module, painting = hands.module("bridge.view.easel"), hands.module("engine.spirals.painting")
+    bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.pick_brush")
     yield 0.5
     easel = module.of(obj, bpy.context.scene)
@@ -62,15 +63,15 @@ def walk():
     yield from shot("presets")
     yield from hands.aside()
     bpy.ops.flexmaps.overlay(kind="REACH")
-    yield from hands.find("operator", "flexmaps.overlay", "Limits")
+    yield from hands.aside()
     yield from shot("limits")
     yield from brush(obj)
     bpy.ops.flexmaps.preview()
     bpy.ops.flexmaps.overlay(kind="NONE")
     made = next(o for o in bpy.data.objects if "Assembled" in o.name)
     hands.view()[1].spaces.active.shading.color_type = "VERTEX"
-    yield from hands.unfold("FLEXMAPS_PT_preview")
-    yield from hands.find("operator", "flexmaps.render")
+    bpy.context.window_manager.flexmaps_tab.open_show = True
+    yield from hands.aside()
     yield from hands.look_at([obj, made])
     yield from shot("preview")
     bpy.data.objects.remove(made)
@@ -78,8 +79,8 @@ def walk():
     bpy.ops.flexmaps.choose()
     bpy.ops.flexmaps.overlay(kind="PATCH")
     yield from hands.look_at([obj])
-    yield from hands.unfold("FLEXMAPS_PT_choose")
-    yield from hands.find("operator", "flexmaps.spirals")  # below all proposals
+    bpy.context.window_manager.flexmaps_tab.open_layout = True
+    yield from hands.aside()
     yield from shot("choose")
 
 

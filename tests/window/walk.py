@@ -84,6 +84,7 @@ def make_quads():
     yield from hands.key("Tab")
     yield from until(lambda: bpy.context.object.mode == "OBJECT")
     expect(bpy.context.object.mode == "OBJECT", "the error goes with the pointer, and Tab leaves edit mode")
+    bpy.context.window_manager.flexmaps_tab.open_piece = True
     yield from hands.type_in("quads", QUADS)
     yield from until(lambda: bpy.context.object.flexmaps.remesh.quads == QUADS)
     expect(bpy.context.object.flexmaps.remesh.quads == QUADS, "a typed number is taken over")
@@ -111,16 +112,16 @@ def layout():
     traced = blocks()["layout"]["patches"]
     yield from picture("traced")
     expect(coloured() > 0.08, f"the patches are seen at once, but {coloured():.1%} of the view has a colour")
-    yield from press("overlay", text="Patches")
+    yield from press("overlay", options={"kind": "PATCH"})
     yield from hands.still(hands.view()[1])
     expect(coloured() < 0.02, "pressed again, the colours go")
-    yield from press("overlay", text="Patches")
+    yield from press("overlay", options={"kind": "PATCH"})
     yield from press("merge")
     block = blocks()["layout"]
     expect(block["patches"] < traced, f"Merge joins patches: {traced} to {block['patches']}")
     expect(block["flips"] == block["overlaps"] == 0, "no panel overlaps itself")
     expect("flexmaps_flat" in bpy.context.object.data.uv_layers, "there is a flat UV map")
-    yield from press("overlay", text="Distortion")
+    yield from press("overlay", options={"kind": "ENERGY"})
     yield from picture("merged")
 
 
@@ -160,13 +161,12 @@ def spirals():
     names = {a.name for a in bpy.context.object.data.attributes}
     expect({"flexmaps_width", "flexmaps_twist"} <= names, f"Spirals writes widths and twists, not {names}")
     expect(blocks()["spirals"]["slot_min_mm"] > 0.2, "slots can be cut")
-    yield from press("overlay", text="Twist")
+    yield from press("overlay", options={"kind": "TWIST"})
     yield from picture("spirals")
 
 
 def stopped():
     """Esc in every stage leaves everything as it was, and the next press works."""
-    yield from hands.unfold("FLEXMAPS_PT_preview")
     before, there = blocks(), set(bpy.data.objects)
     for name in ("regularise", "trace", "merge", "spirals", "simulate", "preview", "export", "report"):
         yield from press_and_stop(name)
@@ -181,7 +181,7 @@ def simulate():
     expect(block["converged"], f"Simulate converges: {block['status']}")
     keys = bpy.context.object.data.shape_keys
     expect(keys is not None and keys.key_blocks[-1].value == 1.0, "the result is a shape key, switched on")
-    yield from press("overlay", text="Distance")
+    yield from press("overlay", options={"kind": "DISTANCE"})
     yield from picture("simulated")
 
 
@@ -201,7 +201,7 @@ def optimise():
     expect(blocks()["spirals"] != before[0], "the spirals are others")
     expect("reach" not in blocks(), "who has stopped it did not wait for the limits of the match")
     yield from press("simulate")
-    yield from press("overlay", text="Limits")
+    yield from press("overlay", options={"kind": "REACH"})
     yield from picture("optimised")
 
 

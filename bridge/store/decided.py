@@ -1,0 +1,116 @@
+"""What a maker decides at once and Blender or the settings keep in several places: the size of a piece, and how it rests."""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatVectorProperty
+
+from . import next_button
+from .i18n import CONTEXT
+
+MILLIMETRES = 1e3  # in a metre
+RESTS = (
+    ("FREE", "Free", "Nothing holds the piece"),
+    ("STANDS", "Stands", "It stands on the quads that are held, at first the lowest"),
+    ("HANGS", "Hangs", "It hangs by holes in the hubs of the quads that are held, at first the highest"),
+)
+LEVEL = 0.25  # edges: vertices at most so far from the lowest one are held too, at first; by eye
+
+
+def _size(obj: Any) -> tuple[float, float, float]:
+    """Millimetres along the object's own axes, as its mesh is without modifiers."""
+    unit = MILLIMETRES * bpy.context.scene.unit_settings.scale_length
+    return tuple(unit * length for length in obj.dimensions)
+
+
+def _set_size(obj: Any, wanted: Any) -> None:
+    """Scale the object by the length that was changed; the wanted edge of quads goes with it, so that the size holds."""
+    factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
+    factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
+    if factor == 1.0 or any(obj.lock_scale):
+        return
+    obj.scale = [s * factor for s in obj.scale]
+    bpy.context.view_layer.update()
+    edge = edge_of_quads(obj, bpy.context.scene)
+    if edge > 0:
+        obj.flexmaps.remesh.edge = MILLIMETRES * edge
+
+
+def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Metres: about the edge of its quads, or of those that Quad remesh will make of it."""
+    mesh = obj.data
+    if len(mesh.loops) == 4 * len(mesh.polygons):
+        return next_button.quad_edge(obj, scene)
+    areas = np.empty(len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("area", areas)
+    stretch = abs(obj.matrix_world.determinant()) ** (2 / 3) * scene.unit_settings.scale_length**2
+    return sqrt(float(areas.sum()) * stretch / obj.flexmaps.remesh.quads)
+
+
+def _rests(obj: Any) -> int:
+    wanted = obj.flexmaps
+    if wanted.base.base == "eyelets":
+        return 2
+    return int(wanted.base.base != "none" or bool(wanted.loads.supports))
+
+
+def _set_rests(obj: Any, number: int) -> None:
+    loads, base = obj.flexmaps.loads, obj.flexmaps.base
+    if number == 0:
+        loads.supports, base.base = "", "none"
+        return
+    if number == 2 or base.base == "eyelets":
+        base.base = "eyelets" if number == 2 else "none"
+    if not loads.supports:
+        hold(obj, _level(obj, highest=number == 2))
+
+
+def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
+    """The lowest or highest vertices in the world."""
+    if not len(obj.data.vertices):
+        return []
+    points = np.empty(3 * len(obj.data.vertices), np.float32)
+    obj.data.vertices.foreach_get("co", points)
+    turn = np.array(obj.matrix_world)
+    heights = (points.reshape(-1, 3) @ turn[2, :3]) * (-1 if highest else 1)
+    near = LEVEL * edge_of_quads(obj, bpy.context.scene) / bpy.context.scene.unit_settings.scale_length
+    return np.flatnonzero(heights <= heights.min() + near).tolist()
+
+
+def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
+    """Let the piece be held at these vertices; those that were held before are let go."""
+    from . import supports  # scipy comes with it
+
+    group = obj.vertex_groups.get(supports.GROUP) or obj.vertex_groups.new(name=supports.GROUP)
+    editing = obj.mode == "EDIT"
+    if editing:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    group.remove(range(len(obj.data.vertices)))
+    group.add(vertices, 1.0, "REPLACE")
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+    obj.flexmaps.loads.supports = group.name
+
+
+def register() -> None:
+    bpy.types.Object.flexmaps_size = FloatVectorProperty(
+        name="Size",
+        description="Width, depth and height in millimetres, along the object's own axes; any of them scales the whole piece",
+        get=_size,
+        set=_set_size,
+        min=0.0,
+        precision=0,
+        step=100,
+        translation_context=CONTEXT,
+    )
+    bpy.types.Object.flexmaps_rests = EnumProperty(
+        name="Rests", items=RESTS, get=_rests, set=_set_rests, translation_context=CONTEXT
+    )
+
+
+def unregister() -> None:
+    del bpy.types.Object.flexmaps_size, bpy.types.Object.flexmaps_rests

@@ -1,0 +1,74 @@
+"""Which section of the tab is open, and what else of it is of the window alone: nothing here goes into a file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, PointerProperty
+
+from ..store import guidance, objects
+from ..store.i18n import CONTEXT
+
+SECTIONS = ("piece", "layout", "shape", "check", "make", "show", "workshop")
+CHECKS = (("LOADS", "Loads", "What the piece bears"), ("BUILT", "As built", "The built piece beside the predicted one"),
+          ("EXPLORE", "Explore", "Other sizes, sheets and materials beside each other"))  # fmt: skip
+HABITS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "Connectors of the panels"),
+          ("SHEET", "Sheet", "How panels lie on their sheets"), ("FILES", "Files", "What the files hold"),
+          ("PRICE", "Price", "What sheets and hours cost"), ("SOLVER", "Solver", "Numbers of the searches"))  # fmt: skip
+_folding: list[bool] = []  # not empty while the program itself opens and folds sections
+
+
+def _opened(key: str) -> Any:
+    def update(self: Any, context: bpy.types.Context) -> None:
+        if not _folding:
+            self.by_hand = True
+            if getattr(self, f"open_{key}"):
+                _show_only(self, key)
+
+    return update
+
+
+class Tab(bpy.types.PropertyGroup):
+    """The open section and the open tabs within sections."""
+
+    __annotations__ = {
+        **{f"open_{key}": BoolProperty(default=key == "piece", update=_opened(key)) for key in SECTIONS},
+        "by_hand": BoolProperty(),  # a person opened or folded a section since the last press
+        "check": EnumProperty(items=CHECKS, name="Check", translation_context=CONTEXT),
+        "habits": EnumProperty(items=HABITS, name="Workshop", translation_context=CONTEXT),
+    }
+
+
+def _show_only(tab: Any, key: str) -> None:
+    _folding.append(True)
+    try:
+        for other in SECTIONS:
+            setattr(tab, f"open_{other}", other == key)
+    finally:
+        _folding.pop()
+
+
+def pressed() -> None:
+    """Call when a stage begins: its end may open another section."""
+    bpy.context.window_manager.flexmaps_tab.by_hand = False
+
+
+def follow(context: bpy.types.Context) -> None:
+    """Open the section that *Next* uses now, unless a person chose one since the last press."""
+    tab, obj = context.window_manager.flexmaps_tab, context.object
+    if tab.by_hand or objects.unusable(obj) is not None:
+        return
+    act = guidance.of(obj, context.scene).act
+    if act is not None:
+        _show_only(tab, act.section)
+
+
+def register() -> None:
+    bpy.utils.register_class(Tab)
+    bpy.types.WindowManager.flexmaps_tab = PointerProperty(type=Tab)
+
+
+def unregister() -> None:
+    del bpy.types.WindowManager.flexmaps_tab
+    bpy.utils.unregister_class(Tab)

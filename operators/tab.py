@@ -1,0 +1,49 @@
+"""What the tab does itself: stop the job that runs, and hold the piece where something is selected."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..bridge.hosts import background
+from ..bridge.store import decided
+from ..bridge.store.i18n import translate
+from .stage import AnyMesh, redraw
+
+
+class Stop(bpy.types.Operator):
+    """Stop what is running, as Esc does"""
+
+    bl_idname = "flexmaps.stop"
+    bl_label = "Stop"
+    bl_options = {"INTERNAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        running = background.current()
+        if running is not None:
+            running.stop()
+        redraw(context, "UI")
+        return {"FINISHED"}
+
+
+class HoldSelection(AnyMesh, bpy.types.Operator):
+    """Hold the piece at what is selected in Edit Mode: quads with two corners or more in it"""
+
+    bl_idname = "flexmaps.hold_selection"
+    bl_label = "Hold the selection"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = context.object
+        obj.update_from_editmode()
+        chosen = np.empty(len(obj.data.vertices), bool)
+        obj.data.vertices.foreach_get("select", chosen)
+        if not chosen.any():
+            self.report({"ERROR"}, translate("Select in Edit Mode where the piece is held"))
+            return {"CANCELLED"}
+        decided.hold(obj, np.flatnonzero(chosen).tolist())
+        self.report({"INFO"}, translate("Held at {} vertices", int(chosen.sum())))
+        return {"FINISHED"}
+
+
+CLASSES = (Stop, HoldSelection)

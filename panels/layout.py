@@ -1,0 +1,125 @@
+"""The section *Layout*: where the surface is cut; proposed layouts as cards."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.view import choices
+from ..engine.params import LayoutParams
+from .rows import (
+    LOW,
+    button,
+    duration,
+    figures,
+    menu,
+    panels,
+    percent,
+    popover,
+    quads,
+    settings_of,
+    sheets,
+    tr,
+    value,
+)
+from .stages import block_of, look
+
+PICTURE = 3.2  # size of a card's picture, in rows: three beside each other
+CARDS, A_ROW = 6, 3  # cards in sight, and in a row
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    wanted = context.object.flexmaps.choose
+    column = body.column(align=True)
+    value(column, wanted, "goal", tr("Wanted"))
+    if wanted.goal == "panels":
+        value(column, wanted, "panels", tr("Panels"))
+    else:
+        row = value(column, wanted, "match", tr("Within (%)"))
+        row.enabled = wanted.goal == "match"
+    row = body.split(factor=0.6, align=True)
+    button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
+    row.menu("FLEXMAPS_MT_by_hand", text=tr("By hand"), translate=False)
+    _cards(body, context)
+    found = block_of(body, context, "layout")
+    if found is None:
+        return
+    layout, block = found
+    limit, most = context.object.flexmaps.layout.distortion_limit, block.get("energy_max", 0.0)
+    figures(
+        layout,
+        (tr("Panels"), str(block.get("patches"))),
+        (tr("Distortion, largest"), tr("{} of {}", f"{most:.3f}", f"{limit:.3f}"), most > limit * 1.0001),
+        (tr("Seam mismatch"), percent(block, "seam_mismatch_max")),
+        (tr("Narrowest"), quads(block.get("neck_min_quads", 0))),
+        (tr("Smallest"), quads(block.get("smallest_patch", 0))),
+    )
+
+
+def _cards(body: Any, context: bpy.types.Context) -> None:
+    """The layouts that were compared."""
+    found = block_of(body, context, "choose")
+    if found is None:
+        return
+    layout, block = found
+    rows = block["proposals"][:CARDS]
+    pictures = choices.icons(context.object, len(block["proposals"]))
+    for first in range(0, len(rows), A_ROW):
+        grid = layout.row(align=True)
+        for number in range(first, first + A_ROW):
+            card = grid.box().column(align=True) if number < len(rows) else grid.column()
+            if number < len(rows):
+                _card(card, number, rows[number], pictures[number], number == block["taken"])
+
+
+def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
+    """One layout: its picture, the button that takes it, and the three figures that decide."""
+    card.template_icon(icon_value=picture, scale=PICTURE)
+    taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
+    taking.number, taking.tip = number, _tip(row)
+    share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"< {row['rms_percent']:.2g} %"
+    for text in (f"{share}, {duration(row['join_minutes'])}", sheets(row["sheets"])):
+        said = card.row()
+        said.alignment, said.scale_y = "CENTER", LOW
+        said.label(text=text, translate=False)
+
+
+def _tip(row: dict[str, Any]) -> str:
+    """The other figures of a layout, for the button's tooltip."""
+    said = [
+        tr("{} joints", row["joints"]),
+        tr("strain {} of its limit", f"{100 * row['strain_share_max']:.0f} %"),
+        *([tr("{} to cut", duration(row["cut_minutes"]))] if "cut_minutes" in row else []),
+        *([tr("symmetric")] if row["symmetries_kept"] > 1 else []),
+    ]
+    return ", ".join(said)
+
+
+def key(context: bpy.types.Context) -> str:
+    """The figure beside the heading."""
+    block = look(context).blocks.get("layout")
+    return "" if block is None else panels(block.get("patches", 0))
+
+
+def _limits(layout: Any, wanted: Any) -> None:
+    settings_of(
+        layout,
+        wanted.layout,
+        LayoutParams,
+        "distortion_limit",
+        "compactness_limit",
+        "neck_min",
+        "patch_min",
+        "seamless",
+    )
+
+
+def _by_hand(layout: Any, context: bpy.types.Context) -> None:
+    button(layout, "flexmaps.trace", tr("Trace the cuts"), "GRID")
+    button(layout, "flexmaps.merge", tr("Merge panels"), "AUTOMERGE_ON")
+    button(layout, "flexmaps.update_from_seams", tr("Update from seams"), "FILE_REFRESH")
+    button(layout, "flexmaps.flatten", tr("Flatten all"), "UV")
+
+
+CLASSES = (popover("limits", "Limits of the layout", _limits), menu("by_hand", "By hand", _by_hand))

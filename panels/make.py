@@ -1,0 +1,87 @@
+"""The section *Make*: files for the cutter, the report, and a page to send to somebody."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.store.settings import unsaved
+from ..engine.params import PageParams
+from .rows import button, decimals, duration, figures, menu, percent, popover, rare, settings_of, sheets, tr, value
+from .stages import block_of, look
+
+# kinds of files that several versions stand for: setting, words, what a press switches on
+KINDS = ("dxf", "DXF", "R2010"), ("solids", "3D", "3MF")
+BASES = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    wanted = context.object.flexmaps
+    files = wanted.export
+    row = body.row(align=True)
+    row.prop(files, "svg", text="SVG", toggle=True, translate=False)
+    for name, words, usual in KINDS:
+        switch = row.operator(
+            "wm.context_toggle_enum", text=words, depress=getattr(files, name) != "NONE", translate=False
+        )
+        # whatever is not the second value is made the second one
+        switch.data_path, switch.value_1, switch.value_2 = f"object.flexmaps.export.{name}", usual, "NONE"
+    row.prop(files, "pdf", text="PDF", toggle=True, translate=False)
+    row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
+    column = body.column(align=True)
+    row = value(column, files, "folder", tr("Folder"))
+    row.alert = unsaved(files.folder)
+    value(column, files, "copies", tr("Copies"))
+    value(column, wanted.sheet, "remnants", tr("Offcuts")).operator("flexmaps.add_remnant", text="", icon="ADD")
+    row = body.row(align=True)
+    button(row, "flexmaps.export", tr("Write the files"), "EXPORT")
+    row.menu("FLEXMAPS_MT_files", text="", icon="DOWNARROW_HLT")
+    row = body.row(align=True)
+    button(row, "flexmaps.report", tr("Report"), "FILE_TEXT").browse = True
+    button(row, "flexmaps.share", tr("Share page"), "URL").browse = True
+    rare(row, "page")
+    found = block_of(body, context, "sheets")
+    if found is not None:
+        figures(found[0], *_figures(found[1]))
+
+
+def _figures(block: dict[str, Any]) -> list[Any]:
+    rows: list[Any] = [(tr("Sheets, filled"), f"{block.get('sheets')}, {percent(block, 'fill')}")]
+    cut = decimals(block, "cut_length_m", 1, " m")
+    rows.append((tr("Cutting"), f"{duration(block['cut_minutes'])}, {cut}" if "cut_minutes" in block else cut))
+    if block.get("joints"):
+        rows.append((tr("Joints"), f"{block['joints']}, {duration(block.get('assembly_minutes', 0))}"))
+    rows.append((tr("Weight"), decimals(block, "mass_g", 0, " g")))
+    if "cost" in block:
+        rows.append((tr("Cost"), f"{block['cost']['total']:.2f}"))
+    for key, name in BASES:
+        if key in block.get("base", {}):
+            rows.append((tr(name), str(block["base"][key])))
+    if block.get("glued"):
+        rows.append((tr("For glue"), str(len(block["glued"]))))
+    if block.get("unsolved"):
+        rows.append((tr("Without connector"), str(len(block["unsolved"])), True))
+    return rows
+
+
+def key(context: bpy.types.Context) -> str:
+    """The figures beside the heading."""
+    block = look(context).blocks.get("sheets")
+    if block is None:
+        return ""
+    said = sheets(block.get("sheets", 0))
+    return f"{said}, {duration(block['cut_minutes'])}" if "cut_minutes" in block else said
+
+
+def _page(layout: Any, wanted: Any) -> None:
+    settings_of(layout, wanted.page, PageParams)
+
+
+def _files(layout: Any, context: bpy.types.Context) -> None:
+    button(layout, "flexmaps.export_together", tr("All selected on common sheets"), "PACKAGE")
+    folder = bpy.path.abspath(context.object.flexmaps.export.folder)
+    button(layout, "wm.path_open", tr("Open the folder"), "FILE_FOLDER").filepath = folder
+
+
+CLASSES = (popover("page", "Pages", _page), menu("files", "Files", _files))

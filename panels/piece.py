@@ -1,0 +1,92 @@
+"""The section *Piece*: what a maker decides before anything runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.store import decided
+from ..engine.params import BaseParams, MaterialParams, RegulariseParams, SpiralParams
+from .rows import choice, line, pair, popover, rare, settings_of, tr, value
+
+AXES = "force_x", "force_y", "force_z"
+RIM = "rim_width", "rim_hole", "rim_spacing"
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    obj = context.object
+    wanted = obj.flexmaps
+    column = body.column(align=True)
+    rare(value(column, wanted.material, "material", tr("Material")), "material")
+    value(column, wanted.spiral, "thickness", tr("Thickness"))
+    pair(column, tr("Sheet"), wanted.sheet, "sheet_width", "sheet_height")
+    if "lasts" in MaterialParams.__dataclass_fields__:
+        choice(column, tr("Lasts"), wanted.material, "lasts")
+
+    column = body.column(align=True)
+    row = value(column, wanted.remesh, "quads", tr("Quads"))
+    row.operator("flexmaps.quad_remesh", text="", icon="FILE_REFRESH")
+    rare(row, "quads")
+    row = line(column, "")
+    row.active = False
+    edge = 1e3 * decided.edge_of_quads(obj, context.scene)
+    row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
+    value(column, wanted.layout, "symmetric", tr("Symmetry"))
+
+    rare(choice(body, tr("Border"), wanted.spiral, "border"), "border")
+
+    column = body.column(align=True)
+    choice(column, tr("Rests"), obj, "flexmaps_rests")
+    held = column.column(align=True)
+    held.enabled = obj.flexmaps_rests != "FREE"
+    row = line(held, tr("Held at"))
+    row.operator("flexmaps.hold_selection", text=tr("Selection"), translate=False)
+    rare(row, "rests")
+    hangs = obj.flexmaps_rests == "HANGS"
+    row = value(held, wanted.base, "eyelet" if hangs else "base", tr("Eyelets") if hangs else tr("Base"))
+    rare(row, "base")
+    value(held, wanted.simulate, "gravity", tr("Own weight"))
+
+
+def _material(layout: Any, wanted: Any) -> None:
+    """The values of a custom material; those of the list are known."""
+    layout.enabled = wanted.material.material == "custom"
+    settings_of(layout, wanted.material, MaterialParams, *CUSTOM)
+
+
+CUSTOM = tuple(name for name in MaterialParams.__dataclass_fields__ if name not in ("material", "lasts"))
+
+
+def _quads(layout: Any, wanted: Any) -> None:
+    layout.prop(wanted.remesh, "smooth")
+    settings_of(layout, wanted.regularise, RegulariseParams, "boundary")
+    layout.operator("flexmaps.regularise", icon="MOD_SMOOTH")
+
+
+def _border(layout: Any, wanted: Any) -> None:
+    layout.enabled = wanted.spiral.border == "rim"
+    settings_of(layout, wanted.spiral, SpiralParams, *RIM)
+
+
+def _rests(layout: Any, wanted: Any) -> None:
+    obj, loads = wanted.id_data, wanted.loads
+    layout.prop_search(loads, "supports", obj, "vertex_groups")
+    layout.prop(wanted.simulate, "clamped")
+    layout.separator()
+    layout.prop_search(loads, "pulled", obj, "vertex_groups")
+    for name in AXES:
+        layout.prop(loads, name)
+
+
+def _base(layout: Any, wanted: Any) -> None:
+    settings_of(layout, wanted.base, BaseParams, "base_height", "foot_width", "base_edge", "eyelet")
+
+
+CLASSES = (
+    popover("material", "Custom material", _material),
+    popover("quads", "Quads", _quads),
+    popover("border", "Rim", _border),
+    popover("rests", "Supports and forces", _rests),
+    popover("base", "Base", _base),
+)

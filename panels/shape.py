@@ -1,0 +1,163 @@
+"""The section *Shape*: spirals that spring into the shape, searched, painted or pulled by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.hosts import background, live
+from ..bridge.store import equilibrium, fields, handles
+from ..bridge.view import easel, plot
+from ..engine.params import OptimiseParams, SpiralParams
+from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
+from .stages import block_of, look
+
+PLOT = 5.0  # size of the plot, in rows
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    obj = context.object
+    wanted, blocks = obj.flexmaps, look(context).blocks
+    column = body.column(align=True)
+    pair(column, tr("Arm width"), wanted.spiral, "width_min", "width_max")
+    value(column, wanted.optimise, "arms", tr("Arms"))
+    row = body.row(align=True)
+    button(row, "flexmaps.optimise" if "spirals" in blocks else "flexmaps.spirals", tr("Make it fit"), "SHADERFX")
+    row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
+    row.separator()
+    following = live.current()
+    own = following is not None and following.uid == obj.session_uid
+    button(row, "flexmaps.live", tr("Live"), "PAUSE" if own else "PLAY", depress=own)
+    row = body.row(align=True)
+    in_hand = easel.active(context)
+    button(row, "flexmaps.pick_brush", tr("Brush"), "BRUSH_DATA", depress=in_hand)
+    row.separator()
+    button(row, "flexmaps.use_handles", tr("Handles"), "GIZMO")
+    if any(name in obj.data.attributes for name in handles.PREFIXED.values()):
+        row.operator("flexmaps.clear_handles", text="", icon="X")
+    if in_hand:
+        _brush(body.column(align=True), context)
+    running = background.current()
+    history = getattr(running.shown, "history", None) if running is not None else None
+    if history:
+        _search(body, history)
+    elif "spirals" in blocks:
+        _results(body, context)
+
+
+def _brush(column: Any, context: bpy.types.Context) -> None:
+    """Its settings while it is in hand."""
+    brush = context.window_manager.flexmaps_brush
+    value(column, brush, "brush", tr("Paints"))
+    for name, pressure, label in (
+        ("size", "pressure_size", tr("Size")),
+        ("strength", "pressure_strength", tr("Strength")),
+    ):
+        value(column, brush, name, label).prop(brush, pressure, text="", icon="STYLUS_PRESSURE")
+    row = line(column, "")
+    row.prop(brush, "mirror", text=tr("Mirror X"), toggle=True, translate=False)
+    row.popover("FLEXMAPS_PT_paint_from", text=tr("From"), translate=False)
+    marked = fields.protected(context.object)
+    if marked:
+        row = line(column, tr("Protected"))
+        row.label(text=str(marked), icon="LOCKED", translate=False)
+        row.operator("flexmaps.unprotect", text="", icon="X")
+
+
+def _search(body: Any, history: Any) -> None:
+    """How the distance falls while a search runs."""
+    seconds, rmse = history[-1]
+    row = body.box().row()
+    row.template_icon(icon_value=plot.icon([r for _, r in history]), scale=PLOT)
+    column = row.column(align=True)
+    column.separator(factor=2.0)  # about the plot's middle
+    for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * rmse:.3g} mm")):
+        column.label(text=text, translate=False)
+
+
+def _results(body: Any, context: bpy.types.Context) -> None:
+    """The slider between target and result, and one box of figures."""
+    rows: list[Any] = []
+    found = block_of(body, context, "equilibrium")
+    if found is not None:
+        layout, block = found
+        for key in equilibrium.keys_of(context.object.data):
+            name = tr("result") if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
+            text = tr("Target to {}", name)
+            layout.prop(key, "value", text=text, slider=True, translate=False)
+        size = "{:.2g} %, {:.2g} mm"
+        rows = [
+            (tr("Distance, mean"), size.format(block["rms_percent"], block["rms_mm"]), not equilibrium.sound(block)),
+            (tr("Distance, largest"), size.format(block["max_percent"], block["max_mm"])),
+        ]
+        if block.get("strain_share_max") is not None:
+            share = tr("{} % of limit", f"{100 * block['strain_share_max']:.0f}")
+            rows.append((tr("Strain, largest"), share, equilibrium.strained(block)))
+        for name, energy in enumerate(block.get("other_energies", ()), 1):
+            more = 100 * (energy / block["energy"] - 1) if block["energy"] else 0.0
+            rows.append((tr("Energy, other shape {}", name), f"{more:+.2g} %"))
+    searched = look(context).blocks.get("optimise", {})
+    if "wished_mm" in searched:
+        arrow = "{:.3g} \N{RIGHTWARDS ARROW} {:.3g} mm"
+        rows.append((tr("From drag targets"), arrow.format(searched["wished_mm_before"], searched["wished_mm"])))
+    found = found or block_of(body, context, "spirals")
+    layout, block = body if found is None else found[0], look(context).blocks["spirals"]
+    if "slot_min_mm" in block:  # measured with the finished outlines, not after every stroke of a brush
+        rows.append((tr("Narrowest gap"), decimals(block, "slot_min_mm", 2, " mm")))
+    rows += [(tr(label), _span(block, name, form)) for name, label, form in RANGES if block.get(name)]
+    figures(layout, *rows)
+
+
+RANGES = ("width_mm", "Arm width", "{:.2f} mm"), ("twist_deg", "Twist", "{:.0f}\N{DEGREE SIGN}")
+
+
+def _span(block: dict[str, Any], key: str, form: str) -> str:
+    """The smallest and the largest of [smallest, mean, largest]."""
+    return tr("{} to {}", form.format(block[key][0]).partition(" ")[0], form.format(block[key][-1]))
+
+
+def key(context: bpy.types.Context) -> str:
+    """The figures beside the heading."""
+    block = look(context).blocks.get("equilibrium", {})
+    if not block:
+        return ""
+    said = f"{block['rms_percent']:.2g} %"
+    share = block.get("strain_share_max")
+    return said if share is None else f"{said}, {tr('strain {}', f'{100 * share:.0f} %')}"
+
+
+# -- popovers and menus ------------------------------------------------------------------------------------------------
+
+
+def _rare(layout: Any, wanted: Any) -> None:
+    settings_of(layout, wanted.spiral, SpiralParams, "twist_min", "twist_max", "clockwise", "grain")
+    layout.separator()
+    settings_of(
+        layout, wanted.optimise, OptimiseParams, "grain", "lies", "urge", "smoothness", "open_slots", "codesign"
+    )
+
+
+def _paint_from(layout: Any, wanted: Any) -> None:
+    brush = bpy.context.window_manager.flexmaps_brush
+    layout.prop(brush, "source", icon="GROUP_VERTEX")
+    layout.prop(brush, "what")
+    if brush.what == "along":
+        layout.row(align=True).prop(brush, "direction", expand=True)
+    making = button(layout, "flexmaps.paint_from", tr("Paint from it"), "IMPORT")
+    making.source, making.what, making.direction = brush.source, brush.what, brush.direction
+
+
+def _steps(layout: Any, context: bpy.types.Context) -> None:
+    button(layout, "flexmaps.spirals", tr("Spirals only"), "FORCE_VORTEX")
+    button(layout, "flexmaps.simulate", tr("Simulate only"), "PHYSICS")
+    button(layout, "flexmaps.optimise", tr("Optimise from here"), "SHADERFX")
+    layout.separator()
+    layout.prop(context.object.flexmaps.simulate, "restarts")
+
+
+CLASSES = (
+    popover("shape", "Spirals and search", _rare),
+    popover("paint_from", "From weights or colours", _paint_from),
+    menu("steps", "Steps", _steps),
+)

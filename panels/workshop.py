@@ -1,0 +1,123 @@
+"""The section *Workshop*: what goes with the machine and its material, and is kept in a preset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.store import presets
+from ..bridge.view.tab import HABITS
+from .rows import button, pair, tr, value
+
+# of each tab its rows: words, then "section.name" of one or two settings
+ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "CUT": (
+        ("Kerf, inside", "cut.kerf_outline", "cut.kerf_holes"),
+        ("Mill", "cut.mill"),
+        ("Lead-in", "cut.lead_in"),
+        ("Tabs", "cut.tabs", "cut.tab_width"),
+        ("Gap, at seams", "spiral.slot_min", "spiral.slot_seam"),
+        ("Fillet", "spiral.fillet"),
+    ),
+    "JOINTS": (
+        ("Connectors", "connect.connector"),
+        ("Clearance", "connect.clearance"),
+        ("Neck", "connect.neck"),
+        ("Thinnest part", "connect.thinnest"),
+        ("Rounding", "connect.rounding"),
+    ),
+    "SHEET": (
+        ("Margin, space", "sheet.margin", "sheet.spacing"),
+        ("Turn panels", "sheet.rotation"),
+        ("Nesting", "sheet.nesting"),
+        ("Too large", "sheet.oversize"),
+        ("Extra joints", "sheet.cut_joints"),
+        ("Offcuts in", "sheet.remnant_unit"),
+    ),
+    "FILES": (
+        ("DXF", "export.dxf"),
+        ("Solids", "export.solids"),
+        ("Labels", "sheet.labels"),
+        ("Letters", "sheet.label_min", "sheet.label_height"),
+        ("Sheet outline", "sheet.frame"),
+    ),
+    "PRICE": (
+        ("A sheet", "cost.sheet_price"),
+        ("Machine hour", "cost.machine_rate"),
+        ("Labour hour", "cost.labour_rate"),
+    ),
+}
+# numbers of the searches: section, names
+SOLVER = {
+    "regularise": ("iterations",),
+    "spiral": ("blend", "curvature_top"),
+    "simulate": ("model", "iterations", "tolerance"),
+    "optimise": (
+        "method", "iterations", "cg_iterations", "restart", "distortion_limit", "strain_share", "patience", "stop",
+    ),
+    "sheet": ("tolerance", "nesting_seconds", "seed"),
+}  # fmt: skip
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    tab, wanted = context.window_manager.flexmaps_tab, context.object.flexmaps
+    row = body.row(align=True)
+    for kind, *_ in HABITS:
+        if kind != "SOLVER" or expert(context):
+            row.prop_enum(tab, "habits", kind)
+    column = body.column(align=True)
+    for label, *names in ROWS.get(tab.habits, ()):
+        section, _, _ = names[0].partition(".")
+        shorts = [name.partition(".")[2] for name in names]
+        owner = getattr(wanted, section)
+        if len(shorts) > 1:
+            pair(column, tr(label), owner, *shorts)
+        else:
+            value(column, owner, shorts[0], tr(label))
+    if tab.habits == "SOLVER":
+        for section, named in SOLVER.items():
+            for name in named:
+                column.prop(getattr(wanted, section), name)
+    if tab.habits == "CUT":
+        row = body.row(align=True)
+        button(row, "flexmaps.calibration_sheet", tr("Calibration"), "FILE_NEW")
+        button(row, "flexmaps.calibrated", tr("Results"), "DRIVER_DISTANCE")
+    row = body.row(align=True)
+    row.popover("FLEXMAPS_PT_presets", text=tr("Keep in preset"), translate=False)
+    file = presets.taken(context.object)[1]
+    back = row.row(align=True)
+    back.enabled = bool(file)
+    button(back, "flexmaps.apply_preset", tr("Back to preset")).filepath = file
+
+
+def key(context: bpy.types.Context) -> str:
+    """What cuts, beside the heading."""
+    cut = context.object.flexmaps.cut
+    if cut.mill > 0:
+        return tr("Mill of {} mm", f"{cut.mill:.2g}")
+    return tr("Kerf {}", f"{cut.kerf_outline:.2g}") if cut.kerf_outline else tr("No kerf")
+
+
+# -- preferences -------------------------------------------------------------------------------------------------------
+
+
+class Preferences(bpy.types.AddonPreferences):
+    bl_idname = __package__.rpartition(".")[0]
+
+    expert: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Expert numbers",
+        description="Show the numbers of the searches, in a tab of Workshop; their values stay with the piece",
+    )
+
+    def draw(self, context: bpy.types.Context) -> None:
+        self.layout.prop(self, "expert")
+
+
+def expert(context: bpy.types.Context) -> bool:
+    """Whether the numbers of the searches are to be seen."""
+    addon = context.preferences.addons.get(Preferences.bl_idname)
+    return addon is not None and addon.preferences.expert
+
+
+CLASSES = (Preferences,)
