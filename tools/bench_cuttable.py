@@ -74,7 +74,8 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
     )
     problem, points = task.problem(design), list[Point]()
     starts = optimise.starts(problem, design, found.mesh, params, SILENT)
-    start = min(starts.values(), key=lambda point: point.value).weighed()
+    start = min(starts.values(), key=lambda point: point.value)
+    start = start.weighed(start.mismatch.value)
     Search(task, Trace(), points.append, FARTHER * start.distance, design.flat).run(start, design, SILENT)
     rng = np.random.default_rng(len(points))
     chosen = (

@@ -78,7 +78,7 @@ class CutSheets:
         """What the cutter does on one sheet, lead-ins and holding tabs included."""
         if index not in self._runs:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
-            labels, holes = [c for p in panels for c in p.labels], [c for p in panels for c in p.holes]
+            labels, holes = [c for p in panels for c in p.labels], [p.holes for p in panels]
             size = tuple(self.packing.sizes[index].tolist())
             outlines, holds = [p.outline for p in panels], [p.holds for p in panels]
             self._runs[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))

@@ -15,10 +15,11 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..mechanics.assembly import Assembly, Pose, of_design
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
+from ..mechanics.stance import Stance
 from ..patches.flattening.flatten import FlatPatches, flatten, measured
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import make_disks
@@ -68,9 +69,9 @@ class Rig:
         model, rough = _model(assembly, given, old)
         area, guessed = _area(design, given, old)
         loads = _loads(given, area)
-        aim = target_pose(mesh, flat.corners)
-        pose = aim if start is None else _carried(start, flat, old)
-        pose = _placed(pose, aim, loads)
+        stance = Stance(loads, mesh, flat.corners)
+        aim = stance.aim
+        pose = aim if start is None else stance.placed(_carried(start, flat, old))
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
             pose = replace(pose, nodes=None)  # those of another rim: its own are found anew
         held = loads.held(assembly.pairs, pose.centres)
@@ -232,10 +233,3 @@ def _carried(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
     back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
     back[:, 2, 2] = 1.0
     return Pose(pose.centres, pose.rotations @ back)  # the flat shape of a rim has changed, and its nodes with it
-
-
-def _placed(pose: Pose, aim: Pose, loads: Loads) -> Pose:
-    """A pose with what is held where it lies in the target."""
-    shifts, turns = loads.fixed[:, :3], loads.fixed[:, 3:4, None]
-    centres, rotations = np.where(shifts, aim.centres, pose.centres), np.where(turns, aim.rotations, pose.rotations)
-    return replace(pose, centres=centres, rotations=rotations)

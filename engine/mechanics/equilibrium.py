@@ -62,7 +62,7 @@ class Equilibrium:
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
     status : one plain sentence
-    steady : whether it would also be a minimum without the share of its stiffness that was asked for as a margin
+    spare : the largest of the margins without which it would still be a minimum, 0 if there is none (see ``solve``)
     """
 
     pose: Pose
@@ -75,7 +75,7 @@ class Equilibrium:
     negative_eigenvalues: int
     torsion_max: float
     status: str
-    steady: bool = True
+    spare: float = 0.0
 
     def placed(self, pose: Pose) -> Equilibrium:
         """The same equilibrium, moved as a whole to a pose."""
@@ -97,16 +97,16 @@ def solve(
     system: NewtonSystem | None = None,
     iterations: int | None = None,
     step: Float[np.ndarray, "spirals 6"] | None = None,
-    margin: float = 0.0,
+    margins: tuple[float, ...] = (),
 ) -> Equilibrium:
     """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
 
     ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else predicts;
-    ``margin`` is the share of the convex part of the Hessian by which it should be positive definite (see ``Equilibrium.steady``).
+    ``margins`` are shares of the convex part of the Hessian; ``Equilibrium.spare`` is the largest that leaves it positive definite.
 
     Raises FlexMapsError if forces would carry an unsupported piece away. Where it does not converge, the result says so.
     """
-    return exhausted(settling(model, start, loads, params, progress, system, iterations, step, margin))
+    return exhausted(settling(model, start, loads, params, progress, system, iterations, step, margins))
 
 
 def settling(
@@ -118,13 +118,13 @@ def settling(
     system: NewtonSystem | None = None,
     iterations: int | None = None,
     step: Float[np.ndarray, "spirals 6"] | None = None,
-    margin: float = 0.0,
+    margins: tuple[float, ...] = (),
 ) -> Generator[Any, None, Equilibrium]:
     """The same step by step: gives the model's states on the way and returns the equilibrium; between two, other work may be done."""
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
-    problem, state = _Balance(model, loads, params.tolerance, system, progress, margin), model.start(start)
+    problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
         # so near to the end, the convex part is wanted for one step at the most
         rule.decay, state = 0.0, model.moved(state, step)
@@ -140,8 +140,8 @@ class _Balance:
     tolerance: float
     system: NewtonSystem
     progress: Progress
-    margin: float = 0.0
-    steady: bool = True
+    margins: tuple[float, ...] = ()
+    spare: float = 0.0
     scale: float = 0.0  # newtons, the largest forces so far
 
     def expand(self, state: Any) -> Local:
@@ -183,8 +183,9 @@ class _Balance:
     def stable(self, state: Any) -> bool:
         here = self.model.expand(state)
         values = self.system.values(here.hessian)
-        if self.margin:
-            self.steady = self.system.factor(values - self.margin * self.system.values(here.convex))
+        convex = self.system.values(here.convex) if self.margins else values
+        kept = (one for one in sorted(self.margins, reverse=True) if self.system.factor(values - one * convex))
+        self.spare = next(kept, 0.0)
         return self.system.factor(values)  # the last one, as its owner solves with it
 
     def exits(self, state: Any) -> list[Any]:
@@ -228,7 +229,7 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
     energy, residual = float(history[-1, 0]), float(history[-1, 1])
     joints = run.here.own.per_joint
     return Equilibrium(
-        state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence, problem.steady
+        state.pose, energy, joints, converged, steps, residual, history, negative, torsion, sentence, problem.spare
     )
 
 

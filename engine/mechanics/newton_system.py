@@ -11,6 +11,7 @@ from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eige
 from ..progress import SILENT, Progress
 
 SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
+INVERSE_TOLERANCE = 1e-7  # relative, of the eigenvalues at a minimum: their derivatives need accurate modes
 DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
 
 
@@ -86,9 +87,7 @@ class NewtonSystem:
             return np.zeros((1, *self.held.shape)), np.ones(1)
         metric = self.definite(metric)
         if len(self.free) <= DENSE:
-            a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
-            rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
-            return np.stack([self.full(v) for v in vectors.T]), rise
+            return self._all_modes(values, metric, count)
         self.cholesky.factor(metric)
         size = (len(self.free),) * 2
 
@@ -105,4 +104,33 @@ class NewtonSystem:
             rise, vectors = error.eigenvalues, error.eigenvectors
             if not len(rise):  # modes so close to each other that none is found: any of them will do
                 rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
+        return np.stack([self.full(v) for v in vectors.T]), rise
+
+    def softest_of_minimum(
+        self, values: np.ndarray, metric: np.ndarray, count: int
+    ) -> tuple[Float[np.ndarray, "count spirals 6"], Float[np.ndarray, " count"]]:
+        """Return the modes and eigenvalues of ``softest`` at a minimum, of unit length in the metric; ``values`` must be factored.
+
+        Lanczos on the inverse, which takes few solves where modes are nearly unstable.
+        """
+        metric = self.definite(metric)
+        if len(self.free) <= DENSE:
+            return self._all_modes(values, metric, count)
+        size = (len(self.free),) * 2
+        inverse = LinearOperator(size, matvec=lambda b: self.cholesky.solve(np.asarray(b).ravel()), dtype=float)
+        start = np.random.default_rng(0).normal(size=len(self.free))
+        both = self.pattern.matrix(metric), self.pattern.matrix(values)
+        try:
+            found, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="LA", v0=start, tol=INVERSE_TOLERANCE)
+        except ArpackNoConvergence as error:
+            found, vectors = error.eigenvalues, error.eigenvectors
+        order = np.argsort(-found)
+        found, vectors = found[order], vectors[:, order]
+        lengths = np.sqrt((vectors * (both[0] @ vectors)).sum(axis=0))
+        return np.array([self.full(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
+
+    def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the modes and eigenvalues of ``softest`` from the dense matrices."""
+        a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
+        rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
         return np.stack([self.full(v) for v in vectors.T]), rise

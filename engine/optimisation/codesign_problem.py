@@ -18,6 +18,7 @@ from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.strain_changes import by_shapes
 from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
+from ..mechanics.stance import Stance
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
@@ -28,7 +29,7 @@ from .costs import Cost
 from .inverse import Point, Problem
 from .open_slots import Closing, Opening
 from .terms import Rows
-from .work import GEOMETRY
+from .work import GEOMETRY, VARIED
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,8 @@ class FlatProblem(Problem):
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = self.assembly.reshaped(lever, axes).redesigned(*self.space.design(x))
         model = self.build(assembly, progress)
-        found, factors = self.rest(model, start, progress, iterations, step)
+        stance = None if self.stance is None else self.stance.moved(points[layout.flat_corners])
+        found, factors = self.rest(model, stance, start, progress, iterations, step)
         return FlatPoint(
             x=x,
             problem=self,
@@ -172,16 +174,18 @@ class FlatProblem(Problem):
             mismatch=self.target.compare(found.pose.centres),
             factors=factors,
             assembly=assembly,
+            stance=stance,
             progress=progress,
         )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPoint(Point):
-    """``Point`` with flat vertices; ``progress`` is asked whether to stop while the geometry is derived."""
+    """``Point`` with flat vertices, and the stance on these; ``progress`` is asked whether to stop while the geometry is derived."""
 
     problem: FlatProblem
     assembly: Assembly
+    stance: Stance | None
     progress: Progress = SILENT
 
     @property
@@ -196,9 +200,9 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains
-        count, and of their tips' motions (12) where slots close."""
-        strained = self.strains is not None
+        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains count, of
+        their shares of the softest eigenvalues where these are low, and of their tips' motions (12) where slots close."""
+        strained, pairs = self.strains is not None, self.assembly.pairs
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
@@ -207,6 +211,8 @@ class FlatPoint(Point):
             found = [model.joint_gradients(state)]
             if strained:
                 found.append(arm_wrenches(model.assembly, model.wrenches(state)).reshape(-1, 12))
+            if self._modes is not None:
+                found.append(self._modes.variations(model, pose, pairs))
             if self._closing is not None:
                 tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
                 found.append(tips.reshape(-1, 12))
@@ -249,7 +255,31 @@ class FlatPoint(Point):
         column = 6 * joints[:, None, None] + np.arange(6)
         entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
         by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.whole.size, 6 * len(pairs)))
-        return csr_array(hstack([self._forces_by_spirals(), by_geometry @ self._by_flats]))
+        by_flats = by_geometry @ self._by_flats
+        if self._held is not None:
+            by_flats += self._by_supports @ self._held[:, self.own :]
+        return csr_array(hstack([self._forces_by_spirals(), by_flats]))
+
+    @cached_property
+    def _held(self) -> csr_array | None:
+        """(6 n, coordinates) how clamped supports turn with the coordinates; None where there are none."""
+        if self.stance is None or not self.stance.loads.fixed[:, 3].any():
+            return None
+        bodies = self.assembly.whole.size
+        by_points = self.stance.by_points(self.problem.flat.flat.layout, bodies) @ self._per_coordinate
+        return csr_array(hstack([csr_array((6 * bodies, self.own)), by_points]))
+
+    @property
+    def _by_supports(self) -> csr_array:
+        """(6 n, 6 n) change of the hubs' forces with increments of the clamped supports; no others enter."""
+        assert self.stance is not None
+        clamped, pairs = np.flatnonzero(self.stance.loads.fixed[:, 3]), self.model.pairs
+        beside = np.flatnonzero(np.isin(pairs, clamped).any(axis=1))
+        blocks = self.model.expand(self._state).hessian[beside]
+        index = (6 * pairs[beside][:, :, None] + np.arange(6)).reshape(-1, 12)
+        row, column = np.broadcast_arrays(index[:, :, None], index[:, None, :])
+        size = 6 * self.assembly.whole.size
+        return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         assert self.strains is not None
@@ -266,3 +296,11 @@ class FlatPoint(Point):
         values = np.where(rims[:, None], 0.0, by)
         by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
         return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
+
+    def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
+        hubs, own = super()._by_modes()
+        self.problem.work.add(VARIED, self.assembly.size)
+        end = self._by_geometry.shape[1] - (0 if self._closing is None else 12)
+        by_geometry = self._by_geometry[:, end - len(own) : end]
+        by_flats = by_geometry.transpose(1, 0, 2).reshape(len(own), -1) @ self._by_flats
+        return hubs, np.concatenate([own, by_flats], axis=1)

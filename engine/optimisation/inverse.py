@@ -19,6 +19,7 @@ from ..mechanics.elastic import ElasticModel, JointSum
 from ..mechanics.equilibrium import Equilibrium, solve
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
+from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
@@ -26,12 +27,13 @@ from .bounds import Rooms, Within, lowest, restored
 from .costs import Cost, Roughness, differences
 from .design_space import DesignSpace
 from .factors import Factors
+from .firmness import Firmness, SoftModes, StabilityBarrier
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
 from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, total, turning
-from .work import EQUILIBRIUM, ITERATION, OPENING, PRODUCT, ROOMS, Work
+from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
-# Share of its stiffness that an equilibrium has to spare (see ``Equilibrium.steady``): a piece nearer to where it snaps is thrown
+# Share of its stiffness that an equilibrium has to spare (see ``Equilibrium.spare``): a piece nearer to where it snaps is thrown
 # into another shape by the hundredth part of a millimetre that proving it may change. Most surfaces end at 0.3 to 0.8
 MARGIN = 0.01
 NEARLY = 1e-3  # room, in smallest slots, below which rooms are looked at where some are closed
@@ -44,7 +46,9 @@ class Problem:
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     opening : how wide slots should stay in space; None lets them close
     bearing : what strains of the arms should stay below; None lets them be strained
+    firmness : how stable equilibria should be; None asks for no more than that steps keep ``MARGIN``
     work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
+    stance : where supports are held; None leaves them where a search for an equilibrium starts
     """
 
     assembly: Assembly
@@ -59,7 +63,9 @@ class Problem:
     work: Work = field(default_factory=Work)
     shared: list[Factors] = field(default_factory=list)
     room: Room | None = None
+    firmness: Firmness | None = None
     sums: list[JointSum] = field(default_factory=list)
+    stance: Stance | None = None
 
     def factors(self, start: Pose) -> Factors:
         """For all points with the same supports, which are held alike so that their equilibria lie in the same place."""
@@ -142,21 +148,25 @@ class Problem:
     ) -> Point:
         """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there."""
         model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
-        found, factors = self.rest(model, start, progress, iterations, step)
+        found, factors = self.rest(model, self.stance, start, progress, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
 
     def rest(
         self,
         model: ElasticModel,
+        stance: Stance | None,
         start: Pose,
         progress: Progress,
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, Factors]:
-        """The equilibrium of a model, sought as in ``at``, and where its factor is kept."""
+        """The equilibrium of a model in a stance, sought as in ``at``, and where its factor is kept."""
+        if stance is not None:
+            start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
         factor = factors.free()
-        found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step, MARGIN)
+        margins = (MARGIN,) if self.firmness is None else (MARGIN, self.firmness.enough)
+        found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step, margins)
         factor.owner = found if found.converged else None
         self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
         return found, factors
@@ -190,7 +200,7 @@ class Point:
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
             found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
-        return (*found, *([] if self._narrow is None else [self._narrow]))
+        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None))
 
     @cached_property
     def value(self) -> float:
@@ -206,17 +216,25 @@ class Point:
         costs = Problem.costs(self.problem, self.x)
         value = (found or self.mismatch).value + sum(cost.value for cost in costs)
         value += 0.0 if self._closing is None else self._closing.value
+        value += 0.0 if self.barrier is None else self.barrier.merit
         if self.strains is None or self.problem.bearing is None:
             return value
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
 
-    def weighed(self) -> Point:
-        """The same point as the start of a search, which decides what an excess of strain weighs."""
-        if self.problem.bearing is None:
+    def weighed(self, mismatch: float) -> Point:
+        """The same point in a search that starts with this mismatch, which decides what excesses of strain and a lack of stability weigh."""
+        bearing, firmness = self.problem.bearing, Firmness.from_mismatch(mismatch)
+        if bearing is not None:
+            bearing = replace(bearing, weight=WEIGHT * mismatch)
+        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=firmness))
+
+    def firmer(self) -> Self:
+        """The same point in a search that keeps farther away from where pieces snap."""
+        firmness = self.problem.firmness
+        if firmness is None:
             return self
-        bearing = replace(self.problem.bearing, weight=WEIGHT * self.mismatch.value)
-        return replace(self, problem=replace(self.problem, bearing=bearing))
+        return replace(self, problem=replace(self.problem, firmness=firmness.stronger()))
 
     def pressed(self) -> Self:
         """The same point, where what is still strained too much is pushed back with more force."""
@@ -255,6 +273,33 @@ class Point:
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
             return None
         return Strains.of(self.model.assembly, self._changes, self.problem.bearing.material)
+
+    @cached_property
+    def _modes(self) -> SoftModes | None:
+        """The softest modes where they are less stable than asked for; None where all are stable enough."""
+        asked, found = self.problem.firmness, self.equilibrium
+        if asked is None or not found.converged or found.spare >= asked.enough or not isinstance(self.model, ArmModel):
+            return None
+        self.problem.work.add(SOFTEST, self.problem.assembly.size)
+        modes = SoftModes.from_equilibrium(self.model, found.pose, self.system, asked)
+        return modes if len(modes.rises) else None
+
+    @cached_property
+    def barrier(self) -> StabilityBarrier | None:
+        """What keeps the equilibrium away from where it snaps; None where it is stable enough."""
+        asked, modes = self.problem.firmness, self._modes
+        return None if asked is None or modes is None else StabilityBarrier(asked, modes.rises, self._by_modes)
+
+    def _by_modes(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
+        """Derivatives of the softest eigenvalues by the hubs, and by the coordinates where the hubs stand still."""
+        modes, pose = self._modes, self.equilibrium.pose
+        assert modes is not None and isinstance(self.model, ArmModel)
+        self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
+        joints = modes.by_design(self.model, pose)[:, :, :, None] @ self._slopes
+        each = self.problem.space.each
+        column = (each * self.problem.assembly.whole.owners[..., None] + np.arange(each)).ravel()
+        own = [np.bincount(column, weights=one.ravel(), minlength=self.problem.own) for one in joints]
+        return modes.by_hubs(self.model, pose), np.array(own)
 
     @cached_property
     def _closing(self) -> Closing | None:
@@ -305,11 +350,18 @@ class Point:
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """(n, 6) how the hubs, and the nodes of a rim, move, to first order, when the coordinates change (eq. 8, forward)."""
-        return -self.system.solve((self._forces @ change).reshape(-1, 6))
+        moves = -self.system.solve((self._forces @ change).reshape(-1, 6))
+        return moves if self._held is None else moves + (self._held @ change).reshape(-1, 6)
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         """Change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
-        return -(self._back_forces @ self.system.solve(pull).ravel())
+        found = -(self._back_forces @ self.system.solve(pull).ravel())
+        return found if self._held is None else found + pull.ravel() @ self._held[: pull.size]
+
+    @property
+    def _held(self) -> csr_array | None:
+        """(6 n, coordinates) how the supports move with the coordinates; None where they stay."""
+        return None
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         """Derivatives of the strains of some arms, 2 e + side of the joint e."""

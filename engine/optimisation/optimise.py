@@ -164,9 +164,9 @@ def optimise(
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     farthest = _farthest(points.get("given"), problem)
     name = _best_start(points, farthest)
-    start = points[name].weighed()
+    start = points[name].weighed(points[name].mismatch.value)
     # now rather than at the end, where somebody who stopped it would have to wait for this
-    given = points.get("given", start)
+    given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     within = progress.part(0.1, 0.12)
     before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
     trace, latest = Trace(), (start, design)

@@ -16,6 +16,7 @@ from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
+from . import inverse
 from .bounds import bounded_step
 from .inverse import Point, Problem
 from .scaling import Bending
@@ -171,7 +172,8 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
     moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
-    lost = not trial.equilibrium.converged or (here.equilibrium.steady and not trial.equilibrium.steady)
+    spare = min(here.equilibrium.spare, inverse.MARGIN)
+    lost = not trial.equilibrium.converged or trial.equilibrium.spare < spare
     if lost or (jumped(here, trial, moves) and not _nearer(trial, here)):
         trace.unstable += 1
         return None

@@ -18,8 +18,8 @@ from ..materials import Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
-from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
+from ..mechanics.stance import Stance
 from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
@@ -58,6 +58,7 @@ POLISH_STEPS, POLISHES, GAIN = (
     12,
     0.01,
 )  # of the spirals alone, between two pushes, and how often in the end, as above
+UNSTABLE = 3  # steps refused as unstable from which on the barrier is stronger; stable pieces have none or one
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
@@ -95,6 +96,7 @@ class Task:
             Opening.of(design) if params.open_slots else None,
             self.work,
             room=Room.of(design.flat, design.params),
+            stance=Stance(loads, self.target, design.flat.corners),
         )
 
     def aim(self, assembly: Assembly, free: bool) -> Target:
@@ -121,18 +123,15 @@ class Task:
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
     def rested(self, design: SpiralDesign, point: Point) -> Simulation:
-        """A design that was made of a point as if it had been simulated: anew only where it differs from the point.
+        """The state of a design that was made of a point: the point's own where nothing differs, else simulated from there.
 
-        The strains' second order is the point's.
+        A search weighs its spirals once, at the start of a stage, so under gravity it is always simulated.
         """
-        assembly, model, found, loads = of_design(design), point.model, point.equilibrium, point.problem.loads
-        if not _alike(assembly.whole, point.model.assembly):
-            model = build_model(assembly, self.material, self.physics.model, quick=True, slopes=False)
-            if isinstance(model, ArmModel) and isinstance(point.model, ArmModel):
-                model = model.with_curving(point.model.curving_at_joint)
-            found = solve(model, found.pose, loads, point.problem.simulate)
+        assembly, found, loads = of_design(design), point.equilibrium, point.problem.loads
+        if self.physics.gravity or not _alike(assembly.whole, point.model.assembly):
+            return self.simulated(design, found.pose, SILENT)
         found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
-        return Simulation(design, self.target, self.material, model, assembly, loads, found, [])
+        return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
 
 
 def _alike(one: Assembly, two: Assembly) -> bool:
@@ -164,6 +163,10 @@ class Held:
     def pressed(self) -> Held:
         """The same where strains push back as they ask for by now."""
         return replace(self, point=self.point.pressed())
+
+    def firmer(self) -> Held:
+        """The same in a search that keeps farther away from where pieces snap."""
+        return replace(self, point=self.point.firmer())
 
     @property
     def strained(self) -> bool:
@@ -223,7 +226,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            start = here.pressed()
+            start = here.pressed().firmer() if self.trace.unstable > UNSTABLE else here.pressed()
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
                 break
@@ -282,7 +285,8 @@ class Search:
         if design is None:
             return None
         space = found.problem.space.including(design)
-        problem = replace(self.task.problem(design, progress, space), bearing=found.problem.bearing)
+        problem = self.task.problem(design, progress, space)
+        problem = replace(problem, bearing=found.problem.bearing, firmness=found.problem.firmness)
         x = space.coordinates(design.width, design.twist)
         point = problem.at(x, found.equilibrium.pose, progress, INNER_ITERATIONS)
         return self.hold(design, point)

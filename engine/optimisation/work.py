@@ -17,6 +17,8 @@ from ..progress import Progress
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
 # likewise: building the model, the nearest design that can be cut, the coordinates of designs
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4
+SOFTEST, MODE = 1.2e-4, 8.5e-5  # for the softest modes, and the derivatives of each
+VARIED = 2e-4  # for their derivatives by the flat shapes, beside ``GEOMETRY``
 OPENING = 4.5e-5  # for the widths of the slots in space and half of their slopes
 ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
 # seconds for so many, in proportion beyond; what comes before and after the search takes up to a fifth more, so that

@@ -15,13 +15,14 @@ from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.arms.strain_changes import largest
-from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..mechanics.assembly import Assembly, Pose, of_design
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
 from ..mechanics.laplacian import laplacian_rmse
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
 from ..mechanics.rods.model import RodModel
+from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
@@ -255,14 +256,15 @@ def simulate(
     progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
     loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
-    aim = target_pose(target, design.flat.corners)
+    stance = Stance(loads, target, design.flat.corners)
+    aim = stance.aim
 
     def laid(pose: Pose) -> Pose:
         return loads.laid(pose, assembly.pairs, aim)
 
     watched = progress.showing(lambda pose: carried(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    found = solve(model, aim if start is None else start, loads, params, main)
+    found = solve(model, aim if start is None else stance.placed(start), loads, params, main)
     others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
     found, *others = (e.placed(laid(e.pose)) for e in (found, *others))
     return Simulation(design, target, material, model, assembly, loads, found, others)

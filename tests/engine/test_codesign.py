@@ -9,7 +9,8 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
-from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.loads import Loads, standing
+from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
 from flexmaps.engine.optimisation.codesign_geometry import by_geometry, geometry_by_points
@@ -44,23 +45,31 @@ def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
 
 
 def problem(
-    model: str = "arm", share: float = 0.0, groups: int = 1, opening: float | None = None, kept: bool = False
+    model: str = "arm",
+    share: float = 0.0,
+    groups: int = 1,
+    opening: float | None = None,
+    kept: bool = False,
+    feet: str = "",
 ) -> tuple[FlatProblem, Pose]:
-    """share : of the material's strain, 0 where it does not count"""
+    """share : of the material's strain, 0 where it does not count; feet : "clamped" or "hinged" at four corners, "" for none"""
     design, mesh = made()
     assembly = of_design(design)
     space = DesignSpace.of(design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else FREE)
+    supports = standing(mesh, "lowest")[::2] if feet else None
+    loads = Loads.of(assembly.size, supports=supports, clamped=feet == "clamped")
     whole = FlatProblem(
         assembly=assembly,
         space=space,
-        target=Target(assembly.pairs, mesh.centroids),
-        loads=Loads.of(assembly.size),
+        target=Target(assembly.pairs, mesh.centroids, free=not feet),
+        loads=loads,
         build=lambda a, _: build_model(a, VERO, model, quick=True),
         simulate=EXACT,
         bearing=Bearing(VERO, share) if share else None,
         room=Room.of(design.flat, design.params),
         opening=None if opening is None else dataclasses.replace(Opening.of(design), width=opening),
         flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free),
+        stance=Stance(loads, mesh, design.flat.corners),
     )
     return whole, target_pose(mesh, design.flat.corners)
 
@@ -85,6 +94,9 @@ def slope(value: object, h: float) -> float:
         {"opening": 0.0015},
         {"share": 0.3, "opening": 0.0006},
         {"groups": 4, "share": 0.3, "kept": True},
+        {"feet": "hinged"},
+        {"feet": "clamped"},
+        {"feet": "clamped", "share": 0.3, "opening": 0.0006},
     ],
     ids=str,
 )
@@ -106,8 +118,9 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
         assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6), name
 
 
-def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
-    whole, pose = problem(share=0.3, opening=0.0006)
+@pytest.mark.parametrize("feet", ["", "clamped"])
+def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape(feet: str) -> None:
+    whole, pose = problem(share=0.3, opening=0.0006, feet=feet)
     here = whole.at(anywhere(whole), pose)
     rng = np.random.default_rng(6)
     change, other = rng.normal(size=(2, len(here.x)))

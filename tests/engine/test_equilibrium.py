@@ -168,10 +168,10 @@ def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
     system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
     rise = system.softest(system.values(here.hessian), system.values(here.convex))[1][0]
-    assert 0.0 < rise < 1.0 and found.steady
+    assert 0.0 < rise < 1.0 and found.spare == 0.0
     for share in (0.9, 1.1):
-        again = solve(model, start, loads, SimulateParams(), margin=share * rise)
-        assert again.steady == (share < 1.0)
+        again = solve(model, start, loads, SimulateParams(), margins=(0.5 * rise, share * rise))
+        assert again.spare == (share if share < 1.0 else 0.5) * rise
         np.testing.assert_array_equal(again.pose.centres, found.pose.centres)
 
 

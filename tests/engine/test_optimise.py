@@ -163,14 +163,14 @@ def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
 def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     _, here = problem()
     step = np.full_like(here.x, 1e-3)
-    assert here.equilibrium.steady
+    assert here.equilibrium.spare == inverse.MARGIN
     trace = Trace()
     assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
     # no equilibrium under load is stiffer than its convex part in every way
     monkeypatch.setattr(inverse, "MARGIN", 1.1)
     assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
     # but where the present one has no more to spare either, as at a start, there is no other way
-    edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, steady=False))
+    edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, spare=0.0))
     assert optimisers._predicted(edge, step, here.moves(step), trace, SILENT) is not None
 
 

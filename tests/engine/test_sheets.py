@@ -1,6 +1,7 @@
 """Sheets, labels and the files: read back by other programs, and measured."""
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
@@ -135,16 +136,23 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
     edge, mark = found["sheet"]
     assert shapely.Polygon(edge).symmetric_difference(shapely.box(0, 0, 600, 400)).area < 1.0
     np.testing.assert_allclose(sorted(map(tuple, mark)), [(0, 400), (5, 395)], atol=1e-3)  # from the lower left corner
-    for panel, points in zip(made.on_sheet(0), found["cut outer"], strict=True):
-        assert shapely.Polygon(points).area == pytest.approx(panel.outline.area * 1e6, rel=1e-3)
+    panels, runs = made.on_sheet(0), made.runs(0)
+    assert sorted(c.length for c in runs.outer) == pytest.approx(sorted(p.outline.length for p in panels))
+    assert sorted(c.length for c in runs.inner) == pytest.approx(sorted(h.length for p in panels for h in p.holes))
+    for outline, points in zip(runs.outer, found["cut outer"], strict=True):
         # y points down in the file: the same place, seen from the other side
-        expected = shapely.Polygon(panel.outline.sampled(1e-6) * [1e3, -1e3] + [0, 400])
+        expected = shapely.Polygon(outline.sampled(1e-6) * [1e3, -1e3] + [0, 400])
         assert shapely.Polygon(points).symmetric_difference(expected).area < 1e-3 * expected.area
-    holes = [h for p in made.on_sheet(0) for h in p.holes]
-    assert len(found["cut inner"]) == len(holes)
-    for hole, points in zip(holes, found["cut inner"], strict=True):
+    for hole, points in zip(runs.inner, found["cut inner"], strict=True):
         assert shapely.Polygon(points).area == pytest.approx(-hole.area * 1e6, rel=1e-3)
     assert len(found["engrave"]) == sum(len(p.labels) for p in made.panels)
+
+
+def test_a_closed_path_comes_back_to_its_start_once():
+    square = Curve(np.array([[0.0, 0.0], [0.01, 0.0], [0.01, 0.01], [0.0, 0.01]]), np.array([0.0, 0.0, 0.0, 0.0]))
+    assert svg.path_data(square, 10.0) == "M0 10L10 10L10 0L0 0Z"
+    round_back = replace(square, bulge=np.array([0.0, 0.0, 0.0, 1.0]))
+    assert svg.path_data(round_back, 10.0) == "M0 10L10 10L10 0L0 0A5 5 0 0 0 0 10Z"
 
 
 def test_the_sheets_edge_is_left_out_where_it_is_not_wanted(made, tmp_path):
@@ -175,9 +183,12 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplo
     names = [e.dxf.layer for e in entities]
     assert names == sorted(names, key=["ENGRAVE", "CUT_INNER", "CUT_OUTER"].index)
     curves = {n: [e for e in entities if e.dxf.layer == n] for n in set(names)}
-    panels = made.on_sheet(0)
-    wanted = {"CUT_OUTER": [p.outline for p in panels], "CUT_INNER": [h for p in panels for h in p.holes]}
-    for name, expected in wanted.items():
+    size = made.packing.sizes[0] * 1e3
+    for area in (("$EXTMIN", "$EXTMAX"), ("$LIMMIN", "$LIMMAX")):
+        np.testing.assert_allclose([tuple(document.header[name])[:2] for name in area], [(0, 0), size])
+    assert version != "R12" or not re.search(r"\n 42\r?\n-?0(\.0*)?\r?\n", path.read_text()), "a bulge of nothing"
+    runs = made.runs(0)
+    for name, expected in {"CUT_OUTER": runs.outer, "CUT_INNER": runs.inner}.items():
         for entity, curve in zip(curves[name], expected, strict=True):
             points = [(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(1e-3)]
             assert shapely.Polygon(points).area == pytest.approx(abs(curve.area) * 1e6, rel=1e-3)

@@ -14,6 +14,7 @@ from ...arrays import Float
 from ...params import CutParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve, arc_points
+from .order import Cut, in_order
 
 WAY = "the way of the cutter"
 _STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
@@ -37,7 +38,7 @@ class Runs:
 
 def plan(
     labels: list[Curve],
-    holes: list[Curve],
+    holes: list[tuple[Curve, ...]],
     outlines: list[Curve],
     places: list[Float[np.ndarray, "_ 3"]],
     size: tuple[float, float],
@@ -46,24 +47,30 @@ def plan(
 ) -> Runs:
     """The runs of one sheet: closed paths beside the material, with the tabs and lead-ins that are asked for.
 
-    places : of every outline: x, y in metres where a tab may be, and how little it is liked there (1 or more)
+    The holes of a panel are cut one after the other, and all before the first outline, in a tour that is short.
+
+    holes : of every panel; places : of every outline: x, y in metres where a tab may be, and how little it is liked there (1 or more)
     size : metres, width and height of the sheet
     """
     pieces = [[o] for o in outlines]
     if cut.tabs:
         held = list(zip(outlines, places, strict=True))
-        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.4).each(held, WAY)]
+        pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.3).each(held, WAY)]
     tabs = sum(len(p) for p in pieces if not p[0].closed)
-    inner, outer = list(holes), [c for p in pieces for c in p]
+    inner = [(h, panel) for panel, some in enumerate(holes) for h in some]
     missing = 0
     if cut.lead_in:
-        led = [with_lead(h, cut.lead_in, _inside(h)) for h in progress.part(0.4, 0.7).each(holes, WAY)]
-        free = _outside(outlines, size, progress.part(0.7, 0.8))
-        out = [with_lead(c, cut.lead_in, free) for c in progress.part(0.8, 1.0).each(outer, WAY)]
-        missing = sum(c is None for c in (*led, *out))
-        inner = [h if c is None else c for h, c in zip(holes, led, strict=True)]
-        outer = [h if c is None else c for h, c in zip(outer, out, strict=True)]
-    return Runs(tuple(labels), tuple(inner), tuple(outer), missing, tabs)
+        led = [with_lead(h, cut.lead_in, _inside(h)) for h, _ in progress.part(0.3, 0.5).each(inner, WAY)]
+        free = _outside(outlines, size, progress.part(0.5, 0.55))
+        out = [[with_lead(c, cut.lead_in, free) for c in p] for p in progress.part(0.55, 0.7).each(pieces, WAY)]
+        missing = sum(c is None for c in (*led, *(c for some in out for c in some)))
+        inner = [(h if c is None else c, panel) for (h, panel), c in zip(inner, led, strict=True)]
+        pieces = [[p if c is None else c for p, c in zip(*both, strict=True)] for both in zip(pieces, out, strict=True)]
+    strokes = [Cut((c,), i, turns=True) for i, c in enumerate(labels)]
+    engraved, here = in_order(strokes, 0.0, progress.part(0.7, 0.8))
+    first, here = in_order([Cut((h,), panel) for h, panel in inner], here, progress.part(0.8, 0.9))
+    last, _ = in_order([Cut(tuple(p), i) for i, p in enumerate(pieces)], here, progress.part(0.9, 1.0))
+    return Runs(engraved, first, last, missing, tabs)
 
 
 # -- lead-ins --------------------------------------------------------------------------------------------------------

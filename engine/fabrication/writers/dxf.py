@@ -39,7 +39,11 @@ def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT
     for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
-        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n 42\n{bulge:.12g}\n" for x, y, bulge in _rows(curve))
+        # some programs lose every polyline that has the bulge of a straight segment
+        parts.extend(
+            f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{f' 42{chr(10)}{bulge:.12g}{chr(10)}' if bulge else ''}"
+            for x, y, bulge in _rows(curve)
+        )
         parts.append(f"  0\nSEQEND\n  8\n{name}\n")
     path.write_text("".join([*parts, after]), encoding="ascii", newline="\r\n")
 
@@ -68,9 +72,11 @@ def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("Program", MARK)
-    document.header["$EXTMIN"] = (0.0, 0.0, 0.0)
-    document.header["$EXTMAX"] = (*(float(x) * 1e3 for x in sheets.packing.sizes[index]), 0.0)
-    document.header["$LIMMAX"] = document.header["$EXTMAX"][:2]
+    size = tuple(float(x) * 1e3 for x in sheets.packing.sizes[index])
+    # ezdxf writes those of the modelspace, but the header's where they begin at the origin
+    document.header["$EXTMIN"], document.header["$EXTMAX"] = (0.0, 0.0, 0.0), (*size, 0.0)
+    document.modelspace().reset_extents((0.0, 0.0, 0.0), (*size, 0.0))
+    document.modelspace().reset_limits((0.0, 0.0), size)
     for operation in OPERATIONS:
         document.layers.add(_layer(operation), color=operation.aci)
     if sheets.params.frame:

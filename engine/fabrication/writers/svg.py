@@ -55,7 +55,8 @@ def path_data(curve: Curve, height: float) -> str:
     radius = chord * (1.0 + size * size) / (4.0 * np.maximum(size, 1e-12))
     # flatter than a thousandth of the rounding: a straight line
     straight = size * chord < 1e-6
-    count = len(points) if curve.closed else len(points) - 1
+    # Z draws the last side of a closed curve if that is straight
+    count = len(points) if curve.closed and not straight[-1] else len(points) - 1
     parts = [f"M{x[0]:.10g} {y[0]:.10g}"]
     ends = zip(np.roll(x, -1)[:count].tolist(), np.roll(y, -1)[:count].tolist(), strict=True)
     for (ex, ey), line, r, b in zip(ends, straight.tolist(), radius.tolist(), bulge.tolist()):

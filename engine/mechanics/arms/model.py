@@ -28,7 +28,7 @@ from .compliances import ArmCompliances, arm_compliances
 from .curving import Arms, curved, moved_curving, second_order_strains, weighted
 from .cut import by_shapes, shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
-from .sensitivity import JointChanges
+from .sensitivity import JointChanges, convex_by_design
 from .strain_changes import arm_strains
 
 
@@ -249,6 +249,17 @@ class ArmModel:
     def motion(self, pose: Pose) -> JointMotion:
         """How the joints have moved."""
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
+
+    def strain_rates(self, state: ArmState) -> Float[np.ndarray, "joints 6 12"]:
+        """Return the derivatives (m, 6, 12) of the strains, to second order, by the increments of both hubs."""
+        slope, middle = _curved(state.motion.vector, self.curving)[1], state.motion.middle
+        rates = first_order(SpatialMotion.of(state.motion)).reshape(-1, 2, 3, 12)
+        return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
+
+    def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
+        """Return the derivatives of every joint's convex part along a motion by widths and twists of both spirals, at a fixed pose."""
+        known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
+        return convex_by_design(*known, state.motion, way, self.curving_at_joint)
 
     def changes(self, state: ArmState) -> JointChanges:
         """How the joints answer to the pose and to the design; the strains' second order counts as given."""

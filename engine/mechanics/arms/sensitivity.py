@@ -74,19 +74,21 @@ class JointChanges:
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.of(motion))
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
-        turned, axes = np.zeros((len(turn), 2, 3)), assembly.arm_axes
-        own = np.swapaxes(axes, 2, 3) @ inner[:, None, :, None]
-        # how the joint's compliance times its wrench follows the numbers of each arm
-        softer = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
-        changes = softer[:, :, [WIDTH, TWIST, BESIDE]]
-        changes[:, :, [WIDTH, TWIST]] += softer[:, ::-1, [MATE_WIDTH, MATE_TWIST]]
-        changes = -changes @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
+        turned = np.zeros((len(turn), 2, 3))
+        changes = -softened(assembly, by, inner) @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
         for side in (0, 1):
             sign = 1.0 if side == 0 else -1.0
             moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
             changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
             turned[:, side] = -found
         return cls(assembly.sides, wrench, by_pose, changes, tangent @ by_pose, turned)
+
+    def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
+        """Return ``gradient_by_design`` along a motion of both hubs, by the widths and the twist of both spirals."""
+        along = times(self.by_pose, way)
+        out = times(self.wrench_by_design, along[:, None])
+        out[:, :, TWIST] += times(self.turned, along[:, 3:])
+        return of_spirals(out, self.sides)
 
     @property
     def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
@@ -98,6 +100,49 @@ class JointChanges:
         out = (self.wrench_by_design.reshape(m, -1, 6) @ self.by_pose).reshape(m, 2, PARAMETERS, 12)
         out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
         return of_spirals(out, self.sides).transpose(0, 3, 1, 2)
+
+
+def softened(
+    assembly: Assembly, by: Float[np.ndarray, "joints 2 numbers 6 6"], wrench: Float[np.ndarray, "joints 6"]
+) -> Float[np.ndarray, "joints 2 parameters 6"]:
+    """Return how the motion under a constant wrench follows the parameters of both sides: the compliance's derivatives times it."""
+    axes = assembly.arm_axes
+    own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
+    softer = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
+    changes = softer[:, :, [WIDTH, TWIST, BESIDE]]
+    changes[:, :, [WIDTH, TWIST]] += softer[:, ::-1, [MATE_WIDTH, MATE_TWIST]]
+    return changes
+
+
+def convex_by_design(
+    assembly: Assembly,
+    by: Float[np.ndarray, "joints 2 numbers 6 6"],
+    at_joint: np.ndarray,
+    offset: np.ndarray,
+    motion: JointMotion,
+    way: Float[np.ndarray, "joints 12"],
+    curving: np.ndarray | None = None,
+) -> Float[np.ndarray, "joints 2 5"]:
+    """Return how every joint's r.K.r follows the widths and the twist of both spirals, with r = S x' along a motion of both hubs.
+
+    Arguments as in ``JointChanges.of``.
+    """
+    turn, base = motion.turn, motion.middle
+    angle = np.linalg.norm(turn, axis=1)
+    rates = times(first_order(SpatialMotion.of(motion)), way).reshape(-1, 2, 3) @ base
+    rates = np.concatenate([rates[:, 0] + np.cross(offset, rates[:, 1]), rates[:, 1]], axis=1)
+    slope = np.eye(6)[None]
+    if curving is not None:
+        slope = curved(np.concatenate([motion.shift + np.cross(offset, turn), turn], axis=1), curving)[1]
+    inner = times(at_joint, times(slope, rates))
+    found = -times(softened(assembly, by, inner), inner[:, None])
+    force = times(np.swapaxes(slope, 1, 2), inner)[:, :3]
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        moved, bent = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), force)
+        found[:, side, TWIST] -= 2.0 * (bent * rates[:, 3:]).sum(axis=1)
+        if curving is not None:
+            found[:, side, TWIST] += 4.0 * sign * (times(weighted(inner, curving)[:, :3], rates) * moved).sum(axis=1)
+    return of_spirals(found, assembly.sides)
 
 
 def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:

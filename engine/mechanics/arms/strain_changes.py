@@ -57,7 +57,7 @@ class Strains:
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
         by_wrench = (known.arm_axes[e, side] @ found.by_wrench[..., None])[:, None, :, 0]
         by_pose = (by_wrench @ self.changes.wrench_by_pose[e])[:, 0]
-        through = by_wrench @ self.changes.wrench_by_design[e].reshape(len(e), -1, 6).swapaxes(1, 2)
+        through = by_wrench @ self.changes.wrench_by_design[e].reshape(len(e), 2 * PARAMETERS, 6).swapaxes(1, 2)
         by_design = through.reshape(-1, 2, PARAMETERS)
         mate, sign = (of[arms] for of in _mates(known))
         # a neck changes with the arm beyond its joint, a strip with nothing

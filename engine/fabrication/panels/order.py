@@ -1,0 +1,160 @@
+"""The order of the cuts of one pass: a short tour by nearest neighbours and 2-opt (Croes 1958), and where closed cuts begin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...progress import SILENT, Progress
+from ...spirals.arcs import Curve
+
+ORDER = "the order of the cuts"
+_FIRST = 32  # nodes that are asked for first around the end of a cut; more only if all belong to cuts that are done
+_WINDOW = 1000  # cuts between which a part of the tour is turned round; longer parts gain next to nothing
+_ROUNDS = 8  # of turning parts round and choosing starts; later ones gain less than 1 %
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Curves that are cut one after the other.
+
+    group : cuts of one group follow each other
+    turns : whether a single open curve may be cut from its end
+    """
+
+    curves: tuple[Curve, ...]
+    group: int
+    turns: bool = False
+
+    @property
+    def nodes(self) -> Float[np.ndarray, "nodes 2"]:
+        """Where it may begin."""
+        first, last = self.curves[0], self.curves[-1]
+        if first.closed:
+            return first.points
+        return np.stack([first.points[0], last.points[-1]]) if self.turns else first.points[:1]
+
+    def begun(self, node: int) -> tuple[Curve, ...]:
+        """The curves from one of its nodes on."""
+        first = self.curves[0]
+        if first.closed:
+            return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)
+        return (first.reversed(),) if node else self.curves
+
+
+class _Tour:
+    """Cuts in an order, each begun at a node."""
+
+    def __init__(self, cuts: Sequence[Cut], begin: complex):
+        self.cuts, self.begin = cuts, begin
+        self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in cuts]
+        # a closed cut ends where it begins, an open one at its other end
+        self.far = [complex(*c.curves[-1].points[-1]) for c in cuts]
+        self.closed = np.array([c.curves[0].closed for c in cuts])
+        self.order: Int[np.ndarray, " cuts"] = np.arange(len(cuts))
+        self.node = np.zeros(len(cuts), dtype=int)
+
+    def ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where some cuts begin and end, as complex numbers."""
+        start = np.array([self.nodes[i][self.node[i]] for i in which.tolist()])
+        far = [self.nodes[i][1 - self.node[i]] if self.cuts[i].turns else self.far[i] for i in which.tolist()]
+        return start, np.where(self.closed[which], start, far)
+
+    def nearest(self, progress: Progress) -> None:
+        """Go to the nearest cut that is left, and to others of its group while there are any."""
+        from scipy.spatial import cKDTree
+
+        points = np.concatenate(self.nodes)
+        owner = np.repeat(np.arange(len(self.cuts)), [len(n) for n in self.nodes])
+        place = np.concatenate([np.arange(len(n)) for n in self.nodes])
+        group = np.array([c.group for c in self.cuts])
+        members = {g: np.flatnonzero(group[owner] == g) for g in np.unique(group).tolist()}
+        left, here, order = np.ones(len(self.cuts), dtype=bool), self.begin, []
+        alive, now = np.arange(len(points)), -1
+        tree = cKDTree(np.column_stack([points.real, points.imag]))
+        for _ in progress.each(self.cuts, ORDER):
+            own = members[now][left[owner[members[now]]]] if now >= 0 else alive[:0]
+            if len(own):
+                found = int(own[np.argmin(np.abs(points[own] - here))])
+            else:
+                if left[owner[alive]].sum() < 0.5 * len(alive):  # what is done would only be in the way
+                    alive = alive[left[owner[alive]]]
+                    tree = cKDTree(np.column_stack([points[alive].real, points[alive].imag]))
+                found, count = -1, _FIRST
+                while found < 0:
+                    near = np.atleast_1d(tree.query([here.real, here.imag], min(count, len(alive)))[1])
+                    free = alive[near][left[owner[alive[near]]]]
+                    found, count = int(free[0]) if len(free) else -1, 4 * count
+            cut = int(owner[found])
+            self.node[cut], left[cut], now = place[found], False, int(group[cut])
+            order.append(cut)
+            here = complex(self.ends(np.array([cut]))[1][0])
+        self.order = np.array(order)
+
+    def untangle(self, progress: Progress) -> bool:
+        """Turn parts of the tour round as long as that makes it shorter; groups stay together."""
+        order = self.order
+        group = np.array([self.cuts[i].group for i in order.tolist()])
+        start, end = self.ends(order)
+        gained = False
+        for i in progress.each(range(len(order) - 1), ORDER):
+            before = end[i - 1] if i else self.begin
+            last = np.arange(i + 1, min(i + _WINDOW, len(order)))
+            after = np.append(start, end[-1])[last + 1]  # the last cut may end anywhere
+            ahead = np.where(last + 1 < len(order), np.abs(end[last] - after), 0.0)
+            turned = np.where(last + 1 < len(order), np.abs(start[i] - after), 0.0)
+            change = np.abs(before - end[last]) + turned - np.abs(before - start[i]) - ahead
+            whole = (i == 0 or group[i - 1] != group[i]) & np.append(group[1:] != group[:-1], True)[last]
+            change[~(whole | (group[last] == group[i]))] = 0.0
+            best = int(np.argmin(change))
+            if change[best] < -1e-9:
+                part = slice(i, last[best] + 1)
+                for array in (order, group):
+                    array[part] = array[part][::-1].copy()
+                flipped = [k for k in order[part].tolist() if self.cuts[k].turns]
+                self.node[flipped] = 1 - self.node[flipped]
+                start[part], end[part] = self.ends(order[part])
+                gained = True
+        return gained
+
+    def begin_well(self) -> None:
+        """Begin every closed cut where the ways to it and on from it are shortest together."""
+        start, end = self.ends(self.order)
+        for k, i in enumerate(self.order.tolist()):
+            if not self.closed[i]:
+                continue
+            before = end[k - 1] if k else self.begin
+            way = np.abs(self.nodes[i] - before)
+            if k + 1 < len(self.order):
+                way = way + np.abs(self.nodes[i] - start[k + 1])
+            self.node[i] = int(np.argmin(way))
+            start[k] = end[k] = self.nodes[i][self.node[i]]
+
+    @property
+    def travel(self) -> float:
+        """Metres between the cuts, and to the first of them."""
+        start, end = self.ends(self.order)
+        return float(np.abs(start - np.append(self.begin, end[:-1])).sum())
+
+
+def in_order(
+    cuts: Sequence[Cut], begin: complex = 0.0, progress: Progress = SILENT
+) -> tuple[tuple[Curve, ...], complex]:
+    """The curves of some cuts in the order in which the cutter goes along them, and where it ends.
+
+    begin : where it comes from, x + iy in metres
+    """
+    if not cuts:
+        return (), begin
+    tour = _Tour(cuts, begin)
+    tour.nearest(progress.part(0.0, 0.3))
+    for k in range(_ROUNDS):
+        gained = tour.untangle(progress.part(0.3 + 0.7 * k / _ROUNDS, 0.3 + 0.7 * (k + 1) / _ROUNDS))
+        tour.begin_well()
+        if not gained:
+            break
+    curves = tuple(c for i in tour.order.tolist() for c in cuts[i].begun(int(tour.node[i])))
+    return curves, complex(tour.ends(tour.order[-1:])[1][0])

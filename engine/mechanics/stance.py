@@ -1,0 +1,77 @@
+"""Where supports hold an assembly: with every held flat quad laid nearest to its quad of the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial.transform import Rotation
+
+from ..arrays import Float
+from ..patches.layout import PatchLayout
+from ..surface.mesh import QuadMesh
+from .assembly import Pose, target_pose
+from .loads import Loads
+from .vectors import skew
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """The held parts of a pose. They depend on the flat shapes: a clamped hub turns when its flat quad does.
+
+    corners : (F, 4, 2) metres, the flat quads
+    """
+
+    loads: Loads
+    surface: QuadMesh
+    corners: Float[np.ndarray, "quads 4 2"]
+
+    @cached_property
+    def aim(self) -> Pose:
+        """The hubs on the target."""
+        return target_pose(self.surface, self.corners)
+
+    def moved(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
+        """The stance of the same supports with other flat quads."""
+        return replace(self, corners=corners)
+
+    def placed(self, pose: Pose) -> Pose:
+        """A pose whose supports are moved to where they are held."""
+        shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
+        centres = np.where(shifts, self.aim.centres, pose.centres)
+        return replace(pose, centres=centres, rotations=np.where(turns, self.aim.rotations, pose.rotations))
+
+    def step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
+        """A step from a pose, changed so that it brings the supports to where they are held."""
+        turns = Rotation.from_matrix(self.aim.rotations @ np.swapaxes(pose.rotations, 1, 2)).as_rotvec()
+        exact = np.concatenate([self.aim.centres - pose.centres, turns], axis=1)
+        step = step.copy()
+        step[: len(exact)] = np.where(self.loads.fixed, exact, step[: len(exact)])
+        return step
+
+    def by_points(self, layout: PatchLayout, bodies: int) -> csr_array:
+        """(6 bodies, 2 P): derivative of the supports' increments by the flat vertices; zero for all other hubs.
+
+        The rotation R nearest to M = sum of p q^T makes S = R M symmetric; M + dM turns it by w with
+        (tr(S) 1 - S) w = the axial vector of R dM, sum of R p x q.
+        """
+        clamped = np.flatnonzero(self.loads.fixed[:, 3])
+        wanted = self.surface.vertices[self.surface.quads[clamped]]
+        wanted = wanted - wanted.mean(axis=1, keepdims=True)
+        flat = np.zeros_like(wanted)
+        flat[..., :2] = self.corners[clamped] - self.corners[clamped].mean(axis=1, keepdims=True)
+        rotation = self.aim.rotations[clamped]
+        stretch = np.einsum("fij,fkj,fkl->fil", rotation, flat, wanted)
+        stiff = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - 0.5 * (
+            stretch + np.swapaxes(stretch, 1, 2)
+        )
+        # by corner k and its coordinate c: R e_c x q_k
+        around = np.einsum("fkij,fjc->fikc", -skew(wanted), rotation[:, :, :2])
+        turns = np.linalg.solve(stiff, around.reshape(-1, 3, 8))
+        row = np.broadcast_to((6 * clamped[:, None] + np.arange(3, 6))[..., None], turns.shape)
+        corner = layout.flat_corners[clamped]
+        column = np.broadcast_to((2 * corner[..., None] + np.arange(2)).reshape(-1, 1, 8), turns.shape)
+        entries = (turns.ravel(), (row.ravel(), column.ravel()))
+        return csr_array(coo_array(entries, shape=(6 * bodies, 2 * (int(layout.flat_corners.max()) + 1))))

@@ -1,0 +1,177 @@
+"""A barrier that keeps equilibria away from where they snap: log barriers on their softest eigenvalues, as a term of the objective.
+
+With the Hessian H and its convex part C, the softest modes have H v = lambda C v, and half of the square of
+log((enough - m) / (lambda - m)) is added for every lambda below ``enough``. Their derivatives along an increment or a coordinate p,
+
+    d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1,
+
+come from central differences along v, as third derivatives of the energy are symmetric; the way through the equilibrium is the adjoint's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import Float
+from ..mechanics.arms.model import ArmModel
+from ..mechanics.assembly import Pose
+from ..mechanics.elastic import summed
+from ..mechanics.newton_system import NewtonSystem
+from .terms import Change, Term
+
+# Eigenvalue from which on a shape is stable enough, in shares of the convex part; a larger one makes short searches of stable pieces
+# worse (of two by 10 and 16 %), a smaller one leaves shapes that differ from the real piece's by some hundredths of their size
+ENOUGH, MORE = 0.1, 0.3
+MODES, MORE_MODES = 4, 8  # softest ones that count; with fewer, others take their place from step to step
+# Weight of the barrier in mismatches of the start, and how much more where steps are refused as unstable. With 0.03 stable pieces end
+# worse, with 0.003 searches are as slow as without
+WEIGHT, STRONGER = 0.01, 3.0
+LEAST = 0.008  # eigenvalue that the logarithm never reaches: a little below the one at which steps are refused
+NEAREST = 0.002  # room above it below which the logarithm goes on in a straight line
+TURN = 3e-3  # radians, largest turn of the central differences
+
+
+@dataclass(frozen=True, eq=False)
+class Firmness:
+    """How stable equilibria should be.
+
+    weight : of the barrier in the objective; enough, modes : as above; first : the weight by which results are compared
+    """
+
+    weight: float
+    first: float
+    enough: float = ENOUGH
+    modes: int = MODES
+
+    @classmethod
+    def from_mismatch(cls, mismatch: float) -> Firmness:
+        """Return the firmness of a search that starts with this mismatch."""
+        return cls(WEIGHT * mismatch, WEIGHT * mismatch)
+
+    def stronger(self) -> Firmness:
+        """Return the firmness of a search whose steps were refused as unstable."""
+        return replace(self, weight=STRONGER * self.first, enough=MORE, modes=MORE_MODES)
+
+    def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the logarithms of eigenvalues (k,), and their derivatives."""
+        room = rises - LEAST
+        near = np.maximum(room, NEAREST)
+        return np.log((enough - LEAST) / near) + (near - room) / NEAREST, -1.0 / near
+
+    def merit(self, rises: Float[np.ndarray, " k"]) -> float:
+        """Return the barrier by which results are compared, of these eigenvalues."""
+        below = rises[rises < ENOUGH]
+        return 0.5 * self.first * float((self.rows(below, ENOUGH)[0] ** 2).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SoftModes:
+    """The softest modes of an equilibrium.
+
+    ways : (k, n, 6) of unit length in the convex part; rises : (k,) their eigenvalues
+    """
+
+    ways: Float[np.ndarray, "k spirals 6"]
+    rises: Float[np.ndarray, " k"]
+
+    @classmethod
+    def from_equilibrium(cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: Firmness) -> SoftModes:
+        """Return the modes below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
+        here = model.expand(model.start(pose))
+        count = min(asked.modes, max(len(system.free) - 2, 1))
+        ways, rises = system.softest_of_minimum(system.values(here.hessian), system.values(here.convex), count)
+        below = rises < asked.enough
+        return cls(ways[below], rises[below])
+
+    def joints(self, pairs: np.ndarray) -> Float[np.ndarray, "k joints 12"]:
+        """Return the motions of both hubs of every joint."""
+        return self.ways[:, pairs].reshape(len(self.ways), -1, 12)
+
+    def variations(self, model: ArmModel, pose: Pose, pairs: np.ndarray) -> Float[np.ndarray, "joints k"]:
+        """Return what every joint adds to the eigenvalues while the hubs ``pairs`` (m, 2) move as in the modes; model and pose may number theirs otherwise."""
+        here, at = model.expand(model.start(pose)), self.joints(pairs)
+        whole, convex = (np.einsum("kmi,mij,kmj->mk", at, of, at, optimize=True) for of in (here.hessian, here.convex))
+        return whole - self.rises * convex
+
+    def by_hubs(self, model: ArmModel, pose: Pose) -> Float[np.ndarray, "k spirals 6"]:
+        """Return the derivatives of the eigenvalues by the hubs' increments, at a fixed design."""
+        return np.array([self._by_hubs(model, pose, k) for k in range(len(self.rises))])
+
+    def _by_hubs(self, model: ArmModel, pose: Pose, k: int) -> Float[np.ndarray, "spirals 6"]:
+        way, rise, pairs = self.ways[k], self.rises[k], model.pairs
+        at, size = way[pairs].reshape(-1, 12, 1), self.step(k)
+        rates = model.strain_rates(model.start(pose))
+        stress = model.stiffness @ (rates @ at)
+        found = np.zeros_like(way)
+        for sign in (1.0, -1.0):
+            there = model.start(pose.moved(sign * size * way))
+            pull = model.expand(there).hessian @ at
+            pull -= 2.0 * rise * np.swapaxes(model.strain_rates(there), 1, 2) @ stress
+            found += sign / (2.0 * size) * summed(pull[..., 0], pairs, len(way))
+        # turns do not commute: what the differences along v leave out of those along other increments
+        turned = summed((np.swapaxes(rates, 1, 2) @ stress)[..., 0], pairs, len(way))[:, 3:]
+        found[:, 3:] -= 0.5 * rise * np.cross(turned, way[:, 3:])
+        return found
+
+    def by_design(self, model: ArmModel, pose: Pose) -> Float[np.ndarray, "k joints 2 5"]:
+        """Return the derivatives of the eigenvalues by the widths and twists on both sides of every joint, at fixed hubs."""
+        here, out = model.start(pose), []
+        for k, at in enumerate(self.joints(model.pairs)):
+            size = self.step(k)
+            ahead, behind = (
+                model.changes(model.start(pose.moved(sign * size * self.ways[k]))).force_by_design(at)
+                for sign in (1.0, -1.0)
+            )
+            out.append((ahead - behind) / (2.0 * size) - self.rises[k] * model.convex_by_design(here, at))
+        return np.array(out)
+
+    def step(self, k: int) -> float:
+        """Return the step of the central differences along a mode."""
+        return TURN / max(float(np.abs(self.ways[k, :, 3:]).max()), 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityBarrier(Term):
+    """The barrier at one equilibrium, as a term.
+
+    changes : derivatives of the eigenvalues by the hubs (k, n, 6) and by the coordinates (k, c)
+    """
+
+    asked: Firmness
+    rises: Float[np.ndarray, " k"]
+    changes: Callable[[], tuple[np.ndarray, np.ndarray]]
+
+    @cached_property
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.asked.rows(self.rises, self.asked.enough)
+
+    @cached_property
+    def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        by_hubs, by_own = self.changes()
+        slope = self._rows[1]
+        return slope[:, None, None] * by_hubs, slope[:, None] * by_own
+
+    @property
+    def value(self) -> float:
+        return 0.5 * self.asked.weight * float((self._rows[0] ** 2).sum())
+
+    @property
+    def merit(self) -> float:
+        """The barrier by which results of searches are compared."""
+        return self.asked.merit(self.rises)
+
+    @property
+    def gradient(self) -> Change:
+        return self._back(self._rows[0])
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+        by_hubs, by_own = self._slopes
+        return self._back(np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change)
+
+    def _back(self, rows: Float[np.ndarray, " k"]) -> Change:
+        by_hubs, by_own = self._slopes
+        return Change(self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own)

@@ -1,0 +1,103 @@
+"""The stability barrier: its derivatives against finite differences of whole equilibria, and what it does to a search."""
+
+import dataclasses
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
+from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, NEAREST, Firmness
+from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.objective import Target
+from flexmaps.engine.optimisation.open_slots import Opening
+from flexmaps.engine.optimisation.terms import Bearing
+from flexmaps.engine.params import Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import build_model
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+
+VERO = MATERIALS["vero"]
+EXACT = SimulateParams(tolerance=1e-12)
+MODES = 3
+
+
+@lru_cache(maxsize=1)
+def made() -> tuple[SpiralDesign, QuadMesh]:
+    found = job.run(PolygonMesh.of(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    return found.design, found.mesh
+
+
+def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False) -> Point:
+    """A point with soft modes, of spirals at random; every eigenvalue of the dome's counts as low."""
+    design, mesh = made()
+    assembly = of_design(design)
+    supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
+    space = DesignSpace.of(design, assembly, groups)
+    firmness = Firmness(weight=0.7, first=0.7, enough=0.999, modes=MODES)
+    given = {
+        "assembly": assembly,
+        "space": space,
+        "target": Target(assembly.pairs, mesh.centroids, free=not held),
+        "loads": Loads.of(assembly.size, supports=supports),
+        "build": lambda a, _: build_model(a, VERO, "arm", quick=True),
+        "simulate": EXACT,
+        "firmness": firmness,
+    }
+    x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.each)
+    if curving:
+        own = build_model(assembly.redesigned(*space.design(x)), VERO, "arm").curving_at_joint  # type: ignore[attr-defined]
+        plain = given["build"]
+        given["build"] = lambda a, p: plain(a, p).with_curving(own)
+    if flats:
+        opening = dataclasses.replace(Opening.of(design), width=0.0006)
+        flat = FlatRange.of(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free)
+        more = {"room": Room.of(design.flat, design.params), "bearing": Bearing(VERO, 0.3), "opening": opening}
+        x = np.concatenate([x, 0.5 + np.random.default_rng(5).uniform(-0.01, 0.01, 2 * len(flat.span))])
+        return FlatProblem(**given, **more, flat=flat).at(x, target_pose(mesh, design.flat.corners))
+    return Problem(**given).at(x, target_pose(mesh, design.flat.corners))
+
+
+@pytest.mark.parametrize("options", [{}, {"held": True}, {"groups": 4}, {"curving": True}, {"flats": True}], ids=str)
+def test_gradient_of_the_barrier(options: dict) -> None:
+    here = start(**options)
+    assert here.equilibrium.converged and here.barrier is not None and len(here.barrier.rises) == MODES
+    change = here.barrier.gradient
+    gradient = here.adjoint(np.asarray(change.hubs)) + change.own
+    each, n = here.problem.space.each, here.problem.own
+    parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
+    if "flats" in options:
+        parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
+    for name, part in parts.items():
+        way = np.zeros_like(here.x)
+        way[part] = np.random.default_rng(6).normal(size=way[part].shape)
+
+        def value(t: float, way: np.ndarray = way) -> float:
+            found = here.problem.at(here.x + t * way, here.equilibrium.pose).barrier
+            assert found is not None and len(found.rises) == MODES
+            return found.value
+
+        h = 1e-4 if not name.startswith("flat") else 1e-5
+        slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
+        assert float(gradient @ way) == pytest.approx(slope, rel=2e-3), name
+
+
+def test_the_logarithm_goes_on_in_a_straight_line() -> None:
+    asked, kink, step = Firmness(1.0, 1.0), LEAST + NEAREST, 1e-7
+    rises = np.array([kink - step, kink + step])
+    values, slopes = asked.rows(rises, ENOUGH)
+    assert values[0] - values[1] == pytest.approx(2.0 * step / NEAREST, rel=1e-3)
+    assert slopes == pytest.approx([-1.0 / NEAREST] * 2, rel=1e-3)
+    assert asked.rows(np.array([ENOUGH]), ENOUGH)[0] == pytest.approx([0.0], abs=1e-12)
+
+
+def test_results_are_compared_alike_however_strong_the_barrier_is() -> None:
+    asked, rises = Firmness(0.2, 0.2), np.array([0.02, 0.2])
+    assert asked.stronger().merit(rises) == asked.merit(rises) == asked.merit(rises[:1]) > 0.0
