@@ -55,6 +55,8 @@ WORDS = {
     "beyond-model": ("{} less sure", INFORMATION),
     "strained": ("{} too strained", BREAKS),
     "slots-close": ("{} gaps close", BREAKS),
+    "about-to-snap": ("About to snap", BREAKS),
+    "other-rest": ("Another rest", WORSE),
     "snaps": ("Snaps under load", BREAKS),
     "overstrained": ("{} too loaded", BREAKS),
     "joints-overloaded": ("{} joints too loaded", BREAKS),
@@ -90,6 +92,7 @@ HELPED = {
     "strained": (remedies.LARGER, remedies.THINNER),
     "slots-close": (remedies.LARGER,),
 }
+AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
@@ -225,7 +228,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
             [cures.remedy(name, advised[name]) for name in helping if name in advised],
         )
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
-        if row["code"] == "slots-close" and "optimise" not in blocks:
+        if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if kind != INFORMATION:
             ways.append(cures.let_go(key))

@@ -255,7 +255,7 @@ def other_minima(
         part = progress.part(k / params.restarts, (k + 1) / params.restarts)
         start = _inside_out(found.pose, system.held) if k == 0 else _bent(found.pose, modes, k - 1)
         other = solve(model, start, loads, quick, part, system)
-        if other.converged and all(_differ(other.pose, known.pose, model.pairs, loads) for known in minima):
+        if other.converged and all(differ(other.pose, known.pose, model.pairs, loads) for known in minima):
             minima.append(other)
     return sorted(minima[1:], key=lambda e: e.energy)
 
@@ -287,7 +287,8 @@ MODES = 6  # softest ones that starts are bent along; by eye
 BEND = 0.8  # radians, largest turn of the smallest bent start
 
 
-def _differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
+def differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
+    """Return whether any hub lies more than a tenth of the distance of neighbours apart in two poses."""
     placed, pairs = loads.laid(one, pairs, two), between(pairs, len(one.centres))
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()

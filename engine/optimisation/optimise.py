@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
+from ..simulation.rests import other_rests, snapping
 from ..simulation.simulate import Simulation, carried
 from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
@@ -33,6 +35,7 @@ ENDS = {
     "time": "Stopped at the time limit. Press Optimise again to improve it further.",
     "stopped": "Cancelled; the best design so far is kept.",
     "nothing": "No better design was found; the design is unchanged.",
+    "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
 }
 LOADS = (0.1, 0.3, 0.6, 1.0)  # shares in which the loads are put on where all at once lead to no equilibrium
 TRIES = 3  # designs that are proved, the best first, until one keeps its shape
@@ -91,6 +94,12 @@ class Optimisation:
         """False if it was stopped before its end."""
         return self.ended != "stopped"
 
+    @cached_property
+    def end(self) -> str:
+        """Why it ended, as a sentence."""
+        stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
+        return ENDS["snapping" if stuck and len(snapping(self.after)[0]) else self.ended]
+
     @property
     def design(self) -> SpiralDesign:
         return self.after.design
@@ -113,7 +122,7 @@ class Optimisation:
             "start": self.start,
             "finished": self.finished,
             "ended": self.ended,
-            "end": ENDS[self.ended],
+            "end": self.end,
             "iterations": len(self.trace.rows),
             "evaluations": self.trace.evaluations,
             "rejected": self.trace.rejected,
@@ -188,7 +197,20 @@ def optimise(
     strictness = LOOSE if ended == "stopped" else LENIENT
     if found is None or not found.merit(strictness) < was.merit(strictness):
         found, ended = was, ended if ended == "stopped" else "nothing"
-    return Optimisation(before, found.simulation, trace, params.method, name, found.point, ended)
+    after = (
+        _with_other_rests(found.simulation, physics, progress.part(0.98, 1.0))
+        if prove and ended != "stopped"
+        else found.simulation
+    )
+    return Optimisation(before, after, trace, params.method, name, found.point, ended)
+
+
+def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:
+    """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
+    try:
+        return replace(simulation, others=other_rests(simulation, physics, progress))
+    except Cancelled:
+        return simulation
 
 
 def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:

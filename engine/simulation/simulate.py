@@ -29,6 +29,7 @@ from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
+from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
 # share of what the material bears beyond which spirals are named: an optimised piece may lie beyond its limit by rounding
@@ -52,6 +53,7 @@ class Simulation:
     equilibrium: Equilibrium
     others: list[Equilibrium]
     seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
+    soft: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
@@ -90,13 +92,20 @@ class Simulation:
         return self.seen[0] if self.seen else None
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
-        """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part."""
+        """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part; sought at the first call."""
+        if self.soft:
+            return self.soft[0]
         pose, pairs = self.equilibrium.pose, self.model.pairs
         system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
         progress(0.0, "How the shape moves most easily")
-        modes, rise = system.softest(system.values(here.hessian), system.values(here.convex), progress=progress)
-        return modes[0][: self.assembly.size], float(rise[0])
+        values, metric = system.values(here.hessian), system.values(here.convex)
+        if self.equilibrium.converged and len(system.free) and system.factor(values):
+            modes, rise = system.softest_of_minimum(values, metric, 1)
+        else:
+            modes, rise = system.softest(values, metric, progress=progress)
+        self.soft.append((modes[0][: self.assembly.size], float(rise[0])))
+        return self.soft[0]
 
     @cached_property
     def shortfalls(self) -> list[Shortfall]:
@@ -155,7 +164,7 @@ class Simulation:
                 "make their arms narrower, or optimise again"
             )
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        return found
+        return found + rest_findings(self)
 
     @cached_property
     def reactions(self) -> Float[np.ndarray, "quads 3"]:
@@ -264,7 +273,7 @@ def simulate(
 
     watched = progress.showing(lambda pose: carried(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    found = solve(model, aim if start is None else stance.placed(start), loads, params, main)
+    found = solve(model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAPPING,))
     others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
     found, *others = (e.placed(laid(e.pose)) for e in (found, *others))
     return Simulation(design, target, material, model, assembly, loads, found, others)

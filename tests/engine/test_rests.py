@@ -1,0 +1,51 @@
+"""Other shapes in which a piece may rest, and pieces that are about to snap."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.newton_system import NewtonSystem
+from flexmaps.engine.params import Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation import rests
+from flexmaps.engine.simulation.simulate import Simulation, simulate
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+from scipy.linalg import eigh
+
+
+@pytest.fixture(scope="module")
+def saddle() -> Simulation:
+    found = job.run(PolygonMesh.of(shapes.make("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals")
+    assert found.design is not None
+    held = np.flatnonzero(found.mesh.centroids[:, 2] < found.mesh.centroids[:, 2].min() + 0.005)
+    return simulate(found.design, found.mesh, MATERIALS["vero"], SimulateParams(restarts=2, clamped=False), supports=held)
+
+
+def test_a_piece_turned_higher_has_a_lower_rest(saddle: Simulation) -> None:
+    assert saddle.others  # sought from bent starts
+    other = saddle.others[0]
+    assert other.energy > saddle.equilibrium.energy and rests.lower_rest(saddle) is None
+    higher = dataclasses.replace(saddle, equilibrium=other, others=[])
+    found = rests.other_rests(higher, SimulateParams(clamped=False))
+    assert found[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
+    told = rests.rest_findings(dataclasses.replace(higher, others=found))
+    assert [one.code for one in told if one.code == "other-rest"] and told[-1].faces
+    assert rests.other_rests(saddle, SimulateParams(clamped=False)) == [] or rests.lower_rest(saddle) is None
+
+
+def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
+    saddle: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs, pose = saddle.model.pairs, saddle.equilibrium.pose
+    system, here = NewtonSystem(pairs, saddle.loads.held(pairs, pose.centres)), saddle.model.expand(saddle.model.start(pose))
+    both = [system.pattern.matrix(system.values(of)).toarray() for of in (here.hessian, here.convex)]
+    softest = float(eigh(*both, eigvals_only=True, subset_by_index=(0, 0))[0])
+    assert not [one for one in saddle.findings if one.code == "about-to-snap"]
+    monkeypatch.setattr(rests, "SNAPPING", 0.95 * softest)
+    assert not len(rests.snapping(saddle)[0])
+    monkeypatch.setattr(rests, "SNAPPING", 1.05 * softest)
+    moving, share = rests.snapping(saddle)
+    assert len(moving) and share == pytest.approx(softest, rel=1e-4)
+    assert rests.rest_findings(saddle)[0].code == "about-to-snap" and not saddle.loads.fixed[moving].any()
