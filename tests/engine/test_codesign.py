@@ -108,6 +108,8 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     assert here.equilibrium.converged and here.costs[-1].cost.inside
     assert any(isinstance(term, Excess) and term.value > 0.0 for term in here.terms) == ("share" in options)
     assert (here._closing is not None) == ("opening" in options)
+    if "share" in options:
+        assert here._strain_rows(np.zeros(0, dtype=int)).own.shape == (0, len(here.x))  # where no arm is pressed
     parts = {"widths": slice(0, n, each), "twists": slice(each - 1, n, each)}
     parts |= {"flat x": slice(n, None, 2), "flat y": slice(n + 1, None, 2)}
     for name, part in parts.items():
