@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -16,6 +17,7 @@ from .stage import AnyMesh, OnObject, reveal
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
+CUTTING = {"flexmaps.merge"}  # what takes the mesh as it is
 CALM = 0.4  # seconds after the label has changed in which a press does nothing: a double click never starts two steps
 
 
@@ -48,7 +50,7 @@ class Next(AnyMesh, bpy.types.Operator):
         return self._press(context, "EXEC_DEFAULT")
 
     def _press(self, context: bpy.types.Context, how: str) -> set[str]:
-        seen = guidance.of(context.object, context.scene)
+        seen = self._checked(context, guidance.of(context.object, context.scene))
         if seen.act is None:
             stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
             self.report({"ERROR"}, stopped)
@@ -61,6 +63,18 @@ class Next(AnyMesh, bpy.types.Operator):
         group, name = seen.act.idname.split(".")
         pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, **seen.act.properties)
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
+
+    def _checked(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
+        """The mesh checked before it is cut, which nobody should have to ask for; what it finds decides what is done."""
+        from ..bridge.store import states
+
+        known = states.of(context.object, context.scene)
+        cuts = seen.act is not None and seen.act.idname in CUTTING
+        if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
+            return seen
+        with suppress(RuntimeError):  # an error of the mesh is a notice from now on
+            bpy.ops.flexmaps.check("EXEC_DEFAULT")
+        return guidance.of(context.object, context.scene)
 
 
 def _noticed(context: bpy.types.Context, key: str) -> Notice | None:

@@ -22,22 +22,19 @@ if TYPE_CHECKING:
     from ..engine.optimisation.optimise import Look
     from ..engine.runs.result import Result
 
+FIRST = 0.05  # of the progress bar for the spirals to begin with, about what they take; not measured
 
-class Optimise(ContinuedStage, bpy.types.Operator):
-    """Change width and twist of every spiral until the assembled panels take the target's shape as well as they can. Begins with the spirals that are there; press again to go on"""
 
-    bl_idname = "flexmaps.optimise"
-    bl_label = "Optimise"
+class SearchStage(ContinuedStage):
+    """A search for better spirals, from those that ``begun`` gives."""
+
     on_stop = "the best so far is kept"
     needs = "flat"
     loaded = True
 
-    @classmethod
-    def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        from ..bridge.store import attributes
-
-        start = None if attributes.has(obj, "flexmaps_last_width") else notes.missing(obj.data, "design")
-        return notes.missing(obj.data, "flat") or start
+    def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
+        """The result with spirals to begin with; not on Blender's main thread."""
+        return snapshot.start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.view.flat_panels import PanelDrawing
@@ -50,7 +47,8 @@ class Optimise(ContinuedStage, bpy.types.Operator):
             from ..engine.runs import job
             from ..engine.spirals import design
 
-            made = search(snapshot.start(result), progress.part(0.0, 0.95))
+            begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
+            made = search(begun, progress.part(FIRST, 0.95))
             better = made.design
             assert better is not None
             try:
@@ -113,6 +111,20 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
         return job.go_on(start, once, ("optimise",), progress.showing(seen))
 
     return search
+
+
+class Optimise(SearchStage, bpy.types.Operator):
+    """Change width and twist of every spiral until the assembled panels take the target's shape as well as they can. Begins with the spirals that are there; press again to go on"""
+
+    bl_idname = "flexmaps.optimise"
+    bl_label = "Optimise"
+
+    @classmethod
+    def obstacle(cls, obj: bpy.types.Object) -> str | None:
+        from ..bridge.store import attributes
+
+        start = None if attributes.has(obj, "flexmaps_last_width") else notes.missing(obj.data, "design")
+        return notes.missing(obj.data, "flat") or start
 
 
 CLASSES = (Optimise,)

@@ -27,7 +27,15 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         name="Quads", description="About how many; 0 for as many as are set", min=0, options={"SKIP_SAVE"}
     )
 
+    size: bpy.props.FloatProperty(  # type: ignore[valid-type]
+        name="Size", description="Millimetres of the longest side of the quads; 0 leaves them as large as the mesh", min=0.0, options={"SKIP_SAVE"}
+    )  # fmt: skip
+
     _source = 0  # Blender's id of the object that is remeshed
+
+    @property
+    def uid(self) -> int:
+        return self._source
 
     def _read(self, context: bpy.types.Context) -> Work:
         """Read the mesh with its modifiers applied: the quads become a new object."""
@@ -42,12 +50,18 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh
+        from ..bridge.store import mesh, states
         from ..engine.surface.checking import check
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
         take_over(context, obj, made)
-        edge = check.median_edge(result.polygons)
+        if self.size:
+            _resize(context, made, self.size)
+        polygons = mesh.read_surface(made, context.scene).polygons
+        notes.write_checks(made.data, [*check.findings(polygons), *result.findings])
+        states.stamp(made, context.scene)
+        edge = check.median_edge(polygons)
         said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
@@ -68,6 +82,17 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
     obj.hide_render = True
     context.view_layer.objects.active = made
     made.select_set(True)
+
+
+def _resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
+    """Scale an object about its origin until its longest side is so long; the views go along."""
+    from ..bridge.view import framing
+
+    context.view_layer.update()
+    factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
+    obj.scale = [s * factor for s in obj.scale]
+    framing.follow(context, obj, factor)
+    context.view_layer.update()
 
 
 def leave_edit_mode(context: bpy.types.Context) -> None:

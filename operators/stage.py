@@ -123,6 +123,11 @@ class StageOperator:
     _scene = 0  # Blender's id of the scene that the work began in
     _surface: Any = None  # bridge.store.surface.Surface; Blender evaluates annotations, so only names that are there
 
+    @property
+    def uid(self) -> int:
+        """Blender's id of the object that it works on; 0 before that is read."""
+        return 0 if self._surface is None else self._surface.uid
+
     # -- what a stage says ---------------------------------------------------------------------------------------------
 
     @classmethod
@@ -292,9 +297,8 @@ class StageOperator:
             with suppress(FlexMapsError):  # where the object is gone there is nothing to select
                 reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame(context)
-        if self._surface is not None:
-            with suppress(FlexMapsError):
-                self._note(context, find(self._surface.uid), error)
+        with suppress(FlexMapsError):  # where it is gone there is nothing to note
+            self._note(context, find(self.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
@@ -304,9 +308,10 @@ class StageOperator:
         from ..bridge.store import failures, mesh, notes, states
         from ..engine.surface.checking import check
 
-        if states.of(obj, context.scene)["checks"].kind != states.DONE:
-            notes.write_checks(obj.data, check.findings(mesh.read_surface(obj, context.scene).polygons))
-            states.stamp(obj, context.scene)
+        with suppress(FlexMapsError):  # a mesh with modifiers is not read
+            if states.of(obj, context.scene)["checks"].kind != states.DONE:
+                notes.write_checks(obj.data, check.findings(mesh.read_surface(obj, context.scene).polygons))
+                states.stamp(obj, context.scene)
         failures.write(obj, context.scene, idname_of(self), error)
 
 

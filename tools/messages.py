@@ -132,7 +132,7 @@ def _of_panels() -> Found:
 
 def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
-    from flexmaps.bridge.store import cures, decided, notices, states
+    from flexmaps.bridge.store import cures, decided, guidance, notices, states
     from flexmaps.bridge.view import tab
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
@@ -142,7 +142,11 @@ def _of_lines() -> Found:
         yield "", text, "why a stage is out of date"
     for _, text in versions.CHANGED:
         yield "", text, "what changed since an earlier version"
-    for text in (*(words for _, words in cures.MENDS.values()), *(words for words, _ in notices.WORDS.values())):
+    for text in (
+        *(words for _, words in cures.MENDS.values()),
+        *(words for words, _ in notices.WORDS.values()),
+        *guidance.CHANGED.values(),
+    ):
         yield "", text, "what there is to look at, and its cure"
     for _, *texts in (*tab.CHECKS, *tab.HABITS, *decided.RESTS):
         yield from (("", text, "choice in the sidebar") for text in texts)

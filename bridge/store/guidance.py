@@ -15,12 +15,14 @@ from dataclasses import dataclass
 import bpy
 
 from . import next_button, notes, notices, objects, states
+from .flat_target import passed_over
 from .i18n import interface
 from .next_button import Act, quad_edge
 from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
 
 LETTERS = 34  # of the status line at most, in every language
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line
+CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed", "": "Settings changed"}
 STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # what *Next* makes, in its order
 
 
@@ -60,12 +62,13 @@ def _status(
     stopped = next((notice for notice in found if notice.kind == STOPS), None)
     if stopped is not None:
         return Status(_short(stopped.words), STOPPED)
-    old = sum(known[name].kind == states.OLD for name in STEPS)
+    skipped = {"equilibrium", "optimise"} if passed_over(obj) else set()
+    old = sum(known[name].kind == states.OLD for name in STEPS if name not in skipped)
     if old:
         return Status(_short(_changed(known, old)), REDO)
     serious = [notice for notice in found if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
     if known["sheets"].kind == states.DONE:
-        if not serious:
+        if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)
         many = interface("Files written. {} things to look at", len(serious))
         return Status(interface("Files written. 1 thing to look at") if len(serious) == 1 else many, LOOK)
@@ -88,6 +91,10 @@ def _ready(obj: bpy.types.Object, serious: list[Notice]) -> Status:
 def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> str:
     """How far a piece is that nothing speaks against."""
     mesh = obj.data
+    if known["spirals"].kind == states.DONE:
+        return (
+            interface("Ready to cut: it is flat") if passed_over(obj) else interface("{} spirals", len(mesh.polygons))
+        )
     if known["layout"].kind == states.DONE:
         panels = notes.read(mesh)["layout"].get("patches", 1)
         return interface("1 panel") if panels == 1 else interface("{} panels", panels)

@@ -7,14 +7,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
+import numpy as np
 
 from . import failures, notes, notices, objects
 from .cures import Cure
+from .flat_target import passed_over
 from .i18n import interface, translate
 from .notices import INFORMATION, KEPT, LEAST_QUADS, MADE_SQUARER, STOPS, Notice
 from .settings import unsaved
 from .states import DONE, TODO, State, is_old_unnoted
 
+FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
+SIZED = "flexmaps_sized"  # on an object whose size somebody has typed in: it stays
 EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
 LETTERS = 28  # of a label at most, in every language
@@ -48,13 +52,13 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
     if not len(mesh.polygons):
         return None
     if len(mesh.loops) != 4 * len(mesh.polygons):
-        return _unless_failed(mesh, _quads(obj), found)
+        return _unless_failed(mesh, _quads(obj, scene), found)
     if objects.changed_by_modifiers(obj):
         said = translate("Applies the modifiers: the layout lives in the mesh itself")
         return Act("object.convert", _next(interface("Apply modifiers")), said, "piece", {"target": "MESH"})
     if len(mesh.polygons) < LEAST_QUADS and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
         if stages["layout"].kind == TODO:
-            return _unless_failed(mesh, _quads(obj), found)
+            return _unless_failed(mesh, _quads(obj, scene), found)
     if stages["layout"].kind == TODO:
         preparing = _before_layout(obj, scene, stages, found)
         if preparing is not None:
@@ -74,19 +78,17 @@ def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice
         return _layout()
     if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
         return _layout()
-    if stages["spirals"].kind != DONE:
-        said = translate("Gives every quad its spiral: the more the surface bends there, the softer")
-        return Act("flexmaps.spirals", _next(interface("Cut the spirals")), said, "shape")
     if stages["sheets"].kind == DONE:
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
         said = translate("Opens the folder with the files for the cutter")
         return Act("wm.path_open", interface("Open the folder"), said, "make", {"filepath": folder})
-    for stage, idname, words, said in (
-        ("equilibrium", "flexmaps.simulate", "Simulate", "Finds the shape that the assembled panels take"),
-        ("optimise", "flexmaps.optimise", "Make it fit", "Searches for the spirals that spring into the shape"),
-    ):
-        if stages[stage].kind != DONE and not _passed_over(idname, found):
-            return Act(idname, _next(interface(words)), translate(said), "shape")
+    wanted = ("spirals",) if passed_over(obj) or _passed_over("flexmaps.fit", found) else FITTED
+    if any(stages[stage].kind != DONE for stage in wanted):
+        if wanted == ("spirals",):
+            said = translate("Gives every quad its spiral")
+            return Act("flexmaps.spirals", _next(interface("Cut the spirals")), said, "shape")
+        said = translate("Gives every quad its spiral, and searches for those that spring into the shape")
+        return Act("flexmaps.fit", _next(interface("Make it fit")), said, "shape")
     return _cured(obj.data, found) or _files(obj)
 
 
@@ -103,10 +105,29 @@ def _files(obj: bpy.types.Object) -> Act:
     return Act("flexmaps.export", _next(interface("Write the files")), said, "make")
 
 
-def _quads(obj: bpy.types.Object) -> Act:
-    count = obj.flexmaps.remesh.quads
+def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
+    count, size = obj.flexmaps.remesh.quads, _better_size(obj, scene)
     said = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
-    return Act("flexmaps.quad_remesh", _next(interface("{} quads", count)), said, "piece")
+    if not size:
+        return Act("flexmaps.quad_remesh", _next(interface("{} quads", count)), said, "piece")
+    said += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
+    label = _next(interface("{} quads, {:.0f} mm", count, size))
+    return Act("flexmaps.quad_remesh", label, said, "piece", {"size": size})
+
+
+def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Millimetres of the longest side with which so many quads have about the edge that is set; 0 where they have it already."""
+    mesh, unit = obj.data, scene.unit_settings.scale_length
+    if obj.get(SIZED) or any(obj.lock_scale):
+        return 0.0
+    areas = np.empty(len(mesh.polygons), np.float32)
+    mesh.polygons.foreach_get("area", areas)
+    scale = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3) * unit
+    edge, wanted = scale * (float(areas.sum()) / obj.flexmaps.remesh.quads) ** 0.5, obj.flexmaps.remesh.edge * 1e-3
+    if SIZES[0] * wanted <= edge <= SIZES[1] * wanted or edge <= 0:
+        return 0.0
+    size = 1e3 * unit * max(obj.dimensions) * wanted / edge
+    return float(f"{size:.2g}")
 
 
 def _before_layout(
@@ -114,13 +135,10 @@ def _before_layout(
 ) -> Act | None:
     """What a mesh of quads still needs before it is cut; None where it is fit."""
     edge, wanted = quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
-    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
+    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not (obj.get(SIZED) or any(obj.lock_scale)):
         size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
         said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
         return Act("flexmaps.set_size", _next(interface("Scale to {:.0f} mm", size)), said, "piece")
-    if stages["checks"].kind != DONE:
-        said = translate("Looks for everything that would stop the job or spoil the piece")
-        return Act("flexmaps.check", _next(interface("Check the mesh")), said, "piece")
     wrong = [notice for notice in found if notice.kind == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _untried(obj.data, notice))
     mending = next((_cure(notice, cure, "piece") for notice, cure in ways), None)

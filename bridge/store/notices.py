@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 
 from ...engine.optimisation import remedies
-from . import cures, equilibrium, failures, notes, states
+from . import cures, equilibrium, failures, flat_target, notes, states
 from .cures import Cure
 from .i18n import interface, translate
 
@@ -130,6 +130,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_few(obj),
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
+        *_flat(obj),
         *_sentences("layout", "Panels at a limit", blocks.get("layout", {}).get("remarks", ())),
         *_sentences("assembly", "Hard to assemble", blocks.get("assembly", {}).get("warnings", ())),
         *_sentences("sheets", "On the sheets", blocks.get("sheets", {}).get("warnings", ())),
@@ -213,6 +214,13 @@ def _few(obj: bpy.types.Object) -> list[Notice]:
         Cure(interface("Keep these quads"), "flexmaps.let_go", {"key": KEPT}),
     )
     return [Notice(KEPT, interface("Only {} quads", count), sentence, WORSE, cures=ways)]
+
+
+def _flat(obj: bpy.types.Object) -> list[Notice]:
+    if not flat_target.passed_over(obj):
+        return []
+    said = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
+    return [Notice("layout/flat", interface("Flat target"), said, INFORMATION)]
 
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:

@@ -9,6 +9,7 @@ from ..arrays import Float
 from .mesh import QuadMesh
 
 SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can; any small number does
+FLAT = 1e-4  # largest thickness of a flat body, as a share of its lesser width: single precision leaves 1e-7, a bend that is seen 1e-2
 
 
 def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
@@ -17,6 +18,16 @@ def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
     See ``principal_curvatures``.
     """
     return np.sqrt((principal_curvatures(mesh) ** 2).mean(axis=1))
+
+
+def is_flat(mesh: QuadMesh) -> bool:
+    """Whether every body of a mesh lies in a plane."""
+    for body in range(int(mesh.body_of.max()) + 1):
+        points = mesh.vertices[np.unique(mesh.quads[mesh.body_of == body])]
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        if spread[2] > FLAT * spread[1]:
+            return False
+    return True
 
 
 def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...params import LayoutParams
+from ...surface.curvature import is_flat
 from ...surface.symmetry import Symmetry
 from .flatten import FlatPatches, flips, overlapping, seam_mismatch
 
@@ -32,6 +33,7 @@ def layout_report(flat: FlatPatches) -> dict[str, Any]:
         "flips": int(flips(points).sum()),
         "overlaps": len(overlapping(flat)),
         "disks": bool(layout.planar.all()),
+        "flat_target": is_flat(layout.mesh),
         "compactness_max": float(layout.compactness.max()),
         "neck_min_quads": int(layout.isthmus_widths(own=False).min()),
         "smallest_patch": min(len(quads) for quads in layout.patches),

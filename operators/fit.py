@@ -1,0 +1,51 @@
+"""Spirals, the search for better ones, and the shape that they take, in one press."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..bridge.store.flat_target import passed_over
+from ..bridge.store.i18n import translate
+from ..engine.progress import Progress
+from .continued import Continuation
+from .optimise import SearchStage
+from .spirals import Spirals
+
+if TYPE_CHECKING:
+    from ..bridge.store.snapshot import Snapshot
+    from ..engine.runs.result import Result
+
+
+class Fit(SearchStage, bpy.types.Operator):
+    """Give every quad its spiral, and change them until the assembled panels take the target's shape as well as they can. A flat target gets straight spirals alone"""
+
+    bl_idname = "flexmaps.fit"
+    bl_label = "Make it fit"
+
+    _flat = False  # whether the target is flat, so that there is nothing to search for
+    _start = False  # whether there are spirals that are up to date: painted ones too are a start
+
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.store import states
+
+        self._flat = passed_over(obj)
+        self._start = states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+        return Spirals.continuation(self, obj, snapshot) if self._flat else super().continuation(obj, snapshot)  # type: ignore[arg-type]
+
+    def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
+        from ..engine.runs import job
+
+        if self._start:
+            return super().begun(result, snapshot, progress)
+        return job.go_on(result, snapshot.settings, ("spirals",), progress)
+
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+        if not self._flat:
+            return super().finish(context, obj, surface, result)
+        made = Spirals.finish(self, context, obj, surface, result)  # type: ignore[arg-type]
+        return f"{translate('The target is flat: its spirals are straight')}. {made}"
+
+
+CLASSES = (Fit,)
