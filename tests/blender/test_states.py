@@ -69,7 +69,7 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
         pressed.append(offered(piece))
         press("next")
         assert len(pressed) < 10
-    assert pressed == ["check", "merge", "spirals", "simulate", "optimise", "export"]
+    assert pressed == ["merge", "fit", "export"]
     asked = {"choose", "scan", "structure"}
     assert {stage for stage, kind in kinds(piece).items() if kind != DONE} == asked, "done only when asked for"
     assert list(tmp_path.glob("*.svg"))
