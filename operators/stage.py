@@ -310,8 +310,10 @@ class StageOperator:
 
         with suppress(FlexMapsError):  # a mesh with modifiers is not read
             if states.of(obj, context.scene)["checks"].kind != states.DONE:
-                notes.write_checks(obj.data, check.findings(mesh.read_surface(obj, context.scene).polygons))
-                states.stamp(obj, context.scene)
+                found = check.findings(mesh.read_surface(obj, context.scene).polygons)
+                if any(finding.is_error for finding in found):
+                    notes.write_checks(obj.data, found)
+                    states.stamp(obj, context.scene)
         failures.write(obj, context.scene, idname_of(self), error)
 
 

@@ -105,10 +105,10 @@ def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> No
     assert notes.read(ball.data)["layout"]["patches"] > 1
     assert offered(ball) == "merge"
     press("merge")
-    assert offered(ball) == "spirals"
+    assert offered(ball) == "fit"
     press("trace")
     press("spirals")  # whoever wants many patches is not asked again
-    assert offered(ball) == "simulate"
+    assert offered(ball) == "fit"
 
 
 def test_an_unsaved_file_is_to_be_saved_before_sheets_go_beside_it(made: Any, tmp_path: Path) -> None:
