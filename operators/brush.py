@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
+from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
 
 TOOL = "flexmaps.brush"
@@ -117,6 +118,7 @@ def draw_settings(layout: Any, context: bpy.types.Context) -> None:
         row.prop(brush, name)
         row.prop(brush, pressure, text="", icon="STYLUS_PRESSURE")
     layout.prop(brush, "mirror", text="X", toggle=True)
+    layout.label(text=translate("Ctrl: the other way. Shift: smooth. F: size"), translate=False)
 
 
 def register() -> None:

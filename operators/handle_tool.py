@@ -41,7 +41,8 @@ class HandleGizmos(bpy.types.GizmoGroup):
             if kind == "held":
                 one.draw_options = {"FILL", "ALIGN_VIEW"}
                 one.scale_basis = 0.08
-                one.target_set_operator("flexmaps.hold_spiral").quad = quad
+                given = one.target_set_operator("flexmaps.drag_spiral")
+                given.quad, given.kind, given.tap = quad, "PULL", True
             else:
                 one.draw_style = "NORMAL" if kind == "pull" else "BOX"
                 one.use_draw_scale = False
@@ -115,6 +116,11 @@ class _HandleTool:
     )
     bl_icon = "ops.transform.vertex_random"
     bl_widget = HandleGizmos.bl_idname
+
+    @staticmethod
+    def draw_settings(context: Any, layout: Any, tool: Any) -> None:
+        layout.label(text=translate("Click: hold. Drag: pull. Ctrl drag: drag target"), translate=False)
+
     bl_keymap = (
         ("flexmaps.hold_spiral", {"type": "LEFTMOUSE", "value": "CLICK"}, None),
         ("flexmaps.drag_spiral", {"type": "LEFTMOUSE", "value": "CLICK_DRAG"}, {"properties": [("kind", "PULL")]}),

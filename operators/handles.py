@@ -101,6 +101,13 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         size=3,
         options={"SKIP_SAVE"},
     )
+    tap: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Tap",
+        description="A press that does not move holds the spiral, or lets it go",
+        options={"SKIP_SAVE", "HIDDEN"},
+    )
+    _began: Any = None  # pixels, where the mouse was pressed
+    _moves = False  # whether it is a drag by now
     _before: Any = None  # what was stored before the drag
     _grip: Any = None  # where it was taken hold of, in the scene's units
     _from: Any = None  # what it had when the drag began, in the units of ``by``
@@ -132,6 +139,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         else:
             self._from = self._before[self.quad].copy()
         self._grip = self._mouse(context, event, middle), middle
+        self._began, self._moves = (event.mouse_x, event.mouse_y), not self.tap
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
@@ -142,18 +150,24 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
             handles.write(context.object, _name(self.kind), self._before)
             self._end(context)
             return {"CANCELLED"}
-        if event.type == "MOUSEMOVE":
+        far = max(abs(event.mouse_x - self._began[0]), abs(event.mouse_y - self._began[1]))
+        self._moves |= far > context.preferences.inputs.drag_threshold_mouse
+        if event.type == "MOUSEMOVE" and self._moves:
             self.by = self._dragged(context, event)
             self._put(context, self._quads(context.object))
             _say(context, self.kind, self.by)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE":
             self._end(context)
-            return {"FINISHED"}
+            if self._moves:
+                return {"FINISHED"}
+            bpy.ops.flexmaps.hold_spiral(quad=self.quad)
+            return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
     def _end(self, context: bpy.types.Context) -> None:
         if context.area is not None:
             context.area.header_text_set(None)
+            context.workspace.status_text_set(None)
         redraw(context)
 
     def _mouse(self, context: bpy.types.Context, event: Any, depth: Any) -> Any:
@@ -237,7 +251,8 @@ def _say(context: bpy.types.Context, kind: str, by: Any) -> None:
     size = sum(x * x for x in by) ** 0.5
     text = translate("Pull: {:.2f} N", size) if kind == "PULL" else translate("Wish: {:.1f} mm beside the target", size)
     if context.area is not None:
-        context.area.header_text_set(text + "    " + translate("ESC: back"))
+        context.area.header_text_set(text)
+        context.workspace.status_text_set(translate("Release: keep, Esc: back"))
 
 
 CLASSES = (HoldSpiral, DragSpiral, ClearHandles)

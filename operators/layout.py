@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
+
+
+FRAMED = "flexmaps_framed"  # on an object: the views have shown it with its panels
 
 
 class LayoutStage(ContinuedStage):
@@ -35,6 +39,16 @@ class LayoutStage(ContinuedStage):
         flat_panels.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
         return translate("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
+
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+        """Once for every object: the views show it with its panels."""
+        from ..bridge.view import collection, framing
+
+        own = collection.existing(obj)
+        if own is not None and FRAMED not in obj:
+            obj[FRAMED] = True
+            framing.frame(context, *own.objects)
+        return iter(())
 
 
 def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:

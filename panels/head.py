@@ -8,8 +8,13 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background, live
+from ..bridge.store import notes
+from ..bridge.store.cures import Cure
 from ..bridge.store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK
-from ..bridge.store.notices import INFORMATION, STOPS, Notice
+from ..bridge.store.notices import INFORMATION, KEPT, STOPS, Notice
+from ..bridge.store.objects import shared, unusable
+from ..bridge.view import collection
+from ..engine import VERSION, versions
 from .rows import button, lines, menu, quads, room, sentence, tr, wide
 from .stages import look
 
@@ -21,6 +26,7 @@ NARROW = (
 CURE, SIGN = 14, 26  # pixels that a button has beside its words, and that the sign of a notice takes
 WORDS = 0.40, 0.70  # least and largest share of a row for the words of a notice
 SIGNS = {NEUTRAL: "INFO", TICK: "CHECKMARK", LOOK: "ERROR", STOPPED: "CANCEL", REDO: "FILE_REFRESH"}
+REMOVE = "flexmaps.remove_left_over"
 WELCOME = "Welcome to FlexMaps"
 ABOUT = "It turns a surface into flat panels that spring into its shape. Select a mesh, or press Next for an example."
 # what Next does where there is no mesh to work on: the object's type -> operator, words, its properties
@@ -156,21 +162,24 @@ def _live(context: bpy.types.Context) -> Head | None:
 def _idle(context: bpy.types.Context, problem: str | None) -> Head:
     obj = context.object
     if problem is not None:
-        return _nothing(obj, problem)
+        return _nothing(context, problem)
     seen = look(context).guidance
+    notices = (*seen.notices, *_around(context))
     act, (status, sign) = seen.act, (seen.status.text, seen.status.sign)
     about = act.tooltip if act else tr("Only you can mend this mesh. The rows tell where.")
     others = sum(other.type == "MESH" for other in context.selected_objects if other != obj)
     if others and not seen.open:
         status = tr("{} selected; works on the active one", others + 1)
     label = act.label if act else tr("Next")
-    return Head(label, "flexmaps.next" if act else "", SIGNS[sign], status, about, seen.notices, alert=sign == STOPPED)
+    return Head(label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED)
 
 
-def _nothing(obj: Any, problem: str) -> Head:
+def _nothing(context: bpy.types.Context, problem: str) -> Head:
     """Where there is no mesh to work on."""
+    obj = context.object
     if obj is None:
-        return Head(tr("Next: {}", tr("Add an example")), "flexmaps.example", "INFO", tr(WELCOME), tr(ABOUT))
+        label = tr("Next: {}", tr("Add an example"))
+        return Head(label, "flexmaps.example", "INFO", tr(WELCOME), tr(ABOUT), _around(context))
     said = tr(problem)
     if obj.type in CONVERTIBLE:
         label = tr("Next: {}", tr("Convert to a mesh"))
@@ -179,6 +188,30 @@ def _nothing(obj: Any, problem: str) -> Head:
         label = tr("Next: {}", tr("Object Mode"))
         return Head(label, "object.mode_set", "INFO", tr("In another mode"), said, properties=(("mode", "OBJECT"),))
     return Head(tr("Next"), "", "INFO", tr("Nothing to work on"), said)
+
+
+def _around(context: bpy.types.Context) -> tuple[Notice, ...]:
+    """What is to be known beside the object itself, as information."""
+    obj, found = context.object, []
+    left = collection.left_over(context.scene)
+    if left:
+        names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
+        said = tr("{} was deleted, its panels are still there", names)
+        found.append(Notice("left", tr("Left-over panels"), said, INFORMATION, cures=(Cure(tr("Remove"), REMOVE),)))
+    if unusable(obj) is not None:
+        return tuple(found)
+    others, version = shared(obj), notes.made_with(obj.data)
+    if others:
+        said = tr("The mesh is shared with {}: seams and results are common to all", others)
+        found.append(Notice("shared", tr("Shared mesh"), said, INFORMATION))
+    changed = versions.since(version)
+    if versions.order(version) > versions.order(VERSION):
+        said = tr("Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION)
+        found.append(Notice("version", tr("Made with {}", version), said, INFORMATION))
+    elif changed:
+        said = " ".join((tr("Made with FlexMaps {}; since then:", version), *(f"{tr(text)}." for text in changed)))
+        found.append(Notice("version", tr("Made with {}", version), said, INFORMATION))
+    return tuple(found)
 
 
 # -- notices -----------------------------------------------------------------------------------------------------------
@@ -220,6 +253,9 @@ def _words(layout: Any, notice: Notice) -> None:
     row = layout.row()
     row.alignment, row.alert = "LEFT", notice.kind == STOPS
     icon = "INFO" if notice.kind == INFORMATION else "ERROR"
+    if "/" not in notice.key and notice.key != KEPT:  # nothing of the object that could be shown
+        row.label(text=notice.words, icon=icon, translate=False)
+        return
     button(row, "flexmaps.show_notice", notice.words, icon, emboss=False).key = notice.key
 
 
@@ -237,7 +273,7 @@ class AllNotices(bpy.types.Panel):
     bl_ui_units_x = 20
 
     def draw(self, context: bpy.types.Context) -> None:
-        for notice in look(context).guidance.notices:
+        for notice in (*look(context).guidance.notices, *_around(context)):
             box = self.layout.box().column(align=True)
             _words(box, notice)
             sentence(box, context, notice.sentence, units=self.bl_ui_units_x)

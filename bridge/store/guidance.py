@@ -83,8 +83,9 @@ def _ready(obj: bpy.types.Object, serious: list[Notice]) -> Status:
     if any(notice.key == "equilibrium/strained" for notice in serious):
         share = 100 * block.get("strain_share_max", 0.0)
         return Status(_short(interface("Too strained: {:.0f} % of its limit", share)), LOOK)
-    if serious:
-        return Status(_short(serious[0].words), LOOK)
+    if serious:  # their words stand in the rows below
+        many = interface("{} things to look at", len(serious))
+        return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
     return Status(interface("Ready to cut: it fits and holds"), TICK)
 
 

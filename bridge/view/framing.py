@@ -19,12 +19,17 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
             region.view_distance *= factor
 
 
-def frame(context: bpy.types.Context) -> None:
-    """Turn every 3D view to what is selected, as Blender's *Frame Selected* does."""
+def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
+    """Turn every 3D view to what is selected, and to some other objects, as Blender's *Frame Selected* does."""
+    beside = [other for other in others if not other.select_get() and other.visible_get()]
+    for other in beside:
+        other.select_set(True)
     for window, area in _views(context):
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(window=window, area=area, region=region):
             bpy.ops.view3d.view_selected()
+    for other in beside:
+        other.select_set(False)
 
 
 def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:

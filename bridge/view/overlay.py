@@ -21,6 +21,8 @@ from .live_shape import LIGHT, LiveShape
 
 EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
 SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
+KEPT = "flexmaps_overlay"  # on the scene: the kind that is shown
+BEFORE = ("DISTANCE", "TWIST", "PATCH")  # what the stages show, the last one first
 NO_SEAM = -2  # of an edge that is no seam; -1 is a seam without a number
 # sRGB of the bars that show which way a spiral is the stiffer
 CROSS = (0.05, 0.05, 0.05, 1.0)
@@ -59,13 +61,14 @@ def register(running: Callable[[], Any]) -> None:
     """Draw from now on; ``running`` gives what the job of now shows of its work, which is drawn if it is a ``LiveShape``."""
     items = [("NONE", "None", "No colours")]
     items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in colouring.KINDS.items()]
-    bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_redraw)
+    bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_switched)
     bpy.types.WindowManager.flexmaps_chosen = bpy.props.BoolProperty(name="The user chose the colours, or none")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.append(_changed)
     handlers.load_pre.append(_forget)
-    handlers.undo_post.append(_forget)
-    handlers.redo_post.append(_forget)
+    handlers.load_post.append(_loaded)
+    handlers.undo_post.append(_stepped)
+    handlers.redo_post.append(_stepped)
     if not bpy.app.background:
         view = bpy.types.SpaceView3D
         _handles.append(view.draw_handler_add(_draw_colours, (), "WINDOW", "POST_VIEW"))
@@ -78,10 +81,39 @@ def unregister() -> None:
         bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.remove(_changed)
-    for which in (handlers.load_pre, handlers.undo_post, handlers.redo_post):
-        which.remove(_forget)
+    handlers.load_pre.remove(_forget)
+    handlers.load_post.remove(_loaded)
+    for which in (handlers.undo_post, handlers.redo_post):
+        which.remove(_stepped)
     _cache.clear()
     del bpy.types.WindowManager.flexmaps_overlay, bpy.types.WindowManager.flexmaps_chosen
+
+
+def _switched(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
+    """Keep the kind with the scene, so that a file shows it again."""
+    if context.scene is not None and context.scene.get(KEPT, "NONE") != manager.flexmaps_overlay:
+        context.scene[KEPT] = manager.flexmaps_overlay
+    _redraw(manager)
+
+
+@bpy.app.handlers.persistent
+def _loaded(*_: object) -> None:
+    kept = bpy.context.scene.get(KEPT, "NONE")
+    if kept in colouring.KINDS:
+        bpy.context.window_manager.flexmaps_overlay = kept
+
+
+@bpy.app.handlers.persistent
+def _stepped(*_: object) -> None:
+    """After an undo or redo: where the object has nothing of the kind that was shown, what it has of the stages before."""
+    _cache.clear()
+    manager, obj = bpy.context.window_manager, bpy.context.view_layer.objects.active
+    shown = manager.flexmaps_overlay
+    if shown == "NONE" or obj is None or obj.type != "MESH":
+        return
+    there = [kind for kind in (shown, *BEFORE) if attributes.has(obj, colouring.KINDS[kind][0])]
+    if there and there[0] != shown and colouring.current(obj, there[0]):
+        manager.flexmaps_overlay = there[0]
 
 
 def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context | None = None) -> None:

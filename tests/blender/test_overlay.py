@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from flexmaps.bridge.view import overlay
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from support.buttons import press
@@ -126,3 +127,20 @@ def test_one_patch_is_one(dome: Any) -> None:
 
     assert colouring.painted(dome, "PATCH", np.zeros(5))[1].title == "1 patch"
     assert colouring.painted(dome, "PATCH", np.arange(2.0))[1].title == "2 patches"
+
+
+def test_colours_outlive_the_file_and_an_undo(spiralled: Any, tmp_path: Any) -> None:
+    manager = bpy.context.window_manager
+    press("overlay", kind="TWIST")
+    path = tmp_path / "kept.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    manager = bpy.context.window_manager
+    manager.flexmaps_overlay = "NONE"
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert bpy.context.window_manager.flexmaps_overlay == "TWIST"
+    obj = bpy.context.view_layer.objects.active
+    for name in [a.name for a in obj.data.attributes if a.name in {"flexmaps_twist", "flexmaps_width"}]:
+        obj.data.attributes.remove(obj.data.attributes[name])
+    overlay._stepped()  # as after an undo of Spirals
+    assert bpy.context.window_manager.flexmaps_overlay == "PATCH"
