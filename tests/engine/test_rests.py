@@ -20,7 +20,9 @@ def saddle() -> Simulation:
     found = job.run(PolygonMesh.of(shapes.make("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     held = np.flatnonzero(found.mesh.centroids[:, 2] < found.mesh.centroids[:, 2].min() + 0.005)
-    return simulate(found.design, found.mesh, MATERIALS["vero"], SimulateParams(restarts=2, clamped=False), supports=held)
+    return simulate(
+        found.design, found.mesh, MATERIALS["vero"], SimulateParams(restarts=2, clamped=False), supports=held
+    )
 
 
 def test_a_piece_turned_higher_has_a_lower_rest(saddle: Simulation) -> None:
@@ -39,7 +41,10 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
     saddle: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pairs, pose = saddle.model.pairs, saddle.equilibrium.pose
-    system, here = NewtonSystem(pairs, saddle.loads.held(pairs, pose.centres)), saddle.model.expand(saddle.model.start(pose))
+    system, here = (
+        NewtonSystem(pairs, saddle.loads.held(pairs, pose.centres)),
+        saddle.model.expand(saddle.model.start(pose)),
+    )
     both = [system.pattern.matrix(system.values(of)).toarray() for of in (here.hessian, here.convex)]
     softest = float(eigh(*both, eigvals_only=True, subset_by_index=(0, 0))[0])
     assert not [one for one in saddle.findings if one.code == "about-to-snap"]
