@@ -290,8 +290,7 @@ def _steps(layout: Any, context: bpy.types.Context) -> None:
         ("flexmaps.quad_remesh", "Quads", "MOD_REMESH"),
         ("flexmaps.set_size", "Scale to quad edge", "FULLSCREEN_ENTER"),
         ("flexmaps.merge", "Lay out the panels", "AUTOMERGE_ON"),
-        ("flexmaps.spirals", "Spirals", "FORCE_VORTEX"),
-        ("flexmaps.optimise", "Make it fit", "SHADERFX"),
+        ("flexmaps.fit", "Make it fit", "SHADERFX"),
         ("flexmaps.export", "Write the files", "EXPORT"),
         ("flexmaps.check", "Check the mesh", "VIEWZOOM"),
     ):

@@ -23,7 +23,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     pair(column, tr("Arm width"), wanted.spiral, "width_min", "width_max")
     value(column, wanted.optimise, "arms", tr("Arms"))
     row = body.row(align=True)
-    button(row, "flexmaps.optimise" if "spirals" in blocks else "flexmaps.spirals", tr("Make it fit"), "SHADERFX")
+    button(row, "flexmaps.fit", tr("Make it fit"), "SHADERFX")
     row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
     row.separator()
     following = live.current()
