@@ -14,7 +14,7 @@ from ..fabrication.panels.toolpath import Runs
 from ..fabrication.writers import dxf, pdf, svg
 from ..files import replacing_many
 from ..own_files import Guard
-from ..params import Settings, SheetParams
+from ..params import CutParams, Settings, SheetParams
 from ..progress import SILENT, Progress
 from . import drawing
 from .coupons import FILE, KINDS, Coupons
@@ -43,6 +43,7 @@ class CalibrationSheet:
     pieces: tuple[Piece, ...]
     packing: Packing
     params: SheetParams
+    cut: CutParams
     count: int = 1
 
     def runs(self, index: int, progress: Progress = SILENT) -> Runs:
@@ -65,7 +66,7 @@ def make(settings: Settings) -> CalibrationSheet:
     placed, size = _in_rows(pieces, margin, spacing)
     nothing = np.zeros(0)
     packing = Packing(nothing.astype(int), nothing, nothing.reshape(0, 2), size[None])
-    return CalibrationSheet(sizes, placed, packing, replace(settings.sheet, frame=True))
+    return CalibrationSheet(sizes, placed, packing, replace(settings.sheet, frame=True), settings.cut)
 
 
 def _in_rows(pieces: Sequence[Piece], margin: float, spacing: float) -> tuple[tuple[Piece, ...], np.ndarray]:

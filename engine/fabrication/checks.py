@@ -33,6 +33,26 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
         )
 
 
+def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
+    """A warning where arms are narrower than two lines of a printer; raises ``FlexMapsError`` where they are narrower than one."""
+    narrowest = design.width.min(axis=1)
+    lost, weak = (np.flatnonzero(narrowest < share * cut.nozzle * (1.0 - 1e-6)) for share in (1.0, 2.0))
+    least = f"down to {narrowest.min() * 1e3:.2g} mm wide"
+    if len(lost):
+        raise FlexMapsError(
+            f"The arms of {len(lost)} spirals are {least}, narrower than the nozzle of {cut.nozzle * 1e3:g} mm, and would not be "
+            "printed; make the smallest width or the object larger, or take a finer nozzle",
+            faces=lost,
+        )
+    if not len(weak):
+        return []
+    count = f"{len(weak)} spirals" if len(weak) > 1 else "1 spiral"
+    return [
+        f"The arms of {count} are {least}, less than two lines of the nozzle of {cut.nozzle * 1e3:g} mm, and will be weaker than "
+        "computed: make the smallest width larger, or take a finer nozzle"
+    ]
+
+
 def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, progress: Progress = SILENT) -> None:
     """Raise ``FlexMapsError`` where the cutter is too wide for a slot or a corner."""
     widest = max(cut.kerf_outline, cut.kerf_holes)

@@ -15,7 +15,7 @@ from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
 from ..spirals.touching import touching
-from .checks import check_kerf, check_mill, oversize, tight, without
+from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
 from .nesting.nest import nest
 from .nesting.packing import Packing, fill, used_length
@@ -137,6 +137,7 @@ def make_sheets(
     warnings = [
         *oversize(panels, layout.patches, params, progress.part(0.7, 0.72), turn),
         *tight(design),
+        *check_nozzle(design, cut),
         *without(made, connectors),
     ]
     if labels.left_out:

@@ -36,6 +36,31 @@ class CutParams(Params):
         high=0.01,
         unit="m",
     )
+    nozzle: float = setting(
+        0.0,
+        "Nozzle",
+        "Width of a 3D printer's nozzle, 0 for other machines: no arm may be narrower, and those under two lines are named",
+        low=0.0,
+        high=0.01,
+        unit="m",
+    )
+    line_width: float = setting(
+        0.0000254,
+        "Line width",
+        "Width of the lines in SVG and PDF: drivers that cut by width take 0.0254 mm; where colours decide, 0.1 mm shows better",
+        low=0.000001,
+        high=0.002,
+        unit="m",
+    )
+    svg_unit: str = setting(
+        "mm",
+        "Unit of SVG",
+        "Unit of the sheets in SVG",
+        choices=(
+            ("mm", "Millimetres", "As most programs of makers write"),
+            ("in", "Inches", "As programs in imperial units write"),
+        ),
+    )
     lead_in: float = setting(
         0.0,
         "Lead-in",

@@ -8,7 +8,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.connectors.check import fit
 from flexmaps.engine.fabrication.connectors.shape import head, size, socket
 from flexmaps.engine.fabrication.panels import toolpath
-from flexmaps.engine.fabrication.panels.kerf import relieved
+from flexmaps.engine.fabrication.panels.kerf import relieved, without_short
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
@@ -129,6 +129,30 @@ def test_files_hold_the_runs(made, tabs, lead, tmp_path):
     read = svgelements.SVG.parse(str(export.write(result, tmp_path / "a", ("svg",))[0]), ppi=25.4)
     red = [e for e in read.elements() if isinstance(e, svgelements.Path) and e.stroke.hex == "#ff0000"]
     assert [any(isinstance(s, svgelements.Close) for s in e) for e in red] == [c.closed for c in runs.outer]
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.003, 0.01, 0.0205, 0.03])
+def test_a_tab_is_as_wide_as_asked_round_a_bend(middle):
+    drop = Curve(np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.002], [0.0, 0.002]]), np.array([0.0, 1.0, 0.0, 1.0]))
+    cut = CutParams(tabs=1, tab_width=0.0013, kerf_outline=0.0002)
+    place = toolpath.piece(drop, middle, middle + 0.001).points[:1]
+    (part,) = toolpath._with_tabs(drop, np.array([[*place[0], 1.0]]), cut)
+    assert np.linalg.norm(part.points[-1] - part.points[0]) == pytest.approx(0.0015, rel=1e-5)
+
+
+def test_no_segment_is_too_short_to_run():
+    turns = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
+    angle = np.sort(np.concatenate([turns, turns[::10] + 4e-4, turns[::20] + 8e-4]))
+    ring = Curve(
+        0.02 * np.column_stack([np.cos(angle), np.sin(angle)]), np.tan(0.25 * np.diff(angle, append=2.0 * np.pi))
+    )
+    for curve in (ring, Curve(ring.points, ring.bulge, closed=False)):
+        made = without_short(curve)
+        step = np.linalg.norm(np.diff(made.points, axis=0), axis=1)
+        assert step.min() >= 2e-5 and len(made.points) <= 201 and made.closed == curve.closed
+        assert np.abs(np.linalg.norm(made.sampled(1e-7), axis=1) - 0.02).max() < 1.2e-5
+        if not curve.closed:
+            np.testing.assert_array_equal(made.points[[0, -1]], curve.points[[0, -1]])
 
 
 # -- mills -------------------------------------------------------------------------------------------------------------

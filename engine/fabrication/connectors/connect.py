@@ -17,7 +17,7 @@ from ...spirals.contours import Outline
 from ...spirals.design import SpiralDesign
 from ..panels.labels import seam_labels
 from .free_space import SCALES, FreeSpace
-from .shape import key, size
+from .shape import key, least_radius, size
 from .tips import Attempt, Tip
 
 CHUNK = 200  # attempts that are judged together, a tenth of a second of work
@@ -96,13 +96,14 @@ class Connections:
         count = {k: sum(c.kind == k for c in made) for k in ("dovetail", "key", "tab")}
         if not made and not self.unsolved:
             return {"connectors": 0}
-        held = [c.made.size.neck for c in made if c.kind != "tab"]
-        necks = {"connector_neck_min_mm": round(min(held) * 1e3, 4)} if held else {}
+        shaped = [c.made.size for c in made if c.kind != "tab"]
+        necks = {"connector_neck_min_mm": round(min(s.neck for s in shaped) * 1e3, 4)} if shaped else {}
         return {
             "connectors": len(made),
             "connector_kinds": {k: n for k, n in count.items() if n},
             "connector_clearance_mm": round(self.clearance * 1e3, 4),
             **necks,
+            **({"connector_rounding_min_mm": round(min(map(least_radius, shaped)) * 1e3, 4)} if shaped else {}),
             "shrunk": sum(c.shrunk for c in made),
             "swapped": sum(c.swapped for c in made),
             "shifted": sum(c.made.shift != 0.0 for c in made),

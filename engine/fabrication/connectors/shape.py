@@ -142,6 +142,18 @@ def head(s: Size) -> Curve:
     return offset(_middle(s), -0.5 * s.clearance)
 
 
+@lru_cache(maxsize=4096)
+def least_radius(s: Size) -> float:
+    """Metres: the smallest radius of the corners of a head and its socket; a mill's dogbones are none."""
+    curve = offset(_middle(s), -0.5 * s.clearance)
+    other = offset(_middle(s), 0.5 * s.clearance)
+    found = []
+    for one in (curve, other):
+        chord, bulge = np.linalg.norm(np.diff(one.points, axis=0), axis=1), np.abs(one.bulge[:-1])
+        found.append((chord * (1.0 + bulge**2) / np.maximum(4.0 * bulge, 1e-300))[bulge > 0.0].min(initial=np.inf))
+    return float(min(found))
+
+
 @lru_cache(maxsize=512)
 def socket(s: Size, back: float = 0.0) -> Curve:
     """The end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut."""

@@ -13,6 +13,7 @@ from ...spirals.arcs import Curve
 from ...spirals.contours import Outline
 
 SMOOTH = 2e-3  # radians; a smaller change of direction from one segment to the next is taken for none
+SHORT = 2e-5  # metres; controllers stutter on shorter segments, and longer ones would be seen to go
 _LEAST = 1e-9  # metres; what is shorter is no segment
 
 Arc = tuple[complex, complex, float]  # start, end, bulge
@@ -24,6 +25,24 @@ def cleaned(curve: Curve) -> Curve:
     if not curve.closed:
         kept[-1] = True
     return curve if kept.all() else Curve(curve.points[kept], curve.bulge[kept], curve.closed)
+
+
+def without_short(curve: Curve) -> Curve:
+    """The same curve without segments shorter than ``SHORT``: their ends become one node in the middle; ends of open curves stay."""
+    points, bulge = curve.points.copy(), curve.bulge.copy()
+    while len(points) > 3:
+        size = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+        short = np.flatnonzero(size[: None if curve.closed else -1] < SHORT)
+        if not len(short):
+            break
+        i = int(short[0])
+        j, last = (i + 1) % len(points), len(points) - 1
+        fixed = not curve.closed and (i == 0 or j == last)
+        middle = points[0 if i == 0 else last] if fixed else 0.5 * (points[i] + points[j])
+        points[i] = points[j] = middle
+        # the node that stays is the one from which the next segment goes on
+        points, bulge = np.delete(points, i, axis=0), np.delete(bulge, i)
+    return Curve(points, bulge, curve.closed)
 
 
 def offset(curve: Curve, distance: float) -> Curve:

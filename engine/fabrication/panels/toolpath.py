@@ -14,10 +14,13 @@ from ...arrays import Float
 from ...params import CutParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve, arc_points
+from .kerf import without_short
 from .order import Cut, in_order
 
 WAY = "the way of the cutter"
 _STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
+WIDEST = 0.95  # gaps that either half of a tab may take along its outline; places are at least two gaps apart
+_HALVINGS = 20  # of the length of a tab along its outline: to a millionth of its width
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # between a lead-in and its path
 
 
@@ -57,7 +60,8 @@ def plan(
         held = list(zip(outlines, places, strict=True))
         pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.3).each(held, WAY)]
     tabs = sum(len(p) for p in pieces if not p[0].closed)
-    inner = [(h, panel) for panel, some in enumerate(holes) for h in some]
+    inner = [(without_short(h), panel) for panel, some in enumerate(holes) for h in some]
+    pieces = [[without_short(c) for c in some] for some in pieces]
     missing = 0
     if cut.lead_in:
         led = [with_lead(h, cut.lead_in, _inside(h)) for h, _ in progress.part(0.3, 0.5).each(inner, WAY)]
@@ -148,10 +152,23 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
             break
         chosen.append(float(at[int(np.argmax(worth))]))
     chosen.sort()
+    halves = [_half_gap(outline, at, gap) for at in chosen]
     return [
-        piece(outline, a + 0.5 * gap, b - 0.5 * gap)
-        for a, b in zip(chosen, [*chosen[1:], chosen[0] + length], strict=True)
+        piece(outline, a + before, b - after)
+        for (a, b), before, after in zip(
+            zip(chosen, [*chosen[1:], chosen[0] + length], strict=True), halves, [*halves[1:], halves[0]], strict=True
+        )
     ]
+
+
+def _half_gap(outline: Curve, middle: float, gap: float) -> float:
+    """Metres along the outline on either side of a place so that the ends lie ``gap`` metres apart, round a bend too."""
+    low, high = 0.5 * gap, WIDEST * gap
+    for _ in range(_HALVINGS):
+        half = 0.5 * (low + high)
+        part = piece(outline, middle - half, middle + half)
+        low, high = (half, high) if np.linalg.norm(part.points[-1] - part.points[0]) < gap else (low, half)
+    return high
 
 
 def _along(curve: Curve, points: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ...params import SheetParams
+from ...params import CutParams, SheetParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..nesting.packing import Packing
@@ -21,6 +21,8 @@ class Drawn(Protocol):
     def packing(self) -> Packing: ...
     @property
     def params(self) -> SheetParams: ...
+    @property
+    def cut(self) -> CutParams: ...
     @property
     def count(self) -> int: ...
     def runs(self, index: int, progress: Progress = SILENT) -> Runs: ...
@@ -44,7 +46,6 @@ OPERATIONS = (
 FRAME = Operation("sheet", "#f36926", 30)
 ORIGIN = 0.005  # metres, length of the mark at the sheet's origin; the letters of a label are half as high
 WRITING = "writing the sheets"  # what the progress says
-HAIRLINE = 0.0254  # mm; a thousandth of an inch, which drivers of laser cutters take for a cut
 
 
 def frame(sheets: Drawn, index: int) -> list[Curve]:

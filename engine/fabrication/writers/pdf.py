@@ -17,7 +17,7 @@ from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from . import glyphs
-from .operations import HAIRLINE, Drawn, on_sheet
+from .operations import Drawn, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need another unit
@@ -197,6 +197,6 @@ def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) ->
     for (name, colour, _), curves in on_sheet(sheets, index, progress):
         page.begin_layer(name)
         for curve in curves:
-            page.stroke(curve, colour, HAIRLINE * 1e-3)
+            page.stroke(curve, colour, sheets.cut.line_width)
         page.end_layer()
     path.write_bytes(document([page], f"sheet {index + 1} of {sheets.count}"))

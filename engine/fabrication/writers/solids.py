@@ -20,7 +20,7 @@ from ..sheets import CutSheets
 from .operations import WRITING
 
 ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
-TOLERANCE = 4e-6  # metres between the arcs and the edges of the solid
+TOLERANCE = 2e-5  # metres between the arcs and the edges of the solid: printers show nothing finer, and less doubles file and slicing
 
 
 @dataclass(frozen=True, eq=False)

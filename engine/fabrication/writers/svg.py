@@ -11,7 +11,10 @@ import numpy as np
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from .operations import FRAME, HAIRLINE, Drawn, frame, on_sheet
+from .operations import FRAME, Drawn, frame, on_sheet
+
+UNITS = {"mm": 1e-3, "in": 0.0254}  # metres of the units of a drawing
+DIGITS = {1e-3: 4, 0.0254: 6}  # after the point, by the unit: a tenth of a micrometre or finer
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
@@ -21,12 +24,14 @@ def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) ->
 
 def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
     """The SVG document of one sheet."""
-    width, height = (float(x) * 1e3 for x in sheets.packing.sizes[index])
+    size = sheets.packing.sizes[index]
+    unit = UNITS[sheets.cut.svg_unit]
+    width, height = (float(x) / unit for x in size)
     title = escape(f"sheet {index + 1} of {sheets.count}")
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         '<svg xmlns="http://www.w3.org/2000/svg" xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" version="1.1"'
-        f' width="{width:.6g}mm" height="{height:.6g}mm" viewBox="0 0 {width:.6g} {height:.6g}">',
+        f' width="{width:.6g}{sheets.cut.svg_unit}" height="{height:.6g}{sheets.cut.svg_unit}" viewBox="0 0 {width:.6g} {height:.6g}">',
         f"<title>{title}</title>",
         f"<metadata>{MARK}</metadata>",
     ]
@@ -36,18 +41,19 @@ def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
     for (name, colour, _), curves in layers:
         lines.append(
             f'<g id="{name.replace(" ", "-")}" inkscape:groupmode="layer" inkscape:label="{name}" fill="none"'
-            f' stroke="{colour}" stroke-width="{HAIRLINE}">'
+            f' stroke="{colour}" stroke-width="{sheets.cut.line_width / unit:.6g}">'
         )
-        lines.extend(f'<path d="{path_data(c, height)}"/>' for c in curves)
+        lines.extend(f'<path d="{path_data(c, height, unit)}"/>' for c in curves)
         lines.append("</g>")
     lines.append("</svg>\n")
     return "\n".join(lines)
 
 
-def path_data(curve: Curve, height: float) -> str:
-    """The path of a curve on a sheet of this height in mm, y pointing down as SVG has it."""
-    points = np.round(curve.points * 1e3, 4)
-    x, y = points[:, 0], np.round(height - points[:, 1], 4)
+def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
+    """The path of a curve on a sheet of this height, in units of so many metres, y pointing down as SVG has it."""
+    digits = DIGITS[unit]
+    points = np.round(curve.points / unit, digits)
+    x, y = points[:, 0], np.round(height - points[:, 1], digits)
     after = np.roll(points, -1, axis=0)
     bulge = curve.bulge
     chord = np.linalg.norm(after - points, axis=1)
