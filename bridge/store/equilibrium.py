@@ -175,8 +175,10 @@ def sound(block: dict[str, Any]) -> bool:
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """What a simulation found, for people, and whether that is a warning."""
     away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
-    said = remarks(block)
-    return " ".join(map(_ended, [block["status"], away, *said])), bool(said) or not sound(block)
+    said, band = remarks(block), block.get("band", {}).get("text")
+    return " ".join(map(_ended, [block["status"], away, *([band] if band else []), *said])), bool(said) or not sound(
+        block
+    )
 
 
 def _ended(text: str) -> str:

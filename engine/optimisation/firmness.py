@@ -129,6 +129,14 @@ class SoftModes:
             out.append((ahead - behind) / (2.0 * size) - self.rises[k] * model.convex_by_design(here, at))
         return np.array(out)
 
+    def by_spirals(
+        self, model: ArmModel, pose: Pose, slopes: Float[np.ndarray, "joints 2 5 _"]
+    ) -> Float[np.ndarray, "k coordinates"]:
+        """Return ``by_design`` by the coordinates of the spirals; slopes : of widths and twists on both sides by these."""
+        joints, each, assembly = self.by_design(model, pose)[:, :, :, None] @ slopes, slopes.shape[-1], model.assembly
+        column = (each * assembly.owners[..., None] + np.arange(each)).ravel()
+        return np.array([np.bincount(column, one.ravel(), each * assembly.spirals) for one in joints])
+
     def step(self, k: int) -> float:
         """Return the step of the central differences along a mode."""
         return TURN / max(float(np.abs(self.ways[k, :, 3:]).max()), 1e-300)

@@ -295,11 +295,7 @@ class Point:
         modes, pose = self._modes, self.equilibrium.pose
         assert modes is not None and isinstance(self.model, ArmModel)
         self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
-        joints = modes.by_design(self.model, pose)[:, :, :, None] @ self._slopes
-        each = self.problem.space.each
-        column = (each * self.problem.assembly.whole.owners[..., None] + np.arange(each)).ravel()
-        own = [np.bincount(column, weights=one.ravel(), minlength=self.problem.own) for one in joints]
-        return modes.by_hubs(self.model, pose), np.array(own)
+        return modes.by_hubs(self.model, pose), modes.by_spirals(self.model, pose, self._slopes)
 
     @cached_property
     def _closing(self) -> Closing | None:

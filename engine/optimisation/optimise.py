@@ -14,7 +14,8 @@ from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
-from ..simulation.rests import other_rests, snapping
+from ..simulation.other_rests import other_rests
+from ..simulation.rests import snapping
 from ..simulation.simulate import Simulation, carried
 from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
@@ -98,7 +99,9 @@ class Optimisation:
     def end(self) -> str:
         """Why it ended, as a sentence."""
         stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
-        return ENDS["snapping" if stuck and len(snapping(self.after)[0]) else self.ended]
+        return ENDS[
+            "snapping" if stuck and len(snapping(self.after.equilibrium, self.after.softest)[0]) else self.ended
+        ]
 
     @property
     def design(self) -> SpiralDesign:

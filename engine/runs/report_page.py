@@ -137,6 +137,7 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
         sound = shape["converged"] and not shape["locked"] and shape["negative_eigenvalues"] == 0
         notes.append((not sound, shape["status"]))
         notes += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
+        notes += [(False, shape["band"]["text"])] if "band" in shape else []
     notes += [(True, finding["message"]) for finding in described.get("structure", {}).get("findings", ())]
     better = described.get("optimise", {})
     if "end" in better:

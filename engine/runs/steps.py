@@ -13,7 +13,7 @@ import numpy as np
 from ..assembling import check as assembly_check
 from ..choosing import choose
 from ..choosing.judge import Piece
-from ..errors import FlexMapsError
+from ..errors import Cancelled, FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
 from ..fabrication.nesting.fewer import fewer_sheets
@@ -32,6 +32,8 @@ from ..patches.tracing import trace
 from ..progress import Progress
 from ..scanning import compare
 from ..simulation import simulate
+from ..simulation.real_sheets import MOST, real_sheets
+from ..simulation.simulate import Simulation
 from ..spirals import design
 from ..spirals.constraints import Constraints
 from ..spirals.design import SpiralDesign
@@ -168,7 +170,10 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
     better, start = result.optimisation, result.rest
     if better is not None:
         if not settings.simulate.restarts:
-            return replace(result, simulation=better.after, limits=reach.reach(better, progress))
+            limits = reach.reach(better, progress.part(0.0, 0.3))
+            return replace(
+                result, simulation=_with_band(better.after, settings, progress.part(0.3, 1.0)), limits=limits
+            )
         start = better.after.equilibrium.pose
     found = simulate.simulate(
         result.design,
@@ -178,10 +183,20 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
         supports=result.supports,
         force=result.force,
         start=start,
-        progress=progress.part(0.0, 0.99),
+        progress=progress.part(0.0, 0.6),
     )
-    limits = reach.reach(found if better is None else better, progress.part(0.99, 1.0))
-    return replace(result, simulation=found, limits=limits)
+    limits = reach.reach(found if better is None else better, progress.part(0.6, 0.65))
+    return replace(result, simulation=_with_band(found, settings, progress.part(0.65, 1.0)), limits=limits)
+
+
+def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
+    """Return a simulation with the band of real sheets; without it for large pieces, and where the user cancels."""
+    if not simulation.equilibrium.converged or simulation.assembly.size > MOST:
+        return simulation
+    try:
+        return replace(simulation, band=real_sheets(simulation, settings.simulate, progress))
+    except Cancelled:
+        return simulation
 
 
 def _compare(result: Result, settings: Settings, progress: Progress) -> Result:

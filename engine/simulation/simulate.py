@@ -29,6 +29,7 @@ from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
+from .band import Band
 from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
@@ -42,6 +43,7 @@ class Simulation:
 
     equilibrium : its pose is aligned with the target as far as the supports leave it free
     others : other shapes in which it can rest, if they were looked for
+    band : what tolerances of real sheets do to it, if that was asked for
     """
 
     design: SpiralDesign
@@ -52,6 +54,7 @@ class Simulation:
     loads: Loads
     equilibrium: Equilibrium
     others: list[Equilibrium]
+    band: Band | None = None
     seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
     soft: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
 
@@ -164,7 +167,7 @@ class Simulation:
                 "make their arms narrower, or optimise again"
             )
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        return found + rest_findings(self)
+        return found + rest_findings(self.equilibrium, self.others, self.softest, self.target, self.size)
 
     @cached_property
     def reactions(self) -> Float[np.ndarray, "quads 3"]:
@@ -212,6 +215,8 @@ class Simulation:
             block["strain_share_max"] = float(self.strain.max())
         if self.findings:
             block["findings"] = [finding.as_dict() for finding in self.findings]
+        if self.band is not None:
+            block["band"] = self.band.report()
         if self.others:
             block["other_energies"] = [o.energy for o in self.others]
         return block

@@ -141,9 +141,7 @@ class ArmModel:
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
         # a turn about the middle between the bend points leaves the joint aside
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
-        transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
-        transfer[:, :3, 3:] = skew(offset)
-        stiffness = np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
+        stiffness = _at_bend_points(at_joint, offset)
         second = None
         if curving:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
@@ -188,6 +186,12 @@ class ArmModel:
     def weakened(self, share: np.ndarray) -> ArmModel:
         factor = np.concatenate([share, np.ones(len(self.at_joint) - len(share))])[:, None, None]
         return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
+
+    def with_bending(self, factor: float) -> ArmModel:
+        """Return the model with so many times the stiffness against what leaves the plane of the sheet."""
+        scale = np.where(OUT_OF_PLANE, np.sqrt(factor), 1.0)
+        at_joint = np.outer(scale, scale) * self.at_joint
+        return replace(self, at_joint=at_joint, stiffness=_at_bend_points(at_joint, self.offset))
 
     def start(self, pose: Pose) -> ArmState:
         if self.assembly.nodes and pose.nodes is None:
@@ -329,9 +333,18 @@ def _in_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Fl
     return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
 
 
+# which motions of a joint leave the plane of the sheet: along its normal, and the turns about both axes in the sheet
+OUT_OF_PLANE = np.array([False, False, True, True, True, False])
 BATCH = 1000  # joints at a time, so that they stay in the processor's cache
 
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
     """(m, 2, 3) metres: from the hubs to the bend points (m, 2, 2) of the arms."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
+
+
+def _at_bend_points(at_joint: Float[np.ndarray, "joints 6 6"], offset: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
+    """Return stiffnesses against motions between the bend points, of those at the joints."""
+    transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
+    transfer[:, :3, 3:] = skew(offset)
+    return np.swapaxes(transfer, 1, 2) @ at_joint @ transfer
