@@ -59,7 +59,7 @@ def remove(own: bpy.types.Collection) -> None:
     bpy.data.batch_remove([one for one in dict.fromkeys(data) if one.users == 0])
 
 
-def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "seams", "outlines")) -> None:
+def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "seams", "outlines")) -> None:
     """Remove what was laid out beside the object, by kind."""
     own = existing(obj)
     if own is None:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
 PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
+# share of white in the shapes of the panels, which lie below their spirals: from afar these are lines too thin to have a colour
+PALE = 0.35
 LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
 
 
@@ -49,13 +51,8 @@ def show_flat(
     collection.clear(obj)
     edge = flat.layout.mesh.median_edge
     place = collection.origin(obj, scene, 3 * edge)
-    points = np.zeros((len(flat.points), 3))
-    points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
-    mesh = quads(f"{obj.name} panels", points, flat.layout.flat_corners)
-    rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
-    paint(mesh, np.repeat(rgb, 4, axis=0))
-    wear(mesh, rgb)
-    collection.add(obj, scene, "panels", "panels", mesh, place)
+    points = _points(flat, centres)
+    collection.add(obj, scene, "panels", "panels", _filled(f"{obj.name} panels", flat, points), place)
 
     sides = flat.layout.outline_sides
     ids, starts, ends = _outline(flat, sides)
@@ -68,6 +65,25 @@ def show_flat(
     for spline, (_, seam) in zip(curve.splines, runs, strict=True):
         spline.material_index = seam if seam >= 0 else len(palette)
     collection.add(obj, scene, "seams", "seams", curve, place)
+
+
+def _points(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
+    """Metres: the flat vertices, every patch with its origin at its centre."""
+    points = np.zeros((len(flat.points), 3))
+    points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
+    return points
+
+
+def _filled(
+    name: str, flat: FlatPatches, points: Float[np.ndarray, "vertices 3"], white: float = 0.0
+) -> bpy.types.Mesh:
+    """The patches as filled shapes in their colours, with a share of white in them."""
+    mesh = quads(name, points, flat.layout.flat_corners)
+    rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
+    rgb = white + (1.0 - white) * rgb
+    paint(mesh, np.repeat(rgb, 4, axis=0))
+    wear(mesh, rgb)
+    return mesh
 
 
 def _outline(
@@ -180,6 +196,11 @@ class PanelDrawing:
         made = collection.add(obj, scene, "panels", "panels", mesh, place)
         if self.look:
             made[LOOK] = self.look
+        flat = self.design.flat
+        below = place - np.array([0.0, 0.0, LINE * flat.layout.mesh.median_edge])
+        back = _filled(f"{obj.name} backs", flat, _points(flat, self.centres), PALE)
+        shown = collection.add(obj, scene, "backs", "backs", back, below)
+        shown.hide_render = shown.hide_select = True
         if self.solid.flat:  # thick in renders only
             thick = made.modifiers.new("Thickness", "SOLIDIFY")
             thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False

@@ -153,7 +153,7 @@ def test_what_lies_beside_is_replaced_follows_the_name_and_is_not_shared(dome: A
     dome.name = "renamed"
     press("spirals")
     assert [c.name for c in bpy.data.collections] == ["FlexMaps renamed"]
-    assert {o["flexmaps_kind"] for o in bpy.data.objects if o.get("flexmaps_kind")} == {"panels", "outlines"}
+    assert {o["flexmaps_kind"] for o in bpy.data.objects if o.get("flexmaps_kind")} == {"panels", "backs", "outlines"}
     copy = dome.copy()
     copy.data = dome.data.copy()
     bpy.context.scene.collection.objects.link(copy)
@@ -161,7 +161,7 @@ def test_what_lies_beside_is_replaced_follows_the_name_and_is_not_shared(dome: A
     press("merge")
     assert len(bpy.data.collections) == 2
     kinds = {c.name: {o["flexmaps_kind"] for o in c.objects} for c in bpy.data.collections}
-    assert kinds == {"FlexMaps renamed": {"panels", "outlines"}, f"FlexMaps {copy.name}": {"panels", "seams"}}
+    assert kinds == {"FlexMaps renamed": {"panels", "backs", "outlines"}, f"FlexMaps {copy.name}": {"panels", "seams"}}
 
 
 def test_outlines_beside_are_the_true_ones(dome: Any) -> None:

@@ -13,8 +13,11 @@ import hands  # noqa: E402
 from presses import BEGUN, FOUND, Held, current, expect, installed, last_operator, picture, until  # noqa: E402
 
 QUADS = 80
+REDDER = 60  # of 255: more red than green in what is marked
+EDGE = 12  # pixels from the left edge of the sidebar, where a panel shows nothing but its colour
+HIGHEST = 900  # pixels: what a full screen of 1920 x 1080 shows of a sidebar
 SECTIONS = ("piece", "layout", "shape", "check", "make", "show", "workshop")
-FOUND |= {"height": {}, "rows": {}, "presses": [], "cut": []}
+FOUND |= {"height": {}, "rows": {}, "presses": []}
 
 
 def walk():
@@ -37,6 +40,13 @@ def walk():
         if not (yield from press(number)):
             break
     yield from sections("done")
+    places = [row for name, row in FOUND["rows"].items() if name != "welcome"]
+    expect(len({tuple(row["heading"] or ()) for row in places}) == 1, f"the first heading stays: {places}")
+    expect(len({(row["next"] or (0, 0))[1] for row in FOUND["rows"].values()}) == 1, f"Next stays: {FOUND['rows']}")
+    high = {name: pixels for name, pixels in FOUND["height"].items() if pixels > HIGHEST}
+    expect(not high, f"nothing is higher than {HIGHEST} pixels: {high}")
+    missed = [row for row in FOUND["presses"][:-1] if row[1].split(".")[1] not in row[3]]
+    expect(not missed, f"every press at one spot does what the button says: {missed}")
     expect(FOUND["presses"][-1][1] == "wm.path_open", f"Next leads to the folder: {FOUND['presses']}")
 
 
@@ -54,28 +64,34 @@ def state(name):
     """Where Next, the box and the first heading stand, and a picture."""
     yield from hands.aside()
     yield from redrawn()
-    place = yield from middle("menu", "FLEXMAPS_MT_next")
+    place = yield from middle("operator", "flexmaps.example" if name == "welcome" else "flexmaps.next")
     heading = None if name == "welcome" else (yield from middle("panel_prop", "open_piece"))
     FOUND["rows"][name] = {"next": place, "heading": heading}
     yield from redrawn()
-    FOUND["height"][name] = height()
+    FOUND["height"][name] = yield from height()
     yield from picture(name)
 
 
 def middle(method, identifier):
-    """Pixels of the middle of what a call draws, without scrolling."""
+    """Pixels of the middle of what a call draws, which is red for a moment, without scrolling."""
     plain = yield from hands._redrawn(None)
     marked = yield from hands._redrawn((method, identifier, None))
-    rows, columns = np.nonzero((plain != marked).any(axis=2))
+    red = marked[:, :, 2].astype(int) - marked[:, :, 1]  # bytes are blue, green, red
+    rows, columns = np.nonzero((red > REDDER) & (plain != marked).any(axis=2))
     expect(len(rows), f"{identifier} is seen")
     return [int(columns.min() + columns.max()) // 2, int(rows.min() + rows.max()) // 2] if len(rows) else None
 
 
 def height():
-    """Pixels from the top of the sidebar to the end of its last row: a panel is lighter than what is below it."""
-    shown = hands.part(hands.sidebar())[:, 12, :3].astype(int)
-    below = shown[-3]
-    rows = np.flatnonzero((np.abs(shown - below) > 3).any(axis=1))
+    """Pixels from the top of the sidebar to the end of its last row: the panel is red for a moment."""
+    colours = bpy.context.preferences.themes[0].view_3d.space.panelcolors
+    before = tuple(colours.back)
+    colours.back = (1.0, 0.0, 0.0, 1.0)
+    yield from redrawn()
+    shown = hands.part(hands.sidebar())[:, EDGE, :3].astype(int)
+    colours.back = before
+    yield from redrawn()
+    rows = np.flatnonzero(shown[:, 2] - shown[:, 1] > REDDER)
     return int(rows.max()) + 1 if len(rows) else 0
 
 
@@ -89,7 +105,7 @@ def sections(when):
             if kind:
                 setattr(tab(), name, kind)
             yield from redrawn()
-            FOUND["height"][f"{when} {key} {kind}".strip()] = height()
+            FOUND["height"][f"{when} {key} {kind}".strip()] = yield from height()
             yield from picture(f"{when}-{key}{'-' + kind.lower() if kind else ''}")
     tab().by_hand = False
 
@@ -131,11 +147,11 @@ def running(name):
     """The rows while a job runs."""
     yield from hands.aside()
     yield 0.4
-    place = yield from middle("operator", "flexmaps.stop")
+    place = yield from middle("operator", "flexmaps.stop")  # beside the progress: where the menu of Next is
     heading = yield from middle("panel_prop", "open_piece")
     FOUND["rows"][name] = {"next": place, "heading": heading}
     yield from redrawn()
-    FOUND["height"][name] = height()
+    FOUND["height"][name] = yield from height()
     yield from picture(name)
 
 

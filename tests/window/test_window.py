@@ -39,9 +39,11 @@ def drive(real_blender: ModuleType, script: Path, zip_file: Path, work: Path, *,
     return found
 
 
-def driven(real_blender: ModuleType, script: Path, work: Path, *, window: bool) -> dict[str, Any]:
+def driven(real_blender: ModuleType, script: Path, work: Path, *, window: bool, variables: str = "") -> dict[str, Any]:
     """What the script found, where it ran into no error and Python complained of nothing."""
-    done = real_blender.run(script, work, window=window, timeout=900)  # drawn by software, maybe on a busy machine
+    done = real_blender.run(
+        script, work, window=window, timeout=900, variables=variables
+    )  # drawn by software, maybe on a busy machine
     console, result = done.stdout + done.stderr, work / "result.json"
     assert result.is_file(), console[-3000:]
     found: dict[str, Any] = json.loads(result.read_text())
@@ -119,6 +121,19 @@ def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_fil
     (pictures / "figures.json").write_text(json.dumps(found, indent=1))
     assert found["wrong"] == []
     assert found["pictures"] == len(list(pictures.glob("*.png")))
+
+
+@pytest.mark.parametrize("language", ["", "de_DE"])
+def test_the_tab_stays_in_its_place_and_in_sight(
+    real_blender: ModuleType, zip_file: Path, tmp_path: Path, language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(real_blender, "SCREEN", (1100, 1300))  # higher than the tab may be
+    shutil.copy2(zip_file, tmp_path)
+    pictures = ROOT / "out" / f"window-tab{language and '-' + language}"
+    with kept(real_blender, tmp_path, pictures):
+        found = driven(real_blender, HERE / "tab.py", tmp_path, window=True, variables=f"FLEXMAPS_LANGUAGE={language}")
+    (pictures / "figures.json").write_text(json.dumps(found, indent=1))
+    assert found["wrong"] == []
 
 
 def _told(found: dict[str, Any]) -> str:
