@@ -46,6 +46,10 @@ class Regularise(ContinuedStage, bpy.types.Operator):
         from ..bridge.view import collection
 
         before, after, findings = result
+        if after is before:
+            notes.write_checks(obj.data, findings)
+            states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
+            return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
         mesh.write_vertices(obj, surface, after)
         mesh.forget(obj, mesh.NAMES)
         collection.clear(obj)

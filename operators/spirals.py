@@ -30,6 +30,7 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         settings = snapshot.settings
 
         def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
             from ..engine.spirals import design
 
@@ -37,7 +38,8 @@ class Spirals(ContinuedStage, bpy.types.Operator):
             assert made is not None
             progress(0.5, "Drawing outlines")
             drawing = PanelDrawing.of(made, settings, progress.part(0.5, 0.9))
-            return drawing, design.design_report(made, progress.part(0.9, 1.0))
+            layout = None if made.flat is result.flat else layout_report(made.flat)
+            return drawing, design.design_report(made, progress.part(0.9, 1.0)), layout
 
         return go_on
 
@@ -47,11 +49,17 @@ class Spirals(ContinuedStage, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh
 
-        drawing, block = result
+        drawing, block, layout = result
+        if layout is not None:  # flat points have made room
+            mesh.write_flat(obj, surface, drawing.design.flat, drawing.centres)
+            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
         mesh.write_design(obj, surface, drawing.design)
         notes.write(obj.data, "spirals", block)
         low, _, high = block["twist_deg"]
-        return translate("{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}", block["count"], low, high)
+        said = translate("{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}", block["count"], low, high)
+        found = drawing.design.findings
+        self.level = "WARNING" if found else "INFO"
+        return ". ".join([said, *(finding.message for finding in found)])
 
 
 CLASSES = (Spirals,)

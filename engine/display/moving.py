@@ -11,6 +11,7 @@ from ..spirals.caps import stumps
 from ..spirals.contours import ends, hubs
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import slot_needed
+from ..spirals.solid import with_solid
 from ..spirals.spiral import opposite_sides
 from . import arrange
 from .solids import ArmVertices, Solid, arm_edges, light, rim_points
@@ -48,7 +49,8 @@ class MovingPanels:
             return
         quads = np.flatnonzero(touched)
         arms = design.arms.of(quads)
-        root, absent = hubs(arms, design.params.fillet), design.absent[quads]
+        fillet, absent = design.params.fillet, design.absent[quads]
+        root = with_solid(hubs(arms, fillet), arms, fillet, design.solid[quads])
         begin = np.where(absent, stumps(root), ends(design.flat.layout, design.arms, slot_needed(design.params))[quads])
         points = arm_edges(arms, root, begin, where.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]

@@ -133,7 +133,7 @@ def grain_lost(material: Material, params: SheetParams) -> list[str]:
 
 def tight(design: SpiralDesign) -> list[str]:
     """Warnings where some quads are too small for what was asked of their spirals."""
-    found, params = [], design.params
+    found, params = [finding.message for finding in design.findings], design.params
     if len(design.thin):
         found.append(
             f"{len(design.thin)} quads have no room for arms {params.width_min * 1e3:g} mm wide; "

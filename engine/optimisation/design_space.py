@@ -83,7 +83,8 @@ class DesignSpace:
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
         bound = np.minimum(bound, 0.999 * twist_limit(ratio))
         bound[:, constraints.straight] = np.minimum(bound[:, constraints.straight], STRAIGHT)
-        same = Kept.of(design, constraints.kept) if len(constraints.kept) else None
+        kept = np.union1d(constraints.kept, np.flatnonzero(design.solid)).astype(np.int64)
+        same = Kept.of(design, kept) if len(kept) else None
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 
     @property

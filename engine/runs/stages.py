@@ -72,7 +72,7 @@ TABLE = (
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
           blocks=("choose",), asked=True, optional=True, done="chosen"),
-    Stage("spirals", 0.1, ("flat",), makes=("design",), settings=("spiral!thickness!grain",), blocks=("spirals",)),
+    Stage("spirals", 0.1, ("flat",), makes=("design",), improves=("flat",), settings=("spiral!thickness!grain",), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation", "limits"), may_use=("optimisation",),

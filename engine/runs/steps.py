@@ -100,7 +100,7 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
         spirals = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh))
     asked = _constraints(result, settings)
     made = design.from_spirals(result.flat, settings.spiral, *spirals, progress, constraints=asked)
-    return replace(result, design=made)
+    return replace(result, flat=made.flat, design=made)
 
 
 def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
+from ..surface.checking.finding import Finding
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
 from .constraints import FREE, Constraints
 from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
+from .design_report import design_report
 from .opening import opened
 from .rim import Rim
 from .room import Room
@@ -28,16 +30,20 @@ from .slots import (
     narrowest,
     slot_needed,
     slot_widths,
+    too_small,
     twist_bound,
     twist_limit,
     width_range,
 )
-from .spiral import LEFT, RIGHT, Arms, alike, anisotropy, arms, edge, opposite_sides
+from .solid import fewer, hopeless, no_spiral, refuse_many, solid, with_solid, without_spiral
+from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
 from .touching import touching
+from .wider import widened
 
 __all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 
-_SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
+TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
+NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
 
 
 @dataclass
@@ -80,7 +86,13 @@ class SpiralDesign:
     @cached_property
     def roots(self) -> Hubs:
         """Where the slots of every spiral end."""
-        return hubs(self.arms, self.params.fillet)
+        found = hubs(self.arms, self.params.fillet)
+        return with_solid(found, self.arms, self.params.fillet, self.solid)
+
+    @cached_property
+    def solid(self) -> Bool[np.ndarray, " quads"]:
+        """Quads without a spiral: with a solid hub."""
+        return without_spiral(self.width, self.params)
 
     @cached_property
     def absent(self) -> Bool[np.ndarray, "quads 4"]:
@@ -148,7 +160,12 @@ class SpiralDesign:
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:
         """Quads too small for the smallest width, with thinner arms than asked for."""
-        return np.flatnonzero((self.width < self.params.width_min * (1.0 - 1e-6)).any(axis=1))
+        return np.flatnonzero((self.width < self.params.width_min * (1.0 - 1e-6)).any(axis=1) & ~self.solid)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Warnings with their places: quads without a spiral."""
+        return no_spiral(np.flatnonzero(self.solid))
 
     @property
     def narrowest(self) -> tuple[float, float]:
@@ -226,6 +243,7 @@ def from_spirals(
 ) -> SpiralDesign:
     """A start with these widths in metres and twists in radians, as far as they can be cut and the constraints allow.
 
+    Where quads have no room, the flat points near them are moved first: the design has flat patches of its own then.
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width, twist, straight = width.copy(), twist.copy(), constraints.straight
@@ -233,7 +251,20 @@ def from_spirals(
     mesh = flat.layout.mesh
     width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
     width[constraints.wide] = params.width_max
-    return fitted(flat, params, width, twist, progress=progress)
+    made: SpiralDesign | FlexMapsError
+    try:
+        made = fitted(flat, params, width, twist, progress=progress.part(0.0, 0.5))
+    except FlexMapsError as error:
+        made = error
+    tight = np.array(made.faces) if isinstance(made, FlexMapsError) else np.flatnonzero(made.solid)
+    if len(tight):
+        moved = widened(flat, tight, progress.part(0.5, 0.6))
+        with suppress(FlexMapsError):  # what is said of the patches as they came helps more
+            again = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
+            made = again if again.solid.sum() < len(tight) else made
+    if isinstance(made, FlexMapsError):
+        raise made
+    return made
 
 
 def curvature_adjusted(
@@ -268,13 +299,19 @@ def fitted(
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     free = np.ones(len(twist), dtype=bool) if free is None else free
-    most = np.where(free, width_range(flat, params)[1], np.inf)
+    low, high = width_range(flat, params)
+    small = hopeless(flat, params)
+    refuse_many(np.flatnonzero(small & free), len(twist), too_small(flat, params, np.flatnonzero(small)))
+    if prove:  # others may have room by now
+        width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
+    most = np.where(free, high, np.inf)
     width, room = np.minimum(width, most[:, None]), Room.of(flat, params)
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
+    width, twist = solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.closed(width, twist) & free
     if shut.any():  # a good guess for those that are wound much too far
         twist = np.where(shut, twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    found = opened(room, width_range(flat, params)[0], width, twist, free, progress.part(0.2, 0.6))
+    found = opened(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *found)
     return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
 
@@ -296,11 +333,12 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False
+    fits |= without_spiral(width, design.params) & (twist <= slack)
     return np.flatnonzero(~(known & fits))
 
 
 def proved(
-    design: SpiralDesign, progress: Progress = SILENT, rounds: int = 30, free: Bool[np.ndarray, " quads"] | None = None
+    design: SpiralDesign, progress: Progress = SILENT, rounds: int = 60, free: Bool[np.ndarray, " quads"] | None = None
 ) -> SpiralDesign:
     """Draw the outlines and unwind spirals, those that are ``free`` or any, round every place where they still touch.
 
@@ -310,31 +348,46 @@ def proved(
     mate = opposite_sides(design.flat.layout.mesh)[0]
     thinnest = THINNEST * design.params.width_min
     free = np.ones(len(design.twist), dtype=bool) if free is None else free
-    culprits = np.empty(0, dtype=np.int64)
+    start, culprits = design, np.empty(0, dtype=np.int64)
     for turn in range(rounds):
         part = progress.part(turn / rounds, (turn + 1) / rounds)
-        part(0.0, "roots of the slots")
-        culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+        culprits, where = _culprits(design, part)
         if not len(culprits):
-            where = touching(design.outlines(progress=part.part(0.0, 0.8)), part.part(0.8, 1.0))
-            if not len(where):
-                return design
-            culprits = nearest_quads(design.flat, where)
+            return design
         # unwind first, the neighbours too, whose arms pull at the joints; then make the arms thinner
         beside = np.union1d(culprits, mate[culprits])
         still = (design.twist == 0.0) | ~free
-        straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & free[culprits]]
+        straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.solid)[culprits]]
         beside = beside[free[beside]]
         twist, width = design.twist.copy(), design.width.copy()
         twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
         width[straight] = np.maximum(0.85 * width[straight], thinnest)
         if (twist == design.twist).all() and (width == design.width).all():
-            break
+            # nothing is left to unwind: at every such place, the nearest quad gets no spiral
+            worst = culprits if where is None else nearest_quads(design.flat, where, 1)
+            given_up = np.zeros(len(twist), dtype=bool)
+            given_up[worst] = True
+            given_up &= free & ~design.solid
+            if not given_up.any():
+                break
+            culprits = np.flatnonzero(given_up | design.solid)
+            refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
+            # what was unwound for their sake goes back
+            begun = solid(design.params, start.width, start.twist, given_up | design.solid)
+            again = fitted(design.flat, design.params, *begun, prove=False, free=free, progress=part)
+            width, twist = again.width, again.twist
         design = replace(design, twist=twist, width=width)
-    raise FlexMapsError(
-        f"There is no room for the arms of {len(culprits)} quads however thin and straight; make those quads more regular",
-        faces=culprits,
-    )
+    raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer(len(design.twist)))
+
+
+def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
+    """Quads whose slots have no root, or beside which outlines touch, and then the places: patch, x and y in metres."""
+    progress(0.0, "roots of the slots")
+    culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+    if len(culprits):
+        return culprits, None
+    where = touching(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
+    return (nearest_quads(design.flat, where) if len(where) else culprits), where
 
 
 def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
@@ -345,26 +398,3 @@ def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int
         apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
         found.append(quads[np.argsort(apart)[:count]])
     return np.unique(np.concatenate(found))
-
-
-TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
-
-
-def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:
-    """The ``spirals`` block of report.json; without its narrowest slot, which takes a while, if it is not to be ``measured``."""
-
-    def spread(x: np.ndarray) -> list[float]:
-        return [round(float(v), 4) for v in (x.min(), x.mean(), x.max())]
-
-    slot = {"slot_min_mm": round(design.measured(progress)[0] * 1e3, 4)} if measured else {}
-    return {
-        "count": len(design.width),
-        **({"painted": True} if design.painted else {}),
-        "width_mm": spread(design.width * 1e3),
-        "unlike_percent": spread(100 * np.ptp(design.width, axis=1) / design.width.mean(axis=1)),
-        "anisotropy_percent": spread(100 * anisotropy(design.width)),
-        "twist_deg": spread(np.degrees(design.twist)),
-        "scale_mm": spread(design.scale * 1e3),
-        **slot,
-        "too_thin": len(design.thin),
-    }

@@ -201,6 +201,7 @@ def painted(
     if weight.shape != design.twist.shape or not np.isfinite(weight).all():
         raise FlexMapsError(f"The design has {len(design.twist)} spirals; give each of them a weight from 0 to 1")
     weight = np.clip(weight, 0.0, 1.0)
+    weight[design.solid] = 0.0
     if kept is not None:
         weight[kept] = 0.0
     canvas = Canvas.of(design)

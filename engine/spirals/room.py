@@ -115,7 +115,7 @@ class Room:
         least = np.where(seam[thin.pair], np.maximum(_AT_SEAMS * thin.gap, np.minimum(least, slot)), least)
         np.minimum.at(need, thin.pair, least)
         arm, _, left = sharp(lines, np.arange(arms), room.sharpest)
-        np.minimum.at(room.sharpest, arm, _THIN * left)
+        np.minimum.at(room.sharpest, arm, left - (1.0 - _THIN) * np.abs(left))
         some = need > 0.0
         return replace(room, pairs=pairs.of(some), need=need[some])
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Bool, Float
-from ..errors import FlexMapsError
+from ..arrays import Bool, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
@@ -34,8 +33,10 @@ from .spiral import (
 # loses slot at the hub: about here its arms are free over their greatest length.
 DEPTH = 1.0 / 3.0
 PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
-# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, no design.
+# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, a solid hub.
 THINNEST = 0.5
+# Share of the smallest width that the arms at a solid hub have; less than ``THINNEST`` by more than single precision rounds off
+SOLID = 0.48
 CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
 
 
@@ -57,29 +58,26 @@ def slot_needed(params: SpiralParams) -> float:
 def width_range(
     flat: FlatPatches, params: SpiralParams
 ) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
-    """Metres: the smallest and the largest width in every quad.
-
-    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
-    """
+    """Metres: the smallest and the largest width in every quad; that of a solid hub where no spiral has room."""
     widest = widest_arms(flat, params)
-    small = np.flatnonzero(widest < THINNEST * params.width_min)
-    if len(small):
-        need, least = params.width_min / widest[small].min(), widest[small].min() * 1e3
-        remedy = (
-            f"the object {need:.3g} times larger, or the smallest width {least:.2g} mm"
-            if least > 0.0
-            else "those quads larger"
-        )
-        raise FlexMapsError(
-            f"{len(small)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}",
-            faces=small,
-        )
+    small = widest < THINNEST * params.width_min
     # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
     wide = np.minimum(
         params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
     )
-    high = np.minimum(wide, widest)
+    high = np.where(small, SOLID * params.width_min, np.minimum(wide, widest))
     return np.minimum(params.width_min, high), high
+
+
+def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " n"]) -> str:
+    """What is wrong with quads that are far too small for the smallest width, and what to do."""
+    widest = widest_arms(flat, params)[quads].min(initial=params.width_min)
+    remedy = (
+        f"the object {params.width_min / widest:.3g} times larger, or the smallest width {widest * 1e3:.2g} mm"
+        if widest > 0.0
+        else "those quads larger"
+    )
+    return f"{len(quads)} quads are too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}"
 
 
 def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:

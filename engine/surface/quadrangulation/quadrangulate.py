@@ -24,6 +24,8 @@ SMOOTHING = 10.0
 STIFFER = 12  # rounds in which folded triangles are made stiffer
 IDLE = 5  # of them that may pass without fewer folds
 SHORTEST = 3.0  # quads: shorter folds are noise; a scanned bunny has hundreds
+# whole numbers of a map: of more than so many, finding the best ones takes time with their cube, 2 s of the processor for 1,000
+WHOLE = 1000
 SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
 
 
@@ -61,7 +63,9 @@ def _mapped(
     chart = opened(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))
-    last, pairs = FlexMapsError("No map was found"), apart(maps, edge)
+    if maps.lattice.whole.shape[1] > WHOLE:
+        raise FlexMapsError("The surface has too many sharp folds for a map")
+    last, pairs = FlexMapsError("No map was found"), apart(maps, edge, progress.part(0.3, 0.4))
     for number, scale in enumerate(SCALES):
         progress(0.4 + 0.6 * number / len(SCALES), "Mapping the surface onto a grid")
         for asked in (pairs, NOTHING)[not len(pairs.least) :]:

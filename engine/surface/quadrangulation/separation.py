@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...arrays import Float, Int, Num
+from ...progress import SILENT, Progress
 from .seamless import SIGN, TAKEN, Maps
 
 NEAR = 2.0  # quads: irregular points farther apart than this stay apart by themselves
@@ -55,13 +56,12 @@ class _Frame:
         return _Frame(back, self.shift - back @ shift)
 
 
-def apart(maps: Maps, edge: float) -> Apart:
+def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> Apart:
     """What lies so near each other that quads of this edge (metres) might bring it together."""
     search = _Search(maps, edge)
-    for corner in search.held_in(2):
-        search.look_round(int(corner), NEAR)
-    for corner in search.held_in(1):
-        search.look_round(int(corner), ACROSS)
+    every = [(int(corner), radius) for held, radius in ((2, NEAR), (1, ACROSS)) for corner in search.held_in(held)]
+    for corner, radius in progress.each(every, "Looking for what lies near each other"):
+        search.look_round(corner, radius)
     found = list(search.found.values())
     rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.lattice.whole.shape[1])
     return Apart(rows, np.array([least for _, least in found], dtype=float))
@@ -71,19 +71,22 @@ class _Search:
     """Walks over the triangles round points that lie on whole numbers."""
 
     def __init__(self, maps: Maps, edge: float):
+        from scipy.spatial import cKDTree
+
         self.chart, self.mesh, self.edge = maps.chart, maps.chart.field.mesh, edge
         self.whole: csr_array = maps.lattice.whole
         self.relaxed = maps.relaxed(edge)
         self.uv = maps.map(edge, self.relaxed).reshape(-1, 2)
         self.held = (np.diff(maps.lattice.free.indptr) == 0).reshape(-1, 2)[self.chart.wedge]
-        self._middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
+        middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
+        self._tree = cKDTree(middles)
         # plain lists: a walk looks up one number after another, for which arrays are slow
         self._opposite, self._cut, self._vertex = (
             x.tolist() for x in (self.mesh.opposite, self.chart.cut, self.mesh.corners.ravel())
         )
         self._any_held = self.held.any(axis=1).tolist()
         other = self.mesh.opposite.reshape(-1, 3)  # at the border the last triangle, to which no walk goes
-        self._way = np.linalg.norm(self._middles[other // 3] - self._middles[:, None], axis=2).ravel().tolist()
+        self._way = np.linalg.norm(middles[other // 3] - middles[:, None], axis=2).ravel().tolist()
         self.found: dict[bytes, tuple[np.ndarray, float]] = {}
         self._rows: dict[int, np.ndarray] = {}
         self._steps: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -96,8 +99,7 @@ class _Search:
     def look_round(self, corner: int, radius: float) -> None:
         """Note what lies within so many quads of a corner."""
         vertex, opposite = self._vertex, self._opposite
-        near = np.linalg.norm(self._middles - self.mesh.vertices[vertex[corner]], axis=1) <= radius * self.edge
-        near_enough = set(np.flatnonzero(near).tolist())
+        near_enough = set(self._tree.query_ball_point(self.mesh.vertices[vertex[corner]], radius * self.edge))
         start = _Frame(np.eye(2, dtype=np.int64), np.zeros((2, self.whole.shape[1]), dtype=np.int64))
         order = count()
         todo = [(0.0, next(order), corner // 3, start)]

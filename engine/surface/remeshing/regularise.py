@@ -14,6 +14,7 @@ import numpy as np
 from ...arrays import Bool, Float
 from ...params import RegulariseParams
 from ...progress import SILENT, Progress
+from ..checking.geometry import breadth
 from ..mesh import QuadMesh
 from ..symmetry import symmetries
 from .guide import Guide, distances, samples
@@ -25,6 +26,13 @@ GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it 
 WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
 DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
 WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
+SHORT = 0.3  # of the median edge: no edge becomes shorter than that
+# median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
+PLENTY = 0.4
+ROUNDED = 1e-9  # by what share a figure may fall that only rounding has changed
+SPARE = 0.99  # of what is measured before moves are made symmetric, which changes it by less
+RINGS = 8  # of quads round one without room in which moves are taken back
+SHARES = (1.0, 0.7, 0.4, 0.2)  # of the moves that are tried one after another
 SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
 
 
@@ -49,8 +57,8 @@ def square_energy(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, 
 def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SILENT) -> QuadMesh:
     """The same quads, squarer: vertices moved along the surface, the border and the creases of ``mesh``.
 
-    No quad is turned over or becomes much worse, and no part of the surface is lost: where a move would do so it is
-    taken back, in the worst case all of them. ``params.boundary`` False lets border vertices slide freely over the
+    No quad is turned over or becomes much worse, the least room for a spiral does not fall, no edge becomes short, and no
+    part of the surface is lost: where a move would do so it is taken back. Where that does not help, ``mesh`` itself comes back. ``params.boundary`` False lets border vertices slide freely over the
     surface. A symmetric mesh stays symmetric.
     """
     if params.iterations == 0:
@@ -67,9 +75,10 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     progress(0.8, "regularise")
     points = _mended(points, hold, guide, progress.part(0.8, 0.9))
     progress(0.9, "regularise")
-    points = _symmetric(mesh, _unwarped(mesh, points), progress.part(0.9, 1.0))
+    points = _taken_back(mesh, _unwarped(mesh, points))
+    points = _symmetric(mesh, points, progress.part(0.9, 1.0))
     better = square_energy(points[mesh.quads]).mean() < square_energy(mesh.vertices[mesh.quads]).mean()
-    return mesh.moved(points) if better else mesh
+    return mesh.moved(points) if better and not _tight(mesh, points, 1.0 + ROUNDED).any() else mesh
 
 
 # -- one round -------------------------------------------------------------------------------------------------------
@@ -180,6 +189,36 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
         step[mesh.on_border] = 0.0
         points = points + step
     return points
+
+
+def _taken_back(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
+    """The moves without those in wider and wider rings round quads that they have left too little room; shorter moves, or at last
+    none, where that leaves little."""
+    for share in SHARES:
+        moved, back = mesh.vertices + share * (points - mesh.vertices), np.zeros(len(points), dtype=bool)
+        for _ in range(RINGS):
+            tight = _tight(mesh, moved, SPARE)
+            if not tight.any():
+                return moved
+            back = _corners_of(mesh, tight | back[mesh.quads].any(axis=1))
+            moved = np.where(back[:, None], mesh.vertices, moved)
+    return mesh.vertices
+
+
+def _tight(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray, " quads"]:
+    """Quads that became narrower than any was, or short at a side, at ``limit`` times what is measured."""
+    before, after = mesh.vertices[mesh.quads], points[mesh.quads]
+    edges, sides = _sides(before), _sides(after)
+    # both as shares of the median edge, which brings the mesh back to its size; what has not moved is never to blame
+    middle, now, room, least = np.median(edges), np.median(sides), breadth(before), breadth(after)
+    narrow = (limit * least / now < min(room.min() / middle, PLENTY)) & (least < (1.0 - ROUNDED) * room)
+    short = (limit * sides < SHORT * now) & (edges >= SHORT * middle) & (sides < (1.0 - ROUNDED) * edges)
+    return narrow | short.any(axis=1)
+
+
+def _sides(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
+    """The lengths of the sides of quads."""
+    return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 
 def _symmetric(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> np.ndarray:

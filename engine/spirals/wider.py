@@ -1,0 +1,55 @@
+"""Flat points moved to where quads without room for a spiral get some; outlines of patches, and so seams, stay as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Int
+from ..patches.flattening.flatten import FlatPatches, measured
+from ..progress import SILENT, Progress
+from ..surface.remeshing.regularise import best_squares
+
+RINGS = (
+    2  # of quads round such a quad whose inner corners move; more of them spread what is lacking over more neighbours
+)
+MOVES = 60  # of every corner; with more of them, corners come nearer to where their quads want them
+SMALL = 0.7  # of the median side: smaller quads want to grow to it
+
+
+def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
+    """The flat patches with the inner corners near some quads where all of them are squarer, and the smallest ones larger.
+
+    No quad is turned over: where that would happen, the patches come back as they are.
+    """
+    corners, layout = flat.layout.flat_corners, flat.layout
+    moving = np.zeros(len(flat.points), dtype=bool)
+    moving[corners[quads]] = True
+    for _ in range(RINGS):
+        moving[corners[moving[corners].any(axis=1)]] = True
+    outline = layout.outline_sides
+    moving[corners[outline]] = moving[np.roll(corners, -1, axis=1)[outline]] = False
+    near = moving[corners].any(axis=1)
+    some = corners[near]
+    if not len(some):
+        return flat
+    points = np.pad(flat.points, ((0, 0), (0, 1)))
+    count = np.maximum(np.bincount(some.ravel(), minlength=len(points)), 1)
+    middle = float(np.median(np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)))
+    for done in range(MOVES):
+        progress(done / MOVES, "making room for spirals")
+        squares = best_squares(points[some])
+        centre = squares.mean(axis=1, keepdims=True)
+        side = np.sqrt(2.0) * np.linalg.norm(squares[:, 0] - centre[:, 0], axis=1)
+        larger = np.maximum(SMALL * middle / np.maximum(side, 1e-9 * middle), 1.0)[:, None, None]
+        wanted = (centre + larger * (squares - centre)).reshape(-1, 3)
+        total = np.stack([np.bincount(some.ravel(), wanted[:, k], minlength=len(points)) for k in range(2)], axis=1)
+        points[moving, :2] = (total / count[:, None])[moving]
+    made = measured(layout, points[:, :2])
+    return flat if (_turns(made)[near] <= 0.0).any() else made
+
+
+def _turns(flat: FlatPatches) -> np.ndarray:
+    """The smallest sine, times both sides, at a corner of every quad: not positive where it is turned over or concave."""
+    along = np.roll(flat.corners, -1, axis=1) - flat.corners
+    before = np.roll(along, 1, axis=1)
+    return (before[..., 0] * along[..., 1] - before[..., 1] * along[..., 0]).min(axis=1)
