@@ -45,7 +45,7 @@ class SearchStage(ContinuedStage):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
-            from ..engine.spirals import design
+            from ..engine.spirals.design_report import design_report
 
             begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
             made = search(begun, progress.part(FIRST, 0.95))
@@ -54,10 +54,10 @@ class SearchStage(ContinuedStage):
             try:
                 progress(0.95, "Drawing outlines")
                 panels = PanelDrawing.of(better, snapshot.settings, progress.part(0.95, 0.98))
-                spirals = design.design_report(better, progress.part(0.98, 1.0))
+                spirals = design_report(better, progress.part(0.98, 1.0))
                 made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
-                panels, spirals = PanelDrawing.plain(better), design.design_report(better, measured=False)
+                panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
             assert made.optimisation is not None
             return panels, made, made.optimisation.report(), spirals, layout

@@ -32,14 +32,14 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
-            from ..engine.spirals import design
+            from ..engine.spirals.design_report import design_report
 
             made = job.go_on(result, settings, ("spirals",), progress.part(0.0, 0.5)).design
             assert made is not None
             progress(0.5, "Drawing outlines")
             drawing = PanelDrawing.of(made, settings, progress.part(0.5, 0.9))
             layout = None if made.flat is result.flat else layout_report(made.flat)
-            return drawing, design.design_report(made, progress.part(0.9, 1.0)), layout
+            return drawing, design_report(made, progress.part(0.9, 1.0)), layout
 
         return go_on
 

@@ -266,7 +266,7 @@ class Easel:
 
     def ready(self) -> None:
         """Compute all that ``write`` needs; touches nothing of Blender's, so that it may be called beside the window's thread."""
-        from ...engine.spirals.design import design_report
+        from ...engine.spirals.design_report import design_report
 
         if not self.is_ready:
             self._block = design_report(self.design, measured=False)

@@ -21,7 +21,7 @@ from ..fabrication.sheets import sheets_report
 from ..params import Settings, shown_values
 from ..patches.flattening.report import layout_report
 from ..progress import SILENT, Progress
-from ..spirals.design import design_report
+from ..spirals.design_report import design_report
 from ..surface.mesh import QuadMesh
 from .result import Result
 from .stages import BLOCKS

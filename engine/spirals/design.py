@@ -18,7 +18,6 @@ from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
 from .constraints import FREE, Constraints
 from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
-from .design_report import design_report
 from .opening import opened
 from .rim import Rim
 from .room import Room
@@ -40,7 +39,7 @@ from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
 from .touching import touching
 from .wider import widened
 
-__all__ = ["SpiralDesign", "design_report", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
+__all__ = ["SpiralDesign", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
 
 TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
 NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"

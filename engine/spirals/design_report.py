@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..progress import SILENT, Progress
+from .design import SpiralDesign
 from .spiral import anisotropy
-
-if TYPE_CHECKING:
-    from .design import SpiralDesign
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:

@@ -5,6 +5,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import design, slots, spiral
+from flexmaps.engine.spirals.design_report import design_report
 from shapely import LineString
 
 
@@ -98,7 +99,7 @@ def test_too_small_quads_are_named(flat_grid):
 
 def test_report_has_the_spread_of_every_descriptor(flat_grid):
     made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
-    report = design.design_report(made)
+    report = design_report(made)
     assert report["count"] == 4
     assert report["width_mm"] == [1.0, 1.25, 2.0]
     assert report["twist_deg"] == [0.0, 270.0, 360.0]
@@ -117,5 +118,5 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
     made = design.uniform(flat_grid(3, 2, move=squeezed), SpiralParams())
     assert made.thin.tolist() == [4, 5]
     assert 0.0005 < made.width[4].min() == made.width[4].max() < 0.001
-    assert design.design_report(made)["too_thin"] == 2
+    assert design_report(made)["too_thin"] == 2
     assert any("2 quads have no room for arms 1 mm wide" in w for w in make_sheets(made, SheetParams()).warnings)

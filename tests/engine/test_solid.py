@@ -12,6 +12,7 @@ from flexmaps.engine.fabrication.sheets import make_sheets
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.spirals import design, painting, solid, wider
+from flexmaps.engine.spirals.design_report import design_report
 
 SIZE = 12  # quads along each side: more than a hundred, so that one of them may stay without a spiral
 
@@ -45,7 +46,7 @@ def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: Fla
     assert (made.twist[far] > 0.5 * usual).all()
     (finding,) = made.findings
     assert (finding.code, finding.faces, finding.is_error) == ("no-spiral", (5 * SIZE + 5,), False)
-    assert design.design_report(made)["no_spiral"] == [5 * SIZE + 5]
+    assert design_report(made)["no_spiral"] == [5 * SIZE + 5]
 
 
 def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatches) -> None:
