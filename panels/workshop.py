@@ -19,6 +19,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("Tabs", "cut.tabs", "cut.tab_width"),
         ("Gap, at seams", "spiral.slot_min", "spiral.slot_seam"),
         ("Fillet", "spiral.fillet"),
+        ("Nozzle", "cut.nozzle"),
     ),
     "JOINTS": (
         ("Connectors", "connect.connector"),
@@ -38,6 +39,8 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "FILES": (
         ("DXF", "export.dxf"),
         ("Solids", "export.solids"),
+        ("SVG in", "cut.svg_unit"),
+        ("SVG lines", "cut.line_width"),
         ("Labels", "sheet.labels"),
         ("Letters", "sheet.label_min", "sheet.label_height"),
         ("Sheet outline", "sheet.frame"),

@@ -18,7 +18,10 @@ from ...engine.params import SHOWN, ObjectSettings
 from .i18n import CONTEXT
 
 T = TypeVar("T")
-LARGE = 100.0  # mm: lengths that are shown with one digit behind the point, others with two
+LARGE, FINE = (
+    100.0,
+    0.05,
+)  # mm: lengths above are shown with one digit behind the point, those below with four, others with two
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
@@ -48,7 +51,7 @@ def _property(f: Field) -> Any:
     # a share of something is drawn as a slider
     subtype = "FACTOR" if (meta["low"], meta["high"]) == (0.0, 1.0) else "NONE"
     shown = default * factor
-    precision = 3 if not unit else 1 if unit != "mm" or shown >= LARGE else 2
+    precision = 3 if not unit else 1 if unit != "mm" or shown >= LARGE else 2 if shown >= FINE or not shown else 4
     return FloatProperty(default=shown, precision=precision, step=step, subtype=subtype, **bounds, **common)
 
 
