@@ -6,7 +6,7 @@ The sources say where such values are published. Boards of wood differ most from
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from .errors import FlexMapsError
 
@@ -55,6 +55,7 @@ class Material:
     breaks : True where the limit is a break without warning, False where it is yield
     source : where the values come from; note : what they leave out
     lasting : what a year leaves of it; None where that is not known
+    for_years : whether ``strain_limit`` is what it bears for years
     orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then what a sheet without one would have
     """
 
@@ -68,6 +69,24 @@ class Material:
     note: str = ""
     lasting: Lasting | None = None
     orthotropy: Orthotropy | None = None
+    for_years: bool = False
+
+    def lasts(self, years: bool) -> Material:
+        """The material with the one limit that a piece is made for: for days, or for years where that is known."""
+        if self.lasting is None:
+            return self
+        if not years:
+            return replace(self, lasting=None)
+        share, grain = self.lasting.strain / self.strain_limit, self.orthotropy
+        if grain is not None and grain.strength is not None:
+            along, across, shear = (share * one for one in grain.strength)
+            grain = replace(grain, strength=(along, across, shear))
+        return replace(self, strain_limit=self.lasting.strain, orthotropy=grain, for_years=True)
+
+    @property
+    def bears(self) -> str:
+        """Whose limit a share of the strain is, for people."""
+        return "what the material bears for years" if self.for_years else "what the material bears"
 
     @property
     def strength(self) -> float:

@@ -208,6 +208,8 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
     broken = (
         "The arms of {} spirals are strained by up to {:.0f} % of what the material bears: they break or stay bent."
     )
+    if block.get("lasts") == "years":
+        broken = "The arms of {} spirals are strained by up to {:.0f} % of what the material bears for years: they sag or crack."
     return translate(broken, len(finding["faces"]), 100 * block.get("strain_share_max", 0.0))
 
 

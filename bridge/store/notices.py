@@ -11,6 +11,7 @@ from typing import Any
 
 import bpy
 
+from ...engine.materials import MATERIALS
 from ...engine.optimisation import remedies
 from . import cures, equilibrium, failures, flat_target, notes, states
 from .cures import Cure
@@ -227,8 +228,9 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
     found = []
+    found += _other_limit(obj, block)
     for row in block.get("findings", ()):
-        if row["code"] == "strained-for-years":
+        if row["code"] == "strained-for-years":  # of an earlier version, which knew both limits at once
             continue
         helping = HELPED.get(row["code"], ())
         key, ways = (
@@ -244,6 +246,31 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         sentence = equilibrium.sentence(row, block)
         found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
     return found
+
+
+def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
+    """What a piece that is made for days would take to last for years; a plain line, no warning."""
+    share, given = block.get("strain_share_max"), obj.flexmaps.material
+    material = MATERIALS.get(given.material)
+    if share is None or given.lasts == "years" or material is None or material.lasting is None:
+        return []
+    times = share * material.strain_limit / material.lasting.strain
+    sheet = remedies.thinner(given_thickness(obj), times)
+    if times <= 1.0:
+        said = translate("It lasts for years too")
+    elif sheet is None:
+        said = translate("To last for years it would have to be {:.2g} times larger", times)
+    else:
+        millimetres = sheet * remedies.MILLIMETRES
+        said = translate(
+            "To last for years it would have to be {:.2g} times larger, or of a sheet of {:g} mm", times, millimetres
+        )
+    return [Notice("equilibrium/years", interface("Made for days"), said, INFORMATION)]
+
+
+def given_thickness(obj: bpy.types.Object) -> float:
+    """Metres of the sheet."""
+    return float(obj.flexmaps.spiral.thickness) / remedies.MILLIMETRES
 
 
 def _findings(source: str, found: Any) -> list[Notice]:

@@ -23,7 +23,7 @@ KERFS = 4.0  # an arm is at least so many kerfs wide, or what the kerf strays wo
 
 def coupons(settings: Settings) -> Coupons:
     """The pieces for a sheet of these settings: thickness, material, kerf, mill and widths are theirs."""
-    spiral, cut, material = settings.spiral, settings.cut, settings.material.chosen
+    spiral, cut, material = settings.spiral, settings.cut, settings.material.sheet
     h, kerf = spiral.thickness, max(cut.kerf_outline, cut.kerf_holes)
     if cut.mill > MILLS * h:
         raise FlexMapsError(

@@ -58,9 +58,24 @@ class MaterialParams(Params):
         0.01, "Lasting strain limit", "Largest strain that a custom material bears for years", low=1e-5, high=5.0
     )
 
+    lasts: str = setting(
+        "days",
+        "Lasts",
+        "How long the piece has to last: it decides the strain that arms may reach, everywhere",
+        choices=(
+            ("days", "For days", "Up to what the material bears for a short time, as the published pieces were made"),
+            ("years", "For years", "Up to what the material bears for years, where that is known; its source stands with the material"),
+        ),
+    )  # fmt: skip
+
     @property
     def chosen(self) -> Material:
-        """The material as the engine needs it."""
+        """The material as the engine needs it, with the strain limit that goes with how long the piece lasts."""
+        return self.sheet.lasts(self.lasts == "years")
+
+    @property
+    def sheet(self) -> Material:
+        """The material by itself, with what is known of it for days and for years."""
         if self.material != "custom":
             return material(self.material)
         given = "given by the user"

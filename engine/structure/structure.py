@@ -190,7 +190,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         found.append(Finding("snaps", "warning", text, far))
     if one.borne.arms is not None and one.borne.arms.max() > FULL:
         worst = tuple(np.flatnonzero(one.borne.arms > FULL).tolist())
-        text = f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of what the material bears"
+        text = f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of {structure.simulation.material.bears}"
         found.append(Finding("overstrained", "warning", text, worst))
     if one.borne.joints is not None and structure.seams.any():
         share = np.where(structure.seams, one.borne.joints, 0.0)

@@ -187,23 +187,29 @@ def test_what_a_year_leaves_is_within_what_a_day_does() -> None:
         if one.lasting is not None:
             assert 0.2 < one.lasting.share < 1.0 and 0.0 < one.lasting.strain <= one.strain_limit, one.name
             assert len(one.lasting.source) > 40
-    custom = MaterialParams(material="custom", lasting_share=0.5, lasting_strain=0.004).chosen
+    custom = MaterialParams(material="custom", lasting_share=0.5, lasting_strain=0.004).sheet
     assert custom.lasting is not None and (custom.lasting.share, custom.lasting.strain) == (0.5, 0.004)
     assert MaterialParams(material="custom").chosen.lasting is None
 
 
-def test_a_piece_that_rests_beyond_what_is_borne_for_years_says_so(standing: Simulation) -> None:
-    strain = standing.strain
-    assert strain is not None and "strained-for-years" not in [one.code for one in standing.findings]
-    most = float(strain.max()) * MATERIALS["pom"].strain_limit
-    tired = replace(
-        MATERIALS["pom"], strain_limit=1.5 * most, lasting=replace(MATERIALS["pom"].lasting, strain=0.8 * most)
+def test_one_limit_is_used_the_one_that_was_asked_for(standing: Simulation) -> None:
+    pom, lasting = MATERIALS["pom"], MATERIALS["pom"].lasting
+    days, years = (MaterialParams(lasts=lasts).chosen for lasts in ("days", "years"))
+    assert days.strain_limit == pom.strain_limit and days.lasting is None
+    assert lasting is not None and years.strain_limit == lasting.strain and years.lasting == lasting
+    assert MaterialParams(material="vero", lasts="years").chosen == MATERIALS["vero"], (
+        "what is not known is not made up"
     )
-    found = [one for one in replace(standing, material=tired).findings if one.code == "strained-for-years"]
-    assert len(found) == 1 and "by an estimate, bears for years" in found[0].message
-    known = replace(tired, lasting=replace(tired.lasting, estimated=()))
-    assert not any("estimate" in one.message for one in replace(standing, material=known).findings)
-    assert set(found[0].faces) == set(np.flatnonzero(strain > 0.8 * strain.max() * 1.0005).tolist())
+    grain = MaterialParams(material="mdf", lasts="years").chosen
+    assert grain.strength == pytest.approx(0.65 * MATERIALS["mdf"].strength)
+    assert standing.strain is not None
+    most = float(standing.strain.max()) * pom.strain_limit
+    between = replace(pom, strain_limit=1.5 * most, lasting=replace(lasting, strain=0.8 * most))
+    said = {years: replace(standing, material=between.lasts(years)).findings for years in (False, True)}
+    assert "strained" not in [one.code for one in said[False]], "nothing warns of the other limit"
+    (found,) = [one for one in said[True] if one.code == "strained"]
+    assert "for years" in found.message
+    assert set(found.faces) == set(np.flatnonzero(standing.strain > 0.8 * standing.strain.max() * 1.0005).tolist())
 
 
 # -- from a surface to the report ----------------------------------------------------------------------------------------
