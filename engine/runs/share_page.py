@@ -6,6 +6,7 @@ page forbids its own browser to fetch anything, and to run any script but these.
 
 from __future__ import annotations
 
+import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from hashlib import sha256
@@ -70,9 +71,28 @@ def page(
         .get_template("share.html.j2")
         .render(
             piece=piece, title=title, scripts=texts, policy=policy(texts), facts=facts(described),
-            pictures=[svg(drawn[name]) for name in shown],
+            pictures=[svg(drawn[name]) for name in shown], steps=steps_in_words(piece),
         )
     )  # fmt: skip
+
+
+def steps_in_words(piece: str) -> list[str]:
+    """What is done in every step of the assembly, for paper; ``piece`` is from ``page_data.text``."""
+    held = json.loads(piece)
+    names = {panel["step"]: panel["name"] for panel in held["panels"]}
+    found = []
+    for step, seams in enumerate(held["seams"]):
+        parts = []
+        for seam in seams:
+            count = len(seam["joints"])
+            where = "within the panel" if seam["other"] is None else f"to panel {seam['other']}"
+            parts.append(f"{seam['name']} {where} ({count} joint{'s' * (count != 1)})")
+        verb = "Add" if any(seam["other"] is not None for seam in seams) else "Take"
+        found.append(
+            f"{verb} panel {names.get(step, '')}"
+            + (f": seam{'s' * (len(parts) > 1)} {', '.join(parts)}" if parts else "")
+        )
+    return found
 
 
 def facts(described: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.display.panel_mesh import panel_mesh
 from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
@@ -243,6 +244,22 @@ def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
     # names, no addresses: three.js makes elements of HTML, and says where it comes from
     addresses = set(re.findall(r"https?://[\w./]+", whole))
     assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml", "https://threejs.org"}
+
+
+def test_all_steps_are_there_on_paper(dome):
+    shown = Shown.of(dome)
+    text = page_data.text(shown, SETTINGS, "it")
+    layout = dome.design.flat.layout
+    words = share_page.steps_in_words(text)
+    assert len(words) == len(layout.patches)
+    order = steps(layout)
+    for number, (step, said) in enumerate(zip(order, words, strict=True)):
+        assert said.startswith(f"{'Add' if number else 'Take'} panel {panel_name(step.panel)}")
+        for join in step.joins:
+            where = "within the panel" if join.other == step.panel else f"to panel {panel_name(join.other)}"
+            assert f"{join.name} {where} ({join.joints} joint" in said
+    whole = share_page.page(text, "it", {}, {})
+    assert whole.count("<li>") >= len(words) and "@media print" in whole
 
 
 def test_the_library_carries_its_licence_and_version(root):

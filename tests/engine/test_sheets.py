@@ -16,7 +16,7 @@ from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.panels import lettering
-from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
+from flexmaps.engine.fabrication.panels.labels import hub_circles, panel_name, seam_name
 from flexmaps.engine.fabrication.writers import export, svg
 from flexmaps.engine.params import ConnectorParams, ExportParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches.splitting import split
@@ -68,6 +68,24 @@ def test_labels_lie_inside_the_material(made):
         material = _polygon(panel).buffer(-0.00005)
         assert len(panel.labels) > 20
         assert all(material.contains(shapely.LineString(s.points)) for s in panel.labels)
+
+
+def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
+    narrow = design.uniform(flat_grid(3, 2, 0.03, cut=lambda x, y: x == 1), SpiralParams(), width=0.001, twist=1.0)
+    circles = hub_circles(narrow.arms, narrow.roots)
+    made = sheets.make_sheets(narrow, SheetParams(nesting="FAST"))
+    assert made.labels_left_out == 0
+    heights = []
+    for panel in made.panels:
+        strokes = [s.points for s in panel.labels]
+        away = np.array([np.linalg.norm(s.mean(axis=0) - narrow.arms.centre, axis=1) for s in strokes])
+        near = away.min(axis=1) < circles[away.argmin(axis=1)]
+        heights.append(max(np.ptp(s[:, 1]) for s, close in zip(strokes, near, strict=True) if close))
+        # a tick along an arm: more points than any letter has
+        assert sum(len(s) == 8 and np.ptp(s, axis=0).max() > 1e-4 and not close for s, close in zip(strokes, near)) >= 1
+        material = _polygon(panel).buffer(-0.00005)
+        assert all(material.contains(shapely.LineString(s)) for s in strokes)
+    assert min(heights) > 0.62e-3  # what an arm of 1 mm has room for
 
 
 def test_labels_that_would_be_too_small_are_counted(flat_grid):

@@ -18,6 +18,8 @@ from .lettering import along, length, straight
 
 _FILL = 0.62  # height of the letters along an arm, as a share of its width
 _SAMPLES = 97  # places along an arm between which the line of a label is straight; not measured
+LEGIBLE = 0.002  # metres; letters that anybody reads without a lens
+_TICK = 8  # samples of an arm that its tick is long, from the hub on
 _TOGETHER = 1000  # quads whose arms are followed together
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
@@ -84,6 +86,9 @@ def make_labels(
 ) -> Labels:
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
+    Where an arm is too narrow for letters that are easily read and its hub has room for larger ones, the name stands there, with
+    a tick on the arm that is meant.
+
     ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``;
     ``pierced`` are quads whose hubs have a hole.
     """
@@ -102,6 +107,14 @@ def make_labels(
         progress(0.5 + 0.5 * number / len(names), "labels")
         name = marked(joint, mark)
         height = lines.height(quad, side, name, params.label_height)
+        on_hub = lines.on_hub(quad, name, params.label_height)
+        if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
+            lines.hub[quad] = 0.0  # taken
+            tick = lines.points[quad, side, -_TICK:]
+            written = [*straight(name, on_hub, lines.centre[quad], np.array([1.0, 0.0])), tick]
+            strokes[int(layout.patch_of[quad])].extend(_curves(written))
+            placed += 1
+            continue
         if height < params.label_min:
             left_out += 1
             continue
@@ -154,17 +167,22 @@ class _Lines:
         room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
         return float(min(largest, _FILL * self.narrowest[quad, side], room / length(text)))
 
+    def on_hub(self, quad: int, text: str, largest: float) -> float:
+        """Metres: how high the letters of a text on this hub may be; 0 where something stands there."""
+        return min(largest, 1.8 * float(self.hub[quad]) / float(np.hypot(length(text), 1.0)))
+
 
 def _panel_label(
     text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
 ) -> list[np.ndarray]:
     """The number of a panel, as large as it goes: on the roomiest hub, or else along the roomiest arm without a seam label."""
     roomiest = int(quads[np.argmax(lines.hub[quads])])
-    on_hub = min(largest, 1.8 * float(lines.hub[roomiest]) / np.hypot(length(text), 1.0))
+    on_hub = lines.on_hub(roomiest, text, largest)
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
     free = [a for a in free if a not in taken] or free
     quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
     on_arm = lines.height(quad, side, text, largest)
     if on_hub >= on_arm:
+        lines.hub[roomiest] = 0.0  # taken
         return straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
     return along(text, on_arm, lines.points[quad, side], 0.5 * float(lines.length[quad, side]))
