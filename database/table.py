@@ -13,6 +13,7 @@ import numpy as np
 from ..engine.arrays import Float
 from ..engine.mechanics.arms import stiffness
 from ..engine.progress import SILENT, Progress
+from ..engine.spirals.known import SCALE_RANGE, twist_limit
 from . import linear
 from .geometry import Spiral
 from .solid import Fineness
@@ -36,7 +37,7 @@ def _axes(counts: tuple[int, int, int, int]) -> tuple[np.ndarray, np.ndarray, np
     def spread(x: np.ndarray, low: float, high: float) -> np.ndarray:
         return low + 0.5 * (x + 1.0) * (high - low)
 
-    ratio = np.exp(spread(roots(counts[0]), *np.log(stiffness.SCALE_RANGE)))
+    ratio = np.exp(spread(roots(counts[0]), *np.log(SCALE_RANGE)))
     flatness = np.exp(spread(roots(counts[1]), *np.log(stiffness.WIDTH_RANGE)))
     return ratio, flatness, spread(roots(counts[2]), 0.0, 1.0), spread(roots(counts[3]), *stiffness.POISSON_RANGE)
 
@@ -62,7 +63,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     out = np.empty((*counts, CHANNELS))
     plans = [(i, k) for i in range(counts[0]) for k in range(counts[2])]
     for done, (i, k) in enumerate(plans):
-        ratio, twist = ratios[i], shares[k] * float(stiffness.twist_limit(ratios[i]))
+        ratio, twist = ratios[i], shares[k] * float(twist_limit(ratios[i]))
         mesh = digest(fineness_of(Spiral(ratio, 1.0, twist)))
         name = folder / f"plan-{NODE_VERSION}-{ratio:.9f}-{twist:.9f}-{counts[1]}-{counts[3]}-{mesh}.npy"
         if not name.is_file():
@@ -133,7 +134,7 @@ def held_out(count: int = 48, seed: int = HELD_OUT_SEED) -> list[tuple[Spiral, f
         x, y, z, p = rng.random(4)
         ratio = math.exp(math.log(5.0) + x * math.log(10.0))
         flatness = math.exp(math.log(0.3) + y * math.log(10.0))
-        out.append((Spiral(ratio, 1.0 / flatness, z * float(stiffness.twist_limit(ratio))), 0.25 + 0.17 * p))
+        out.append((Spiral(ratio, 1.0 / flatness, z * float(twist_limit(ratio))), 0.25 + 0.17 * p))
     return out
 
 

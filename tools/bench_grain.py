@@ -27,13 +27,14 @@ from flexmaps.database.validation_grain import FIVE_PLIES, three_plies
 from flexmaps.engine.materials import Material, Orthotropy
 from flexmaps.engine.mechanics.arms.grain import GrainBeams
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_compliance, twist_limit
+from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, of_design
 from flexmaps.engine.mechanics.elastic import summed
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.panel_grain import choose_grain
 from flexmaps.engine.params import Settings, changed
 from flexmaps.engine.runs import job
+from flexmaps.engine.spirals.known import twist_limit
 from rows import Row, Table, at_most, row
 
 MEDIAN, MOST, APART = 3.0, 8.0, 0.5  # percent: of single spirals' energies, and RMS distance of pieces over their size

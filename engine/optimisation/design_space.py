@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bool, Float, Int
-from ..mechanics.arms.stiffness import SCALE_RANGE, twist_limit
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
 from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, width_range
+from ..spirals.known import SCALE_RANGE, twist_limit
 from ..spirals.slots import twist_bound
 from ..spirals.spiral import alike
 

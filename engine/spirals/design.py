@@ -329,6 +329,9 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # where connectors have no room, ends can be glued
     room = Room.of(design.flat, replace(design.params, slot_seam=0.0))
+    room = replace(
+        room, joined=np.zeros_like(room.joined)
+    )  # what can be cut, whether the elastic model knows it or not
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False

@@ -2,7 +2,8 @@
 
 Gaps are those between neighbouring arms of a quad over their outer part, between an arm and those beside its joint in the next
 quad, and between arms of quads that meet at no more than a vertex. To them comes the inner edge of every blended end, which must not
-fold. All are counted as rooms: 0 where there is just as much as needed, 1 where there is twice as much.
+fold. All are counted as rooms: 0 where there is just as much as needed, 1 where there is twice as much. Where an arm is wound nearly as
+far as the stiffness table goes, so is what it has left, in radians: so the model knows every design that has room.
 
     room = Room.of(flat, params)                      # once per flat patches; ``moved`` where their points move
     terms = room.terms(width, twist)                  # rooms below SUPPORT with their Jacobian by widths and twists
@@ -21,9 +22,10 @@ from scipy.sparse import csr_array
 from ..arrays import Bool, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND
+from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
-from .lines import Lines
+from .known import spare_twist
+from .lines import COUNT, Lines
 from .pairs import BESIDE, ROUND, Pairs, pairs_of
 from .shapes import Shapes
 from .slots import slot_needed, width_range
@@ -84,6 +86,7 @@ class Room:
     pairs : arms that some design brings near each other
     need : metres, the least gap of each pair
     sharpest : of every arm, the least share of its radius of curvature that its inner edge keeps in its blend
+    joined : whether every arm meets another one, so that the elastic model has to know it; nowhere to bound by room alone
     """
 
     params: SpiralParams
@@ -91,6 +94,7 @@ class Room:
     shapes: Shapes
     need: Float[np.ndarray, " pairs"]
     sharpest: Float[np.ndarray, " arms"]
+    joined: Bool[np.ndarray, " arms"]
 
     @classmethod
     @lru_cache(maxsize=2)  # the starts of a search, and its stages, ask for those of the same patches again and again
@@ -108,7 +112,9 @@ class Room:
         arms = len(shapes.mate)
         short = np.minimum(shapes.radius, shapes.radius[shapes.mate]) < _SHORT * params.slot_seam
         seam = (pairs.kind != ROUND) & (short & flat.layout.cut[flat.layout.mesh.quad_edges].ravel())[pairs.one]
-        room = cls(params, pairs, shapes, np.where(seam, wide, slot), np.full(arms, _SHARPEST))
+        mesh = flat.layout.mesh
+        joined = ~mesh.border[mesh.quad_edges].ravel()
+        room = cls(params, pairs, shapes, np.where(seam, wide, slot), np.full(arms, _SHARPEST), joined)
         lines, need = room._lines(alike(width_range(flat, params)[0]), np.zeros(arms // 4)), room.need.copy()
         thin = narrow(lines, pairs, np.where(seam, need / _AT_SEAMS, need), params.clockwise)
         least = _THIN * thin.gap
@@ -149,10 +155,11 @@ class Room:
         ends = np.zeros((len(i), first.shape[1]))
         slopes = sharp_slopes(lines, i, u)
         ends[:, : slopes.shape[1]] = slopes / _SHARPEST
-        value = np.concatenate([(gaps.gap - need[gaps.pair]) / self.slot, (left - self.sharpest[i]) / _SHARPEST])
-        one, two = (np.concatenate([a, i]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
-        by_one = np.concatenate([first / self.slot, ends])
-        by_two = np.concatenate([second / self.slot, np.zeros_like(ends)])
+        wound, spare, by_wound = self._wound(width, twist, arms, below)
+        value = np.concatenate([(gaps.gap - need[gaps.pair]) / self.slot, (left - self.sharpest[i]) / _SHARPEST, spare])
+        one, two = (np.concatenate([a, i, wound]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
+        by_one = np.concatenate([first / self.slot, ends, by_wound])
+        by_two = np.concatenate([second / self.slot, np.zeros_like(ends), np.zeros_like(by_wound)])
         by_flat = None
         if flat:
             by_flat = self.shapes.by_points(one, by_one) + self.shapes.by_points(two, by_two)
@@ -162,6 +169,7 @@ class Room:
             by_flat = by_flat + rows / self.slot
         mate = self.shapes.mate
         hang = np.stack([one, mate[one], two, mate[two]], axis=1)
+        hang[len(hang) - len(wound) :] = wound[:, None]
         return Terms(value, self._by_design(hang, by_one, by_two), by_flat, hang)
 
     def barrier(
@@ -203,6 +211,7 @@ class Room:
         out = np.zeros(len(twist), dtype=bool)
         for a in (pairs.one[which], pairs.two[which], i):
             out[a // 4] = out[mate[a] // 4] = True
+        out[self._wound(width, twist, arms, 0.0)[0] // 4] = True
         return out
 
     @classmethod
@@ -220,9 +229,23 @@ class Room:
         """
         pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat, params)
         pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
-        room = cls(params, pairs, shapes, np.full(len(pairs.one), below), np.zeros(len(shapes.mate)))
+        every = np.zeros(len(shapes.mate))
+        room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
         found = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
         return np.stack([pairs.one[found.pair], pairs.two[found.pair]], axis=1), found.gap
+
+    def _wound(
+        self, width: np.ndarray, twist: np.ndarray, arms: Int[np.ndarray, " n"], below: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Those of some arms that are wound less than ``below`` radians under what the stiffness table holds: which, by how much,
+        and (K, numbers) its derivatives."""
+        arms = arms[self.joined[arms]]
+        spare, by_radius, by_width = spare_twist(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
+        some = spare < below
+        by = np.zeros((int(some.sum()), COUNT))
+        by[:, RADIUS], by[:, OWN_WIDTH] = by_radius[some], by_width[some]
+        by[:, OWN_WIND] = 1.0 if self.params.clockwise else -1.0
+        return arms[some], spare[some], by
 
     def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
         """The pairs, what they need, and the arms in which some of the quads have a part."""

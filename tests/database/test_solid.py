@@ -15,7 +15,8 @@ from flexmaps.database.solid import Fineness, make_solid
 from flexmaps.database.statics import Model
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms import beams
-from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, twist_limit
+from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
+from flexmaps.engine.spirals.known import twist_limit
 from scipy.spatial.transform import Rotation
 
 wrong_blocks = sys.modules["flexmaps_taylor"].wrong_blocks

@@ -7,10 +7,16 @@ from itertools import combinations
 import numpy as np
 import pytest
 import shapely
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import of_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals import pairs, spiral
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.opening import opened
 from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.spiral import alike
 
 WIDE = 6.0  # rooms: all that is near in any way
 
@@ -36,9 +42,10 @@ def case(flat_grid, request):
 
 
 def _kinds(room, terms):
-    """The kind of every term: of its pair of arms, or 3 for the inner edge of one."""
+    """The kind of every term: of its pair of arms, 3 for the inner edge of one, or 4 for how far one is wound."""
     known = {(int(a), int(b)): int(k) for a, b, k in zip(room.pairs.one, room.pairs.two, room.pairs.kind, strict=True)}
-    return np.array([3 if a == b else known[a, b] for a, b in terms.arms[:, [0, 2]].tolist()])
+    kinds = [3 if a == b else known[a, b] for a, b in terms.arms[:, [0, 2]].tolist()]
+    return np.where((terms.arms == terms.arms[:, :1]).all(axis=1), 4, kinds)
 
 
 def _difference(rooms, step, at, way):
@@ -48,7 +55,7 @@ def _difference(rooms, step, at, way):
     return (after.value - before.value) / (2 * step)
 
 
-@pytest.mark.parametrize("kind", range(4), ids=["beside", "across", "round", "sharp"])
+@pytest.mark.parametrize("kind", range(5), ids=["beside", "across", "round", "sharp", "wound"])
 @pytest.mark.parametrize("by", ["widths", "twists", "points"])
 def test_derivatives_agree_with_differences(case, kind, by):
     room, flat, width, twist = case
@@ -140,3 +147,25 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     for a, b in combinations(range(64), 2):
         if a // 4 != b // 4 and (a, b) not in mates and outer[a].distance(outer[b]) < 0.0014:
             assert (a, b) in known
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clockwise):
+    """Where no gap is in the way, to just where the model ends; spirals that nothing is joined to are left."""
+    flat = flat_grid(4, 3, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
+    params = replace(SpiralParams(), clockwise=clockwise)
+    room, width, wound = Room.of(flat, params), alike(np.full(12, 0.002)), np.full(12, 9.0)
+    none = np.zeros(len(room.need), dtype=bool)
+    room = replace(room, pairs=room.pairs.of(none), need=room.need[none], sharpest=np.full(48, -np.inf))
+
+    def beyond(twist):
+        model = build_model(of_design(SpiralDesign(flat, params, width, twist)), MATERIALS["vero"], "arm", quick=True)
+        return [part.quantity for part in model.beyond()]
+
+    assert beyond(wound) and room.closed(width, wound).all()
+    free = np.ones(12, dtype=bool)
+    same, twist = opened(room, np.full(12, 0.001), width, wound, free)
+    assert (same == width).all() and not beyond(twist) and beyond(1.01 * twist)
+    assert not room.closed(width, twist).any()
+    alone = replace(room, joined=np.zeros_like(room.joined))
+    assert (opened(alone, np.full(12, 0.001), width, wound, free)[1] == wound).all()

@@ -21,10 +21,11 @@ from ...arrays import Complex, Float
 from ...materials import Material
 from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ...spirals.blends import MATE_WIND, OWN_WIDTH, OWN_WIND, blends
+from ...spirals.known import SCALE_RANGE
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import Yielding, line_compliance
-from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SCALE_RANGE, SHORTEST
+from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
 # What an arm's compliance follows, besides its geometry, in this order: its own width and twist, the mean width of both
 # neighbours in its spiral, and width and twist of the arm beyond the joint.

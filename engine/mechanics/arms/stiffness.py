@@ -26,18 +26,15 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
+from ...spirals.known import SCALE_RANGE, limit_and_slope, twist_limit
 from ..beyond import Beyond
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
-SCALE_RANGE = (5.0, 50.0)  # s/w of the table's nodes
 SLENDEREST = 400.0  # s/w up to which finite elements bear out how the corrections fade
 SHORTEST = 2.0  # s/w at which an arm is all hub: shorter ones count as that short
 WIDTH_RANGE = (0.3, 3.0)  # w/h of the table's nodes
 POISSON_RANGE = (0.0, 0.45)  # Poisson's ratios of the table's nodes
-SLOT_SHARE = 0.14  # slot over width at the largest twist of the nodes
-TWIST_CAP = math.radians(600.0)  # largest twist of the nodes
-CAP_POWER = 8  # how sharply the limit bends into the cap; by eye
 IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # places of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
 # of a lower triangle, in the order of the table
 ENTRIES: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
@@ -59,23 +56,6 @@ class ArmCompliance:
     by_width: Float[np.ndarray, "... 6 6"]
     by_twist: Float[np.ndarray, "... 6 6"]
     by_grain: Float[np.ndarray, "... 6 6"] | None = None
-
-
-def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
-    """Largest twist (radians) that the table holds at s/w = ``ratio``: the slot is 0.14 arm widths there.
-
-    Smoothly capped near 600 degrees. The condition on the slot is (pi/4) s / sqrt(1 + twist^2) - w.
-    """
-    # beyond that no twist is bounded by anything but the cap
-    return _twist_limit(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
-
-
-def _twist_limit(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The limit, and its derivative by ln(ratio)."""
-    spread = (0.25 * math.pi / (1.0 + SLOT_SHARE) * ratio) ** 2
-    cut = np.sqrt(spread - 1.0)
-    limit = (cut**-CAP_POWER + TWIST_CAP**-CAP_POWER) ** (-1.0 / CAP_POWER)
-    return limit, (limit / cut) ** (CAP_POWER + 1) * spread / cut
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +113,7 @@ class _Point:
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
     """The nearest place in the table; a coordinate that is clipped there no longer depends on anything."""
     within = np.clip(ratio, *SCALE_RANGE)
-    limit, slope = _twist_limit(within)
+    limit, slope = limit_and_slope(within)
     part = twist / limit
     x, x_slope = _unit(np.log(within), *np.log(SCALE_RANGE))
     y, y_slope = _unit(np.log(flatness), *np.log(WIDTH_RANGE))

@@ -17,7 +17,8 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ..arms.stiffness import _twist_limit, lengths_and_twists, refuse_material
+from ...spirals.known import limit_and_slope
+from ..arms.stiffness import lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
@@ -43,7 +44,7 @@ class RodStiffness:
 
 def coordinates(spiral: Any) -> Float[np.ndarray, " 3"]:
     """(3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
-    limit = _twist_limit(np.array(spiral.scale))[0]
+    limit = limit_and_slope(np.array(spiral.scale))[0]
     return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
 
 
@@ -84,7 +85,7 @@ def rod_parameters(
     near = _Nearest.of(*lengths_and_twists(scale, width, twist), thickness)
     net = load_network(model)
     ratio = near.scale / near.width
-    limit, slope = _twist_limit(ratio)
+    limit, slope = limit_and_slope(ratio)
     x = np.stack([np.log(ratio), np.log(near.width / thickness), near.twist / limit], axis=1)
     span = net["high"] - net["low"]
     offset = ((x - net["low"]) / span)[:, None] - net["centres"]
